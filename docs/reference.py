@@ -17,7 +17,7 @@ from command_examples import EXAMPLES
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from stereo_seecolor.cli.app import COMMANDS, app
+from stereo_seecolor.cli.app import every_command, program
 from stereo_seecolor.config import RunConfig
 
 HERE = Path(__file__).parent
@@ -111,21 +111,25 @@ A key of an earlier version is refused, and the error names the new one: `color.
 
 def commands_page() -> str:
     """All commands: usage, examples, options."""
-    group = typer.main.get_command(app)
-    commands = {name: group.commands[name] for panel in COMMANDS.values() for name in panel}  # type: ignore[attr-defined]
+    declared = every_command()
+    group = typer.main.get_command(program(declared))
+    panels: dict[str, list[str]] = {}
+    for name, command in declared.items():
+        panels.setdefault(command.panel, []).append(name)
+    commands = {name: group.commands[name] for names in panels.values() for name in names}  # type: ignore[attr-defined]
     times = Counter(
         option_row(parameter) for command in commands.values() for parameter in options_of(command) if not parameter.required
     )
     common = [row for row, count in times.items() if count >= COMMON_COMMANDS]
     sections = (command_section(name, command, common) for name, command in commands.items())
-    return "".join(
-        [COMMANDS_HEAD, *map(panel_rows, COMMANDS), EXIT_CODES, "\n".join([COMMON_HEAD, OPTIONS_HEAD, *common, ""]), *sections]
-    )
+    table = [panel_row(panel, names) for panel, names in panels.items()]
+    shared = "\n".join([COMMON_HEAD, OPTIONS_HEAD, *common, ""])
+    return "".join([COMMANDS_HEAD, *table, EXIT_CODES, shared, *sections])
 
 
-def panel_rows(panel: str) -> str:
-    """Rows of the table of all commands."""
-    links = " ".join(f"[`{name}`](#{name})" for name in COMMANDS[panel])
+def panel_row(panel: str, names: list[str]) -> str:
+    """A row of the table of all commands."""
+    links = " ".join(f"[`{name}`](#{name})" for name in names)
     return f"| {panel} | {links} |\n"
 
 

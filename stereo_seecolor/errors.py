@@ -53,6 +53,10 @@ class ClusterError(SeeColorError):
     """A cluster that cannot be reached, or whose workers cannot do the work."""
 
 
+class PluginError(SeeColorError):
+    """A part of the program that no installed package adds, or that cannot be loaded."""
+
+
 class MatchingError(SeeColorError):
     """A pair that cannot be matched."""
 

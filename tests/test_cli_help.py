@@ -11,13 +11,13 @@ import typer
 import yaml
 from conftest import Cli
 
-from stereo_seecolor.cli.app import COMMANDS, app
-from stereo_seecolor.cli.examples import EXAMPLES
+from stereo_seecolor.cli.app import every_command, program
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 
-NAMES = [name for commands in COMMANDS.values() for name in commands]
-GROUP = typer.main.get_command(app)
+COMMANDS = every_command()
+NAMES = list(COMMANDS)
+GROUP = typer.main.get_command(program(COMMANDS))
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def wide(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_help_lists_every_command_and_its_panel(cli: Cli) -> None:
     code, printed, _ = cli("--help")
     assert code == 0
-    assert all(f" {panel} " in printed for panel in COMMANDS)
+    assert all(f" {panel} " in printed for panel in {command.panel for command in COMMANDS.values()})
     assert all(re.search(rf"^\W+{name}\s", printed, re.M) for name in NAMES)
     code, printed, said = cli()
     assert (code, said) == (2, "")
@@ -56,10 +56,10 @@ def test_the_options_that_everybody_needs_come_first(cli: Cli) -> None:
 
 
 def test_every_command_has_examples() -> None:
-    assert set(EXAMPLES) == set(NAMES)
+    assert all(command.examples for command in COMMANDS.values())
 
 
-@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
+@pytest.mark.parametrize("line", [line for command in COMMANDS.values() for line in command.examples])
 def test_the_examples_are_understood(line: str) -> None:
     command, *words = shlex.split(line.split(" > ")[0])
     parser = GROUP.commands[command]  # type: ignore[attr-defined]
@@ -71,7 +71,7 @@ def test_the_examples_are_understood(line: str) -> None:
 def test_the_examples_are_in_the_help(cli: Cli, command: str) -> None:
     code, printed, _ = cli(command, "--help")
     assert code == 0
-    assert all(f" stereo-seecolor {line}" in printed for line in EXAMPLES[command])
+    assert all(f" stereo-seecolor {line}" in printed for line in COMMANDS[command].examples)
     assert "--json" in printed
 
 

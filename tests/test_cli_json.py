@@ -15,7 +15,7 @@ from conftest import Cli
 from json_shapes import ERROR, SHAPES, mismatch
 from video_writers import write_pair
 
-from stereo_seecolor.cli.app import COMMANDS
+from stereo_seecolor.cli.app import every_command
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.files.json_values import json_line, plain
 
@@ -43,7 +43,7 @@ def takes_progress(command: str | Path) -> bool:
 
 
 def test_every_command_has_a_shape_here() -> None:
-    assert {name for commands in COMMANDS.values() for name in commands} == {shape.split()[0] for shape in SHAPES}
+    assert set(every_command()) == {shape.split()[0] for shape in SHAPES}
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color import ColorConfig, Corrector, correct, fit
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.extras.evaluation import gray_world, sea_thru
+from stereo_seecolor.extras.evaluation.baselines import gray_world, sea_thru
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles
 from stereo_seecolor.extras.export.command import export
-from stereo_seecolor.extras.export.formats import EXPORT_FORMATS
+from stereo_seecolor.extras.export.formats import export_formats
 from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
 from stereo_seecolor.extras.streams import mcap_file
 from stereo_seecolor.extras.streams.recording import TOPICS
@@ -41,7 +41,7 @@ def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("format", EXPORT_FORMATS)
+@pytest.mark.parametrize("format", export_formats())
 def test_the_run_is_left_as_it_is(fused: Path, tmp_path: Path, format: str) -> None:
     before = {path: path.stat().st_mtime_ns for path in fused.rglob("*")}
     result = export(fused, format, tmp_path / "to")
@@ -305,7 +305,7 @@ def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
 def test_the_command_line(fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]) -> None:
     code, said, _ = cli("export", "--list")
     assert code == 0
-    assert all(name in said for name in EXPORT_FORMATS)
+    assert all(name in said for name in export_formats())
     code, said, _ = cli("export", str(fused), "--to", "glb", "--out", str(tmp_path / "to"), "--json")
     assert (code, json.loads(said)["files"]) == (0, 1)
     code, _, error = cli("export", str(fused))

@@ -2,7 +2,7 @@
 
 import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from inspect import Parameter, Signature, signature
 from typing import Annotated, Any, get_type_hints
@@ -11,50 +11,50 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from stereo_seecolor.cli import dive_commands, look_commands, machine_commands, map_commands, rig_commands
+from stereo_seecolor.cli.command import Command
 from stereo_seecolor.cli.errors import exit_code_of
-from stereo_seecolor.cli.examples import epilog
 from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.report import Report
-from stereo_seecolor.cli.streams import prepare_streams, write_out
+from stereo_seecolor.cli.streams import prepare_streams, write_error, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
-from stereo_seecolor.extras.evaluation import cli as score_commands
-from stereo_seecolor.extras.evaluation import water_cli as water_commands
-from stereo_seecolor.extras.fleet import cli as fleet_commands
-from stereo_seecolor.extras.reef import cli as reef_commands
-from stereo_seecolor.extras.streams import cli as live_command
+from stereo_seecolor.errors import PluginError
+from stereo_seecolor.plugins import added, load
 
-COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
-    "A dive": {
-        "run": dive_commands.run,
-        "inspect": look_commands.inspect,
-        "check": rig_commands.check,
-        "view": map_commands.view,
-        "fuse": map_commands.fuse,
-        "report": map_commands.report,
-        "measure": map_commands.measure,
-        "metrics": reef_commands.metrics,
-        "compare": reef_commands.compare,
-        "markers": reef_commands.markers,
-        "export": map_commands.export,
-    },
-    "Bags, videos, live": {"bag-info": look_commands.bag_info, "sync": look_commands.sync, "live": live_command.live},
-    "Calibration": {"calibrate": rig_commands.calibrate, "convert-calib": rig_commands.convert_calib},
-    "Single steps of run": {
-        "rectify": dive_commands.rectify,
-        "range": dive_commands.range_,
-        "correct": dive_commands.correct,
-        "water": water_commands.water,
-    },
-    "Accuracy": {"evaluate": score_commands.evaluate, "demo": score_commands.demo, "synthesize": score_commands.synthesize},
-    "Many machines, many dives": {
-        "plan": fleet_commands.plan,
-        "campaign": fleet_commands.campaign,
-        "merge": fleet_commands.merge,
-        "status": fleet_commands.status,
-    },
-    "This program": {"doctor": machine_commands.doctor, "config": machine_commands.config},
+CORE: dict[str, Command] = {
+    "run": dive_commands.run,
+    "inspect": look_commands.inspect,
+    "check": rig_commands.check,
+    "fuse": map_commands.fuse,
+    "report": map_commands.report,
+    "view": map_commands.view,
+    "calibrate": rig_commands.calibrate,
+    "convert-calib": rig_commands.convert_calib,
+    "range": dive_commands.range_,
+    "correct": dive_commands.correct,
+    "rectify": dive_commands.rectify,
+    "doctor": machine_commands.doctor,
+    "config": machine_commands.config,
 }
-"""Panel of the help -> command -> function."""
+"""The commands of the core, in the order of the help."""
+
+
+def every_command() -> dict[str, Command]:
+    """The commands of the core, then those that packages add; one that cannot be loaded is named on standard error."""
+    commands = dict(CORE)
+    for name in added("commands"):
+        try:
+            commands.setdefault(name, load("commands", name))
+        except PluginError as error:
+            write_error(f"{error}\n")
+    return commands
+
+
+def _needed(words: Sequence[str]) -> dict[str, Command]:
+    """The commands that a command line may mean: one where its first word names it, else all, for the help and for suggestions."""
+    named = next((word for word in words if not word.startswith("-")), "")
+    if named in CORE:
+        return CORE
+    return {named: load("commands", named)} if named in added("commands") else every_command()
 
 
 class _PlainFlags:
@@ -76,15 +76,27 @@ class _Group(_PlainFlags, TyperGroup):
     pass
 
 
-app = typer.Typer(
-    cls=_Group,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    name="stereo-seecolor",
-    help="Turns calibrated stereo pairs of a reef into metric range maps, true-color images and a colored 3-D map.",
-    epilog="Begin with: stereo-seecolor demo\n\nOptions and examples of a command: stereo-seecolor COMMAND --help",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+def program(commands: Mapping[str, Command]) -> typer.Typer:
+    """The command line with these commands."""
+    app = typer.Typer(
+        cls=_Group,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        name="stereo-seecolor",
+        help="Turns calibrated stereo pairs of a reef into metric range maps, true-color images and a colored 3-D map.",
+        epilog="Begin with: stereo-seecolor demo\n\nOptions and examples of a command: stereo-seecolor COMMAND --help",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+    )
+    app.callback(invoke_without_command=True)(version_option)
+    for name, command in commands.items():
+        options = one_by_one(name, command.function)
+        app.command(name, cls=_Command, epilog=_examples(command), rich_help_panel=command.panel)(options)
+    return app
+
+
+def _examples(command: Command) -> str:
+    """The examples of a command as paragraphs, each of which typer prints on a line of its own."""
+    return "\n\n".join(["Examples:", *(f"  stereo-seecolor {words}" for words in command.examples)]) if command.examples else ""
 
 
 def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
@@ -110,12 +122,6 @@ def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-for panel, commands in COMMANDS.items():
-    for name, command in commands.items():
-        app.command(name, cls=_Command, epilog=epilog(name), rich_help_panel=panel)(one_by_one(name, command))
-
-
-@app.callback(invoke_without_command=True)
 def version_option(
     version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and exit.")] = False,
 ) -> None:
@@ -133,4 +139,6 @@ def run_command_line() -> int:
     keep_freed_memory()
     words = sys.argv[1:]
     with contextlib.nullcontext() if "--verbose" in words else quiet_libraries():
-        return exit_code_of(lambda: app(standalone_mode=False, prog_name="stereo-seecolor"), as_json="--json" in words)
+        return exit_code_of(
+            lambda: program(_needed(words))(standalone_mode=False, prog_name="stereo-seecolor"), as_json="--json" in words
+        )

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.contents import map_exit_code, run_content, run_exit_code
 from stereo_seecolor.cli.report import Report, computing
 from stereo_seecolor.cli.run_text import map_text, page_text, run_text
 from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.layout import INDEX
 
 if TYPE_CHECKING:
@@ -23,6 +25,15 @@ if TYPE_CHECKING:
     from stereo_seecolor.run_folder.frames_table import RunSummary
 
 
+@command(
+    "A dive",
+    f"run {SIDES} --out OUT",
+    f"run {SIDES} --fuse",
+    f"run {SIDES} --refine --fuse --poses nav.tum",
+    f"run {SIDES} --water EARLIER/water.json",
+    "run --bag dive.mcap --out OUT",
+    "run --left a.mp4 --right b.mp4 --calib cam.yaml --out OUT",
+)
 def run(
     left: opt.OneLeft = None,
     right: opt.OneRight = None,
@@ -56,9 +67,7 @@ def run(
             compute = both_steps.enter_context(computing(cluster, report.notice))
             loaded = settings.load(refine)
             if out_mcap:
-                from stereo_seecolor.extras.streams.out_mcap import check_mcap
-
-                check_mcap(out_mcap, execution.overwrite)
+                load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite)
             if fuse:
                 from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
@@ -95,14 +104,14 @@ def check_sources(left: str | Path | None, right: str | Path | None, calib: str 
 def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> "Callable[..., RunSummary]":
     """The function that runs the given dive, called with OUT, settings and options."""
     from stereo_seecolor.commands.run import run, run_inputs
-    from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 
     if bag:
-        return partial(run_inputs, BagInputs(bag, calib or "", topics))
+        return partial(run_inputs, load("inputs", "bag").BagInputs(bag, calib or "", topics))
     assert left and right and calib
     return partial(run, left, right, calib)
 
 
+@command("Single steps of run", "correct --images IMAGES --range RANGES --out OUT")
 def correct(
     images: Annotated[Path, opt.option("--images", "FOLDER", "Folder of rectified images.")],
     ranges: Annotated[
@@ -126,6 +135,7 @@ def correct(
     _end_with_page(report, summary, out, None)
 
 
+@command("Single steps of run", f"range {SIDES} --set matching.max_range_m=8")
 def range_(
     left: opt.Left,
     right: opt.Right,
@@ -147,6 +157,7 @@ def range_(
     _end(report, summary, out)
 
 
+@command("Single steps of run", f"rectify {SIDES} --out OUT")
 def rectify(
     left: opt.Left,
     right: opt.Right,
@@ -186,9 +197,7 @@ def _record(out: Path, out_mcap: Path | None) -> str:
     """Write the recording if one was asked for. Returns a line that names it, or ""."""
     if out_mcap is None:
         return ""
-    from stereo_seecolor.extras.streams.out_mcap import write_mcap
-
-    return f"{out_mcap}: {write_mcap(out, out_mcap)} frames as ROS 2 messages\n"
+    return f"{out_mcap}: {load('recordings', 'mcap').write_mcap(out, out_mcap)} frames as ROS 2 messages\n"
 
 
 def _end_with_map(

@@ -1,4 +1,4 @@
-"""Commands that examine a dive before a run: inspect, bag-info, sync."""
+"""The command inspect, which examines a dive before a run."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.wording import counted
-from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import LoggedReport
@@ -16,23 +16,14 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.inspect_calibration import CalibrationFacts
     from stereo_seecolor.commands.inspect_dive import SampleMeasures
     from stereo_seecolor.commands.inspect_poses import FoundPoses
-    from stereo_seecolor.extras.streams.bag_info import BagFacts
     from stereo_seecolor.inputs.image_facts import ImageFacts
 
 Places = Annotated[
     list[Path], typer.Argument(metavar="PATH...", help="Folders and files of the dive: images or videos, and the calibration.")
 ]
-BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag.")]
-LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
-Rig = Annotated[
-    str | None,
-    opt.option(
-        "--calib", "FILE", "Calibration of the rig; the offset is then also measured from row differences of rectified pairs."
-    ),
-]
-RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
 
 
+@command("A dive", "inspect DIVE", "inspect left right stereo.mat")
 def inspect(places: Places, report: LoggedReport) -> None:
     """Look at the files of a dive, say what they are, and print the run command for them; exit code 3 if pairs do not match."""
     from stereo_seecolor.commands.inspect import inspect as look
@@ -98,45 +89,3 @@ def _measured_lines(measured: "SampleMeasures") -> list[str]:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
-
-
-def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
-    """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there are none."""
-    from stereo_seecolor.extras.streams.bag_info import bag_info as look
-
-    with report.working():
-        found = look(bag, topics)
-    report.end(vars(found), bag_text(found), EXIT_DONE if found.pairs else EXIT_SOME_FAILED)
-
-
-def bag_text(found: "BagFacts") -> str:
-    """The topics of a bag, then its pairs, and last the run command."""
-    width = max(len(topic.name) for topic in found.topics)
-    output = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
-    for topic in found.topics:
-        rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
-        output.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
-    if found.pairs:
-        rig = f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info" if found.baseline_m else "no calibration in it"
-        output.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
-    output += [f"note: {note}" for note in found.notes]
-    if found.pairs:
-        calib = "" if found.baseline_m else " --calib cam.yaml"
-        output += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
-    return lines(*output)
-
-
-def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
-    """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image motion."""
-    from stereo_seecolor.extras.streams.sync import sync as find
-
-    with report.working():
-        found = find(left, right, calib or "")
-    output = [found.text]
-    output += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
-    output += [
-        counted(found.pairs, "pair of frames"),
-        "",
-        f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
-    ]
-    report.end(vars(found), lines(*output))

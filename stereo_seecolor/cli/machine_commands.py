@@ -5,6 +5,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Annotated, Any
 
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_KNOWN_ERROR
 from stereo_seecolor.cli.report import BareReport
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 Show = Annotated[bool, opt.flag("--show", "The default of this command; accepted for scripts.")]
 
 
+@command("This program", "doctor")
 def doctor(report: BareReport) -> None:
     """Check this machine: what is installed, what is missing, what that costs, and how to install it."""
     from stereo_seecolor.commands.doctor import doctor as examine
@@ -46,6 +48,7 @@ def _state(finding: "Finding") -> str:
     return "MISSING" if finding.needed else "optional"
 
 
+@command("This program", "config --show --set color.lock=survey", "config --config OUT/run.json > settings.yaml")
 def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
     """Print the merged settings as YAML, each with its origin: the default, the file, or --set."""
     from stereo_seecolor.config.file import load_settings

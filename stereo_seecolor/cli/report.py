@@ -14,7 +14,9 @@ from stereo_seecolor.cli.errors import EXIT_DONE, is_known
 from stereo_seecolor.cli.logs import logging_to
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.streams import write_error, write_out
+from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.files.json_values import json_line
+from stereo_seecolor.plugins import added, load
 
 if TYPE_CHECKING:
     from stereo_seecolor.compute.interface import Compute
@@ -34,9 +36,10 @@ def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute 
     if not cluster:
         yield None
         return
-    from stereo_seecolor.extras.fleet.cluster.connect import cluster as connected
-
-    with connected(cluster, notice) as compute:
+    kind = cluster.partition(":")[0]
+    if kind not in added("executors"):
+        raise ClusterError(f"--cluster {cluster}: is not a cluster: give one of {', '.join(added('executors'))} (docs/fleets.md)")
+    with load("executors", kind)(cluster, notice) as compute:
         yield compute
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.contents import calibration_content, check_content
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
@@ -49,6 +50,11 @@ Resize = Annotated[
 ]
 
 
+@command(
+    "Calibration",
+    "calibrate --target chessboard:9x6:24mm --print-target board.pdf",
+    "calibrate --target chessboard:9x6:24mm --left BOARD/left --right BOARD/right",
+)
 def calibrate(
     target: Target,
     left: TargetLeft = None,
@@ -75,6 +81,7 @@ def calibrate(
     report.end(calibration_content(result), calibration_text(result))
 
 
+@command("A dive", f"check {SIDES}", f"check {SIDES} --refine refined.yaml")
 def check(
     left: opt.Left,
     right: opt.Right,
@@ -94,6 +101,12 @@ def check(
     report.end(check_content(result), check_text(result), code)
 
 
+@command(
+    "Calibration",
+    "convert-calib stereo.mat cam.yaml",
+    "convert-calib cam.yaml ROS --to ros",
+    "convert-calib camchain.yaml cam.yaml",
+)
 def convert_calib(
     source: Source, out: Converted, to: Format = "native", size: Size = None, resize: Resize = None, *, report: BareReport
 ) -> None:

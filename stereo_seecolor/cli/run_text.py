@@ -5,11 +5,9 @@ from typing import TYPE_CHECKING
 
 from calibration.wording import counted
 from stereo_seecolor.cli.console import duration, lines, table
-from stereo_seecolor.files.csv_table import csv_text
 from stereo_seecolor.run_folder.layout import MAP_FILES
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.reef.commands.measure import Measurement
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.report.page import PageSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
@@ -75,11 +73,6 @@ def report_text(result: "PageSummary") -> str:
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
     totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"
     return lines(*left_out, totals) + page_text(result.page)
-
-
-def measures_text(results: "list[Measurement]") -> str:
-    """Measurements as CSV, in meters and square meters; "" for none."""
-    return csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
 
 
 def map_text(made: "MapSummary") -> str:

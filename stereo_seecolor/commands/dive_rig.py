@@ -18,12 +18,12 @@ from calibration.resizing import wrong_size
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.videos.video import Videos
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.halves import is_half
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.video_images import is_video
+from stereo_seecolor.plugins import load
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
 
 DECIDING_PAIRS = 3
@@ -41,8 +41,8 @@ def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
     """The pairs of two sides as ``run`` takes them, of which videos are paired anew each time. Raises InputError, DeviceError."""
     if not (is_video(left) and is_video(right)):
         return pair_sides(left, right, images)
-    videos = Videos(left, right, images.right_half_first)
-    return videos.pairing(videos.choice(images))
+    pairing: Pairing = load("inputs", "videos").paired_anew(left, right, images)
+    return pairing
 
 
 def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:

@@ -8,13 +8,12 @@ from pathlib import Path
 from calibration.formats import native
 from stereo_seecolor.commands.dive_job import Job, claim, describe
 from stereo_seecolor.commands.first_run import compile_for, load_beside
-from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
+from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened, StereoInputs
 from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import Water
@@ -50,9 +49,7 @@ def run(
 
 
 @one_thread_in_products()
-def run_inputs(
-    inputs: StereoInputs | BagInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
-) -> RunSummary:
+def run_inputs(inputs: DiveInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None) -> RunSummary:
     """``run`` for two sides (images or videos) or for a ROS bag: .bag, .db3, .mcap, or the folder of a split one; without ROS.
 
     Raises as ``run``, and DeviceError if a library for bags or videos is missing.
@@ -77,7 +74,7 @@ def range_maps(
 class StereoCommand:
     """A command over stereo pairs. last: the last stage that it does with each pair."""
 
-    inputs: StereoInputs | BagInputs
+    inputs: DiveInputs
     config: RunConfig
     options: RunOptions
     last: Stage

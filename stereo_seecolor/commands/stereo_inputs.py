@@ -1,8 +1,9 @@
 """The stereo pairs and the calibration that a command is given, and the pipeline for them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, spread
@@ -12,8 +13,6 @@ from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.videos.pairs import video_pairing
-from stereo_seecolor.extras.streams.videos.video import Videos
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes, special_kind
 from stereo_seecolor.inputs.compression import compression_notes
@@ -24,6 +23,7 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
 
@@ -32,6 +32,27 @@ STORAGE_PAIRS = 6
 
 SAMPLE_BYTES = 1 << 20
 """Bytes at the beginning of a video that tell it from others."""
+
+
+class DiveInputs(Protocol):
+    """What a command is given of a dive: two sides and a calibration (``StereoInputs``), or a recording of both."""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """For run.json."""
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file and folder that is read."""
+
+    def owner(self, kind: str, opened: "Opened | None") -> Owner:
+        """The owner of an output folder with results of these inputs. opened: None where they are opened in the folder."""
+
+    def open_first(self, config: RunConfig) -> "Opened | None":
+        """The pairs and their pipeline; None for inputs of which OUT keeps how they were opened: ``open_in`` opens these."""
+
+    def open_in(self, folder: RunFolder, config: RunConfig) -> "Opened":
+        """``open_first`` once the output folder was taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +104,7 @@ class StereoInputs:
 
         Raises as ``open``, and DeviceError if the library for videos is missing.
         """
-        pairing = video_pairing(Videos(self.left, self.right, config.input.right_half_first), self.calib, folder, config.input)
+        pairing = load("inputs", "videos").video_pairing(self.left, self.right, self.calib, folder, config.input)
         notes = encoding_notes(config.color, stored_facts(config.input, pairing.pairs[:1]))
         return self._opened(pairing.with_notes(notes), config)
 
@@ -93,6 +114,14 @@ class StereoInputs:
         rig = load_rig_for(self.calib, pairing.pairs, config.input)
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(pairing.with_notes(notes), Pipeline(rig, config))
+
+
+def named_inputs(names: Mapping[str, str]) -> DiveInputs:
+    """The inputs that the "inputs" of a run.json name."""
+    if "bag" in names:
+        inputs: DiveInputs = load("inputs", "bag").BagInputs(Path(names["bag"]), names["calib"], names["topics"])
+        return inputs
+    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])
 
 
 def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:

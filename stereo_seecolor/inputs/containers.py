@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from stereo_seecolor.extras.streams.bags.bag import SUFFIXES
 from stereo_seecolor.files.contained import Container, contained, open_containers
 from stereo_seecolor.inputs.halves import Halves, is_half
 from stereo_seecolor.inputs.video_images import VideoImages, is_video
+from stereo_seecolor.plugins import added, load
 
 
 def open_around(path: Path) -> None:
@@ -16,7 +16,7 @@ def open_around(path: Path) -> None:
         image = path.parent.parent
         open_containers({image: Halves(image)})
         return
-    outer = next((parent for parent in path.parents if is_video(parent) or parent.suffix.lower() in SUFFIXES), None)
+    outer = next((parent for parent in path.parents if is_video(parent) or _kind(parent) in added("containers")), None)
     if outer and outer.is_file():
         open_containers({outer: _container(outer)})
 
@@ -24,6 +24,9 @@ def open_around(path: Path) -> None:
 def _container(outer: Path) -> Container:
     if is_video(outer):
         return VideoImages(outer)
-    from stereo_seecolor.extras.streams.bags.dive import bag_images
+    container: Container = load("containers", _kind(outer))(outer)
+    return container
 
-    return bag_images(outer)
+
+def _kind(path: Path) -> str:
+    return path.suffix.lower().removeprefix(".")

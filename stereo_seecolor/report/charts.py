@@ -3,14 +3,11 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import PAGE
-
-if TYPE_CHECKING:
-    from stereo_seecolor.extras.evaluation.spread import SpreadReport  # loads much
 
 FILE = f"{PAGE}/charts.json"
 
@@ -32,8 +29,8 @@ class ShownChart:
     after_ciede2000: float
 
 
-def write_charts(folder: RunFolder, charts: Sequence[ShownChart], spread: "SpreadReport | None") -> None:
-    """Keep the charts and the spread for pages of the same corrected frames. Raises OutputError."""
+def write_charts(folder: RunFolder, charts: Sequence[ShownChart], spread: Any) -> None:
+    """Keep charts and differences between views (plain values, or None) for pages of the same frames. Raises OutputError."""
     content = plain({"charts": charts, "spread": spread})
     folder.dive.write(FILE, json.dumps(content).encode(), made_from=folder.dive.digest("corrected"))
 

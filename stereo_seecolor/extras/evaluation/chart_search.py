@@ -9,15 +9,33 @@ from calibration import CalibrationError
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.chart_finder import find_charts
+from stereo_seecolor.extras.evaluation.evaluate import evaluate_spread
 from stereo_seecolor.extras.evaluation.measures import ciede2000, exposure_gain, lab_from_linear
 from stereo_seecolor.extras.evaluation.targets import Target, found_chart
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
-from stereo_seecolor.report.charts import ShownChart
+from stereo_seecolor.progress import Listener
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.charts import ShownChart, write_charts
 from stereo_seecolor.report.frame_files import FrameFiles
-from stereo_seecolor.run_folder.finished_run import FinishedFrame
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
+from stereo_seecolor.run_folder.folder import RunFolder
 
 Floats = NDArray[np.float64]
+
+
+def look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:
+    """Search all frames for color charts, compare views of the same spots, and keep both results for the page."""
+    found: list[ShownChart] = []
+    listener.begin("charts", len(run.frames))
+    for frame, charts in zip(run.frames, find_all(FrameFiles.of(run), run.frames), strict=True):
+        found += charts
+        listener.advance(FrameRow(frame.name))
+    try:
+        spread = evaluate_spread(run.root)
+    except InputError:
+        spread = None  # no two frames show the same, or the images are gone
+    write_charts(folder, found, spread)
 
 
 def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tuple[ShownChart, ...]]:

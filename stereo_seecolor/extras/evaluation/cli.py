@@ -1,4 +1,4 @@
-"""Commands that need or make known truth: evaluate, synthesize, demo."""
+"""Commands that measure the quality of a run, and the water from charts: evaluate, water."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,10 +6,9 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli import options as opt
-from stereo_seecolor.cli.contents import run_content, run_exit_code
-from stereo_seecolor.cli.report import LoggedReport, Report
-from stereo_seecolor.cli.run_text import run_text
-from stereo_seecolor.extras.evaluation.text import charts_text, spread_text, truth_text
+from stereo_seecolor.cli.command import command
+from stereo_seecolor.cli.report import LoggedReport
+from stereo_seecolor.extras.evaluation.text import charts_text, spread_text, truth_text, water_text
 
 CHARTS = "Color charts"
 FinishedRun = Annotated[
@@ -41,13 +40,15 @@ Others = Annotated[
     ),
 ]
 Sheet = Annotated[Path, opt.option("--sheet", "FILE", "Contact sheet to write, PNG.", CHARTS)]
-PairCount = Annotated[int, opt.option("--pairs", "N", "Number of stereo pairs.", min=1)]
-LineCount = Annotated[int, opt.option("--lines", "N", "Number of parallel survey lines.", min=1)]
-ImageSize = Annotated[str, opt.option("--size", "WIDTHxHEIGHT", "Image size in pixels.")]
-WaterName = Annotated[str, opt.option("--water", "NAME", "Kind of water: blue-ocean, coastal-green or turbid.")]
-Seed = Annotated[int, opt.option("--seed", "N", "Random seed; each gives another reef and track.", min=0)]
 
 
+@command(
+    "Accuracy",
+    "evaluate OUT --truth dive/truth",
+    "evaluate OUT --spread",
+    "evaluate --chart --images IMAGES --range RANGES",
+    "evaluate --chart --images IMAGES --range RANGES --others SEATHRU",
+)
 def evaluate(
     out: FinishedRun = None,
     truth: Truth = None,
@@ -84,33 +85,33 @@ def evaluate(
     report.end(vars(scores), truth_text(scores))
 
 
-def synthesize(
-    out: opt.Out = Path("dive"),
-    pairs: PairCount = 12,
-    lines: LineCount = 2,
-    size: ImageSize = "640x512",
-    water: WaterName = "blue-ocean",
-    seed: Seed = 7,
+Poses = Annotated[Path | None, opt.option("--poses", "FILE", "Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
+
+
+OfCharts = Annotated[bool, opt.flag("--chart", "White point and color matrix from color charts and white cards in the frames.")]
+
+
+WhiteTargets = Annotated[
+    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for.")
+]
+
+
+@command("Single steps of run", "water OUT --poses nav.tum", "water OUT --chart")
+def water(
+    out: opt.Finished,
+    poses: Poses = None,
+    chart: OfCharts = False,
+    targets: WhiteTargets = None,
     *,
-    report: Report,
+    settings: opt.Settings,
+    report: LoggedReport,
 ) -> None:
-    """Render a dive over a reef with known truth (docs/synthetic.md)."""
-    from stereo_seecolor.extras.synthetic.dive import parse_spec
-    from stereo_seecolor.extras.synthetic.synthesize import synthesize as render
+    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or from charts (--chart)."""
+    from stereo_seecolor.errors import InputError
+    from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
 
-    with report.working() as listener:
-        dive = render(parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed), out, listener)
-    text = f"{pairs} pairs in {out}: left/, right/, cam.yaml, trajectory.tum, and the truth in truth/\n"
-    report.end({"out": dive.out, "spec": dive.spec}, text)
-
-
-def demo(out: opt.Out = Path("demo"), workers: opt.Workers = opt.DEFAULT_WORKERS, *, report: Report) -> None:
-    """Render a small reef, run the whole job on it, and compare the result with the truth."""
-    from stereo_seecolor.dive.run_options import RunOptions
-    from stereo_seecolor.extras.synthetic.demo import demo as show
-
-    with report.working() as listener:
-        result = show(out, RunOptions(workers, listener=listener))
-    text = run_text(result.summary, result.out) + (truth_text(result.truth) if result.truth else "")
-    content = {**run_content(result.summary, result.out), "truth": result.truth}
-    report.end(content, text, run_exit_code(result.summary))
+    with report.working():
+        if (poses is None) != chart:
+            raise InputError("water: give --poses FILE for attenuation and backscatter, or --chart for the white point")
+        result = measure_water(out, poses, settings.load(run=out)) if poses else measure_white(out, targets)
+    report.end({"out": out, **vars(result)}, water_text(result))

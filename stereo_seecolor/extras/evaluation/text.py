@@ -1,13 +1,17 @@
 """Scores of a run against truth, of methods on color targets, and of differences between views, as text."""
 
+import shlex
+from math import isnan
 from typing import TYPE_CHECKING
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.evaluation.charts import ChartReport
     from stereo_seecolor.extras.evaluation.spread import SpreadReport
     from stereo_seecolor.extras.evaluation.truth import TruthReport
+    from stereo_seecolor.extras.evaluation.water import MeasuredWater
 
 
 def truth_text(report: "TruthReport") -> str:
@@ -85,3 +89,63 @@ def spread_text(report: "SpreadReport") -> str:
     return table(("between frames", *methods), rows) + lines(
         f"{report.pairs} pairs of frames; brightness as natural logarithm of a ratio"
     )
+
+
+def water_text(result: "MeasuredWater") -> str:
+    """The measured water, and the option that uses it."""
+    use = f"use it with: stereo-seecolor run ... --water {shlex.quote(str(result.path))}"
+    if result.charts:
+        return lines(*_white_lines(result), use)
+    errors = result.water.standard_errors["y"]
+    rates = ", ".join(
+        f"{name} {rate:.3f} +- {error:.3f}"
+        for name, rate, error in zip(("red", "green", "blue"), result.water.y, errors, strict=True)
+    )
+    return lines(f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use)
+
+
+def _white_lines(result: "MeasuredWater") -> list[str]:
+    white = result.water.white
+    errors = result.water.standard_errors["white"] / white
+    shown = ", ".join(
+        f"{name} {value:.3f} +- {error:.1%}"
+        for name, value, error in zip(("red", "green", "blue"), white / white[1], errors, strict=True)
+    )
+    each = [
+        f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} degrees from the white of all"
+        + ("" if isnan(chart.ciede2000) else f"; CIEDE2000 {chart.ciede2000_before:.1f}, {chart.ciede2000:.1f} with the matrix")
+        for chart in result.charts
+    ]
+    left_out = [f"not used: {name}, which looks like a white card" for name in result.left_out]
+    first = f"white point against green, from {counted(len(each), 'target')}: {shown}"
+    return [first, *each, *left_out, *_trend_lines(result), *_matrix_lines(result)]
+
+
+def _trend_lines(result: "MeasuredWater") -> list[str]:
+    if not result.trend:
+        return ["the charts are at one range: they do not check the water"]
+    (red, blue), errors = result.trend.per_m, result.trend.error
+    return [
+        f"left over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 where the water is right): against green, "
+        f"red {red:+.1%} +- {errors[0]:.1%} a meter, blue {blue:+.1%} +- {errors[1]:.1%}"
+    ]
+
+
+def _matrix_lines(result: "MeasuredWater") -> list[str]:
+    found = result.matrix
+    if not found:
+        return [f"no color matrix: {result.no_matrix}"]
+    rows = (
+        f"  {name:5} = "
+        + "  ".join(
+            f"{value:+.3f} +- {error:.3f} {of}" for value, error, of in zip(row, errors, ("red", "green", "blue"), strict=True)
+        )
+        for name, row, errors in zip(("red", "green", "blue"), found.matrix, found.errors, strict=True)
+    )
+    noise = ", ".join(f"{factor:.2f}" for factor in found.noise)
+    return [
+        f"color matrix, from {found.patches} patches (noise of red, green, blue times {noise}):",
+        *rows,
+        f"  median CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with it, {found.left_out:.1f} on "
+        "patches left out of the fit",
+    ]

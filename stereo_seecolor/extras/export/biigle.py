@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import write_images
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -41,3 +42,6 @@ def _ground(posed: PosedRun, range_m: np.ndarray) -> list[str]:
     distance_m = float(np.nanmedian(depth_m))
     width, height = posed.geometry.image_size
     return [f"{distance_m:.3f}", f"{width * height * (distance_m / posed.geometry.focal_px) ** 2:.4f}", ""]
+
+
+FORMAT = ExportFormat("images, and metadata.csv with time, place, distance and area of each", "BIIGLE", write)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import write_images
 from stereo_seecolor.extras.export.observations import Observations, observe
 from stereo_seecolor.geometry import quaternion
@@ -100,3 +101,10 @@ def _points_binary(observations: Observations, tracks: Sequence[PointTrack]) -> 
     for number, (position, color, track) in enumerate(rows, 1):
         yield struct.pack("<Q3d3BdQ", number, *position, *color, UNKNOWN_ERROR, len(track))
         yield np.array(track, "<u4").tobytes()
+
+
+FORMAT = ExportFormat(
+    "images, their camera and poses, and points with the frames that see them, as a model in text and binary",
+    "COLMAP, gsplat and other splat trainers, OpenMVS",
+    write,
+)

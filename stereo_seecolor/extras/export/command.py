@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.export.formats import EXPORT_FORMATS
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder
+from stereo_seecolor.plugins import added, load
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 
@@ -23,15 +24,16 @@ class ExportResult:
 
 
 def export(out: Path, format: str, folder: Path) -> ExportResult:
-    """Write the run in ``out`` in a format of EXPORT_FORMATS into ``folder``, which must be new or empty; complete or not at all.
+    """Write the run in ``out`` in a format of ``export --list`` into ``folder``, new or empty: complete or not at all.
 
     Raises InputError for an unknown format, or a run without a map; OutputError if the folder holds anything, or cannot be
     written; DeviceError if a library is missing.
     """
-    if format not in EXPORT_FORMATS:
-        raise InputError(f"--to {format}: is no format known here: one of {', '.join(EXPORT_FORMATS)}")
+    if format not in added("exports"):
+        raise InputError(f"--to {format}: is not a known format: one of {', '.join(added('exports'))}")
+    known: ExportFormat = load("exports", format)
     posed = open_posed_run(out)
     with new_folder(folder) as building:
-        note = EXPORT_FORMATS[format].write(posed, building)
+        note = known.write(posed, building)
     written = list(files_below(folder))
     return ExportResult(format, folder, len(posed.frames), len(written), sum(path.stat().st_size for path in written), note or "")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
 from stereo_seecolor.run_folder.layout import CLOUD
@@ -98,3 +99,6 @@ def _records(cloud: NDArray[np.void], from_offset: NDArray[np.float64]) -> NDArr
     records["returns"] = ONLY_RETURN
     records["rgb"] = cloud["color"].astype(np.uint16) * 257
     return records
+
+
+FORMAT = ExportFormat("the point cloud as COPC, loaded piece by piece", "QGIS, PDAL, CloudCompare, viewer.copc.io", write)

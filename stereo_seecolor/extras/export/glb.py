@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.gltf import Attribute, Glb, unit
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.srgb import decode_srgb
@@ -31,3 +32,8 @@ def _linear(color: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """(V, 4): linear light in 16 bits, and full opacity."""
     curve = np.round(65535 * decode_srgb(np.arange(256) / 255)).astype(np.uint16)
     return np.concatenate([curve[np.asarray(color)], np.full((len(color), 1), 65535, np.uint16)], axis=1)
+
+
+FORMAT = ExportFormat(
+    "the whole mesh with the colors of its vertices, glTF 2.0", "Blender, three.js, Windows and phone viewers, Sketchfab", write
+)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import write_images
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
@@ -81,3 +82,6 @@ def _item(posed: PosedRun, frame: FinishedFrame, image: Path, T: np.ndarray) -> 
     if known.any():
         item["image-meters-above-ground"] = float(np.median(posed.geometry.depth_from_range(range_m)[known]))
     return item
+
+
+FORMAT = ExportFormat("images and their metadata, iFDO 2.1", "PANGAEA, BIIGLE, FathomNet", write)

@@ -6,6 +6,7 @@ A KRTD file holds K (3, 3), R (3, 3) and t (3,) of x = K (R X + t), and the dist
 import shutil
 from pathlib import Path
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import write_images
 from stereo_seecolor.run_folder.layout import CLOUD
 from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
@@ -20,3 +21,6 @@ def write(posed: PosedRun, folder: Path) -> None:
         parts = (*map(spaced, posed.geometry.P_left), "", *map(spaced, T[:3, :3]), "", spaced(T[:3, 3]), "", "0")
         (folder / "krtd" / f"{image.stem}.krtd").write_text("\n".join(parts) + "\n", encoding="ascii")
     (folder / "image_list.txt").write_text("".join(f"images/{image.name}\n" for image in images), encoding="utf-8")
+
+
+FORMAT = ExportFormat("images, a KRTD camera for each, and the cloud", "KWIVER, TeleSculptor, VIAME", write)

@@ -6,6 +6,7 @@ Axes as here: x right, y down, z forward; cx and cy from the image's center (Met
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import write_images
 from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
 
@@ -41,3 +42,6 @@ def _add_sensor(sensors: ET.Element, posed: PosedRun) -> None:
     middle_px = (width - 1) / 2, (height - 1) / 2
     for name, value in (("f", g.focal_px), ("cx", g.cx_left_px - middle_px[0]), ("cy", g.cy_px - middle_px[1])):
         ET.SubElement(calibration, name).text = spaced((value,))
+
+
+FORMAT = ExportFormat("images and cameras.xml", "Agisoft Metashape", write)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -57,3 +58,6 @@ def _windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, in
         for row in range(rows)
         for column in range(columns)
     ]
+
+
+FORMAT = ExportFormat("the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", write)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import write_images
 from stereo_seecolor.files.encode import encode_depth_mm
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
@@ -48,3 +49,6 @@ def _write_depth(posed: PosedRun, frame: FinishedFrame, folder: Path) -> str:
     name = f"{frame.name}.png"
     (folder / name).write_bytes(encode_depth_mm(posed.geometry.depth_from_range(posed.measured_range_m(frame))))
     return name
+
+
+FORMAT = ExportFormat("images, transforms.json, depth maps, points.ply", "Nerfstudio, Instant-NGP", write)

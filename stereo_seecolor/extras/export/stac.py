@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -103,3 +104,6 @@ def _box(made: FinishedMap) -> list[float] | None:
 def _polygon(box: Sequence[float]) -> dict[str, Any]:
     west, south, east, north = box
     return {"type": "Polygon", "coordinates": [[[west, south], [east, south], [east, north], [west, north], [west, south]]]}
+
+
+FORMAT = ExportFormat("an item and a collection that name the run's files, STAC 1.0.0", "STAC catalogs, QGIS", write)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.run_folder.layout import MOSAIC, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -106,3 +107,6 @@ def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: s
         "metadata": {},
     }
     return {"filename": "project.json", "images": [image], "correspondences": {}, "labels": {}, "metadata": {}}
+
+
+FORMAT = ExportFormat("orthomosaic and terrain model of one size, and a project that names them", "TagLab", write)

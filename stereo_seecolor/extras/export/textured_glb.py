@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.gltf import Glb, unit
 from stereo_seecolor.extras.export.texture.textured import Textured, open_surface, textured
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -29,3 +30,8 @@ def write_group(made: Textured, path: Path, group: int = 0, step: int = 1) -> No
             flags = [cv2.IMWRITE_JPEG_QUALITY, QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
             jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
             glb.add({"POSITION": position, "NORMAL": normal, "TEXCOORD_0": mesh.uv}, mesh.triangles, jpeg)
+
+
+FORMAT = ExportFormat(
+    "the surface with the images on it, glTF 2.0", "Blender, three.js, Unreal and Unity, phones, Sketchfab", write
+)

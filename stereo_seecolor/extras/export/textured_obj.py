@@ -6,6 +6,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.texture.atlas import PageMesh
 from stereo_seecolor.extras.export.texture.textured import open_surface, textured
 from stereo_seecolor.files.encode import encode_image
@@ -34,3 +35,6 @@ def _write_page(file: TextIO, mesh: PageMesh, position: NDArray[np.float64], bef
     np.savetxt(file, position, fmt="v %.5f %.5f %.5f")
     np.savetxt(file, np.stack([mesh.uv[:, 0], 1 - mesh.uv[:, 1]], axis=1), fmt="vt %.7f %.7f")
     np.savetxt(file, np.repeat(mesh.triangles + before, 2, axis=1), fmt="f %d/%d %d/%d %d/%d")
+
+
+FORMAT = ExportFormat("the same as OBJ, MTL and PNG", "CloudCompare, MeshLab, Metashape, Blender", write)

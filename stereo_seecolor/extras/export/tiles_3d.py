@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.texture.surface import Surface, longest_edge_m
 from stereo_seecolor.extras.export.texture.textured import open_surface, textured
 from stereo_seecolor.extras.export.textured_glb import write_group
@@ -129,3 +130,8 @@ def _to_earth(posed: PosedRun) -> NDArray[np.float64]:
 def _geocentric(point_m: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.float64]:
     x_m, y_m, z_m = (float(value) for value in point_m)
     return geocentric_from_geodetic(*degrees_from_north_east(y_m, x_m, origin), z_m)
+
+
+FORMAT = ExportFormat(
+    "the surface with the images on it as a tree of 3-D Tiles 1.1, on Earth where the map is", "CesiumJS, QGIS", write
+)

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.contents import run_content, run_exit_code
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
@@ -16,6 +17,7 @@ from stereo_seecolor.extras.fleet.text import campaign_text, plan_text, status_t
 from stereo_seecolor.run_folder.layout import INDEX
 
 
+@command("Many machines, many dives", "merge PARTS/1 PARTS/2 --out OUT", "merge PARTS/1 PARTS/2 --out OUT --fit-only")
 def merge(
     parts: Annotated[list[Path], typer.Argument(metavar="PART...", help="Output folders of run --shard.")],
     out: opt.Out = Path("out"),
@@ -38,6 +40,7 @@ def merge(
     report.end(run_content(summary, out), run_text(summary, out) + page, run_exit_code(summary))
 
 
+@command("Many machines, many dives", "status OUT", "status PARTS/1 PARTS/2")
 def status(
     outs: Annotated[
         list[Path], typer.Argument(metavar="OUT...", help="Output folders of runs, finished or under way, or of campaigns.")
@@ -51,6 +54,7 @@ def status(
     report.end({"runs": found}, status_text(found))
 
 
+@command("Many machines, many dives", "campaign campaign.yaml", "campaign campaign.yaml --only-failed")
 def campaign(
     file: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="YAML file that lists the dives (docs/fleets.md).")],
     only_failed: Annotated[bool, opt.flag("--only-failed", "Run only dives that are not finished or have failed pairs.")] = False,
@@ -70,6 +74,7 @@ def campaign(
     report.end(vars(result), campaign_text(result), code)
 
 
+@command("Many machines, many dives", f"plan {SIDES}")
 def plan(
     left: opt.Left,
     right: opt.Right,

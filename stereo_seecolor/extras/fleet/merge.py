@@ -6,11 +6,10 @@ from pathlib import Path
 from calibration.formats import load_rig
 from stereo_seecolor.commands.dive_job import claim
 from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with
-from stereo_seecolor.commands.stereo_inputs import Opened
+from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.bag_inputs import named_inputs
 from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline

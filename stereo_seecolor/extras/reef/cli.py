@@ -1,4 +1,4 @@
-"""Commands that measure on a map: metrics, compare, markers."""
+"""Commands that measure on a map or in frames: metrics, compare, markers, measure."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,11 +6,13 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import BareReport
-from stereo_seecolor.extras.reef.text import comparison_text, markers_text, metrics_text
+from stereo_seecolor.extras.reef.text import comparison_text, markers_text, measures_text, metrics_text
 
 
+@command("Ecology", "metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS")
 def metrics(
     out: opt.Finished,
     polygons: Annotated[
@@ -29,6 +31,7 @@ def metrics(
     report.end({"out": out, **vars(result)}, metrics_text(result), code)
 
 
+@command("Ecology", "compare 2024 2025 --out CHANGE")
 def compare(
     first: Annotated[Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")],
     second: Annotated[Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")],
@@ -50,6 +53,7 @@ def compare(
     report.end({**content, "files": found.files}, comparison_text(found))
 
 
+@command("Ecology", "markers OUT --size 0.2", "markers OUT --bars bars.csv --points surveyed.csv --out MARKERS")
 def markers(
     out: opt.Finished,
     size: Annotated[
@@ -71,3 +75,26 @@ def markers(
     with report.working() as listener:
         found = find(out, Known(size, family, bars, points), folder, listener)
     report.end({"out": out, **vars(found)}, markers_text(found), EXIT_SOME_FAILED if found.wrong else EXIT_DONE)
+
+
+@command("Ecology", "measure OUT points.csv", "measure OUT points.csv > lengths.csv")
+def measure(
+    out: opt.Finished,
+    points: Annotated[
+        Path, typer.Argument(metavar="POINTS", help="CSV of points as the page saves it: measure, frame, kind, label, x_px, y_px.")
+    ],
+    lengths: Annotated[bool, opt.flag("--lengths", "Print the lengths as a table with EventMeasure's columns instead.")] = False,
+    *,
+    report: BareReport,
+) -> None:
+    """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
+    from stereo_seecolor.extras.reef.commands.length_table import length_table
+    from stereo_seecolor.extras.reef.commands.measure import measure as measure_points
+
+    if lengths:
+        table = length_table(out, points)
+        report.end({"out": out, "table": table}, table)
+    results = measure_points(out, points)
+    unknown = any(each.value is None for each in results)
+    content = {"out": out, "measures": results}
+    report.end(content, measures_text(results), EXIT_SOME_FAILED if unknown else EXIT_DONE)

@@ -3,10 +3,12 @@
 from typing import TYPE_CHECKING
 
 from stereo_seecolor.cli.console import lines, table
+from stereo_seecolor.files.csv_table import csv_text
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.commands.compare import Comparison
     from stereo_seecolor.extras.reef.commands.markers import FoundMarkers
+    from stereo_seecolor.extras.reef.commands.measure import Measurement
     from stereo_seecolor.extras.reef.metrics.tables import SiteMetrics
     from stereo_seecolor.mapping.markers.marker_map import ScaleCheck
 
@@ -124,3 +126,8 @@ def markers_text(found: "FoundMarkers") -> str:
 
 def _doubt(check: "ScaleCheck") -> str:
     return ": no rig is so far off: another size than was given?" if check.wrong else ""
+
+
+def measures_text(results: "list[Measurement]") -> str:
+    """Measurements as CSV, in meters and square meters; "" for none."""
+    return csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""

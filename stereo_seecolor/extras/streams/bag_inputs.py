@@ -1,12 +1,11 @@
 """The stereo pairs and the calibration of a ROS bag, and the pipeline for them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
-from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, sample, settle_storage
+from stereo_seecolor.commands.stereo_inputs import Opened, sample, settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.pipeline import Pipeline
@@ -56,10 +55,3 @@ class BagInputs:
     def open_in(self, folder: RunFolder, config: RunConfig) -> Opened:
         """``open``: the output folder keeps nothing of how a bag was opened."""
         return self.open(config)
-
-
-def named_inputs(names: Mapping[str, str]) -> StereoInputs | BagInputs:
-    """The inputs that the "inputs" of a run.json name."""
-    if "bag" in names:
-        return BagInputs(Path(names["bag"]), names["calib"], names["topics"])
-    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])

@@ -1,15 +1,20 @@
-"""The command live, which corrects pairs as they arrive."""
+"""Commands over bags, videos and live cameras: live, bag-info, sync."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibration.wording import counted
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.console import lines
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import LoggedReport
 from stereo_seecolor.cli.streams import write_error
+
+if TYPE_CHECKING:
+    from stereo_seecolor.extras.streams.bag_info import BagFacts
 
 OneSource = Annotated[
     str | None,
@@ -65,6 +70,7 @@ Port = Annotated[
 Pairs = Annotated[int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: at Ctrl-C.", min=1)]
 
 
+@command("Bags, videos, live", f"live {SIDES} --port 8080", "live --bag dive.mcap --port 8080")
 def live(
     source: OneSource = None,
     left: LeftSource = None,
@@ -112,4 +118,65 @@ def live(
         output.append(f"all products: median {found.products_median_s:.2f} s, 95% below {found.products_p95_s:.2f} s")
     output += [found.reduced] if found.reduced else []
     output += [f"last failure: {found.last_error}"] if found.last_error else []
+    report.end(vars(found), lines(*output))
+
+
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag.")]
+
+
+LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
+
+
+Rig = Annotated[
+    str | None,
+    opt.option(
+        "--calib", "FILE", "Calibration of the rig; the offset is then also measured from row differences of rectified pairs."
+    ),
+]
+
+
+RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
+
+
+@command("Bags, videos, live", "bag-info dive.mcap", "bag-info BAG --topics left=/fwd/image,right=/aft/image")
+def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
+    """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there are none."""
+    from stereo_seecolor.extras.streams.bag_info import bag_info as look
+
+    with report.working():
+        found = look(bag, topics)
+    report.end(vars(found), bag_text(found), EXIT_DONE if found.pairs else EXIT_SOME_FAILED)
+
+
+def bag_text(found: "BagFacts") -> str:
+    """The topics of a bag, then its pairs, and last the run command."""
+    width = max(len(topic.name) for topic in found.topics)
+    output = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
+    for topic in found.topics:
+        rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
+        output.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
+    if found.pairs:
+        rig = f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info" if found.baseline_m else "no calibration in it"
+        output.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
+    output += [f"note: {note}" for note in found.notes]
+    if found.pairs:
+        calib = "" if found.baseline_m else " --calib cam.yaml"
+        output += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
+    return lines(*output)
+
+
+@command("Bags, videos, live", "sync left.mp4 right.mp4")
+def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
+    """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image motion."""
+    from stereo_seecolor.extras.streams.sync import sync as find
+
+    with report.working():
+        found = find(left, right, calib or "")
+    output = [found.text]
+    output += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
+    output += [
+        counted(found.pairs, "pair of frames"),
+        "",
+        f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
+    ]
     report.end(vars(found), lines(*output))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images import READABLE
 from stereo_seecolor.extras.streams.recording import McapRecording, RecordedPair
 from stereo_seecolor.files.decode import eight_bit
@@ -43,3 +44,8 @@ def stamp_of(name: str, timestamp_s: float | None, number: int) -> int:
     if found := _STAMP.search(name):
         return int(found[1]) * 10**9 + int(found[2])
     return (number + 1) * COUNTED_STEP_NS if timestamp_s is None else round(timestamp_s * 1e9)
+
+
+FORMAT = ExportFormat(
+    "corrected images, ranges, points, camera and track as ROS 2 messages in one file", "Foxglove, RViz, ROS 2", write
+)

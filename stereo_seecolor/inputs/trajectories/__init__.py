@@ -8,7 +8,6 @@ import numpy as np
 
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.bags.bag import is_bag
 from stereo_seecolor.inputs.name_keys import side_of, without_side
 from stereo_seecolor.inputs.trajectories import (
     acfr,
@@ -26,6 +25,7 @@ from stereo_seecolor.inputs.trajectories import (
     tum,
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
+from stereo_seecolor.plugins import added, load
 from stereo_seecolor.records import Trajectory
 
 FORMATS = (
@@ -62,10 +62,10 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
 
     Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
     """
-    if is_bag(path):
-        from stereo_seecolor.extras.streams.bags.track import read_track
-
-        return read_track(path, mount or MountConfig())
+    for name in added("trajectory_formats"):
+        reader = load("trajectory_formats", name)
+        if reader.recognizes(path):
+            return _of_left(reader.read(path, mount or MountConfig()))
     file, columns = column_map.split_spec(path)
     lines, mount = read_lines(file), mount or MountConfig()
     trajectory = column_map.read(lines, columns, mount) if columns else _reader(lines)(lines, mount)

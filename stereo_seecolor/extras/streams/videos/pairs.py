@@ -21,8 +21,15 @@ from stereo_seecolor.run_folder.layout import video_pairs_file
 from stereo_seecolor.version import __version__
 
 
-def video_pairing(videos: Videos, calib: str | Path, folder: RunFolder, images: InputConfig) -> Pairing:
+def paired_anew(left: Path, right: Path, images: InputConfig) -> Pairing:
+    """The pairs of two videos, or of one that shows both sides, chosen now. Raises InputError, DeviceError."""
+    videos = Videos(left, right, images.right_half_first)
+    return videos.pairing(videos.choice(images))
+
+
+def video_pairing(left: Path, right: Path, calib: str | Path, folder: RunFolder, images: InputConfig) -> Pairing:
     """The pairs of two videos, or of one that shows both sides. Raises InputError, DeviceError, OutputError."""
+    videos = Videos(left, right, images.right_half_first)
     rig: StereoRig | None = None
     with suppress(CalibrationError):  # said when the frames are opened
         rig = load_rig(calib)
