@@ -232,7 +232,7 @@ PUBLISHER = """
 import sys, time
 import cv2, numpy as np
 sys.path.insert(0, sys.argv[1])
-from stereo_seecolor.extras.export import ros_messages as ros
+from stereo_seecolor.extras.streams import ros_messages as ros
 from stereo_seecolor.extras.streams.live.ros2 import Node
 node = Node()
 images = {side: cv2.imread(f"{sys.argv[2]}/{folder}/0000.png") for side, folder in (("left", "L"), ("right", "R"))}
