@@ -74,3 +74,11 @@ def test_a_given_standard_error_is_taken() -> None:
     fit = fit_to_fixes(T[:, :3, 3], fixed(T, 1.0).T_world_camera[:, :3, 3], 1.5)
     assert fit is not None and fit.scatter_m == 1.5
     assert fit_to_fixes(T[:, :3, 3], fixed(T, 1.0).T_world_camera[:, :3, 3], 6.0) is None
+
+
+def test_fixes_of_another_year_are_told_by_their_clock() -> None:
+    T = lawn_mower(40, 20.0)
+    fixes = fixed(T, 1.0)
+    fixes.timestamps_s[:] += 4e7
+    with pytest.raises(MappingError, match=r"no frame has a fix at its time: it begins 462\.963 days after the first frame"):
+        place(T, fixes)

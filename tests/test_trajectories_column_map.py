@@ -140,5 +140,5 @@ def test_radians_are_told_by_the_name(tmp_path: Path) -> None:
 
 
 def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the column map lacks heading: write nav"):
+    with pytest.raises(InputError, match=r"is a table without heading .*: name its columns as in nav"):
         read_trajectory(write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv"))

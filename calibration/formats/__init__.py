@@ -240,7 +240,10 @@ def _of_folder(folder: Path) -> list[Section]:
         if not whole and len(cameras) == 2:
             return left_first(cameras, folder)
     if not whole and not any(map(ros.matches, documents)):
-        for files in (documents, [*documents, *_readable(calibration_files(folder, "*/*"))]):
+        deeper: list[Path] = []
+        with suppress(CalibrationError):
+            deeper = calibration_files(folder, "*/*")
+        for files in (documents, [*documents, *_readable(deeper)]):
             if files and _is_opencv_rig(parts := merged(files)):
                 return [Section(str(folder), parts.content)]
     found = ", ".join(f"{Path(d.where).name} ({_kind(d)})" for d in documents)[:300] or "no file that can be read"

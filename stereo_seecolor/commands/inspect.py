@@ -16,6 +16,7 @@ from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
 from stereo_seecolor.commands.inspect_images import problems_of_images
 from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
+from stereo_seecolor.commands.inspect_unknown import unknown_files
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -100,6 +101,8 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         *(f"range: {limit.note}" for limit in tested.limits),
         *unread,
     )
+    known = {*(one.path for one in found), *(one.path for one in poses)}
+    problems = (*problems, *unknown_files(places, known, problems))
     return Inspection(
         sides=sides,
         left=left,
@@ -168,6 +171,7 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     found = find_calibration(places, size)
     paths = tuple(one.path for one in found)
     poses, unread = find_poses(places, (), paths)
+    problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED), *unread)
     return Inspection(
         sides=sides,
         left=None,
@@ -181,7 +185,7 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         poses=poses,
         measured=None,
         misfits=(),
-        problems=(*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED), *unread),
+        problems=(*problems, *unknown_files(places, {*paths, *(one.path for one in poses)}, problems)),
         run_command=command_line(sides, found),
     )
 

@@ -14,7 +14,7 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
 from stereo_seecolor.records import Trajectory
 
-EXTENSIONS = frozenset({".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json"})
+EXTENSIONS = frozenset({".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json", ".gpx", ".nmea", ".kml"})
 LARGEST_BYTES = 100_000_000
 """A day of navigation at 10 Hz has some 80 MB."""
 

@@ -11,7 +11,9 @@ from calibration.formats import format_name, load_rig_of_images
 from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.sides import DEEPEST
 
-EXTENSIONS = frozenset({".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".calib", ".txt", ".cfg", ".conf"})
+EXTENSIONS = frozenset(
+    {".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".calib", ".txt", ".cfg", ".conf", ".toml", ".krtd", ".npy", ".csv"}
+)
 
 LARGEST_BYTES = 20_000_000
 """A calibration is smaller: MATLAB objects with all their corners have a few hundred kilobytes."""

@@ -13,14 +13,17 @@ from stereo_seecolor.inputs.trajectories import (
     acfr,
     colmap,
     column_map,
+    foreign,
     kitti,
     matisse,
     metashape_reference,
     metashape_xml,
     nerf,
+    opensfm,
     oplab,
     orca,
     pose_table,
+    receivers,
     tartanair,
     tum,
 )
@@ -29,8 +32,9 @@ from stereo_seecolor.plugins import added, load
 from stereo_seecolor.records import Trajectory
 
 FORMATS = (
-    "TUM, KITTI, TartanAir, transforms.json (NeRF), COLMAP images.txt, Metashape cameras (XML) and reference (text), oplab, "
-    "ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2), ROS bags, "
+    "TUM, KITTI, TartanAir, transforms.json (NeRF), reconstruction.json (OpenSfM), COLMAP images.txt, "
+    "Metashape cameras (XML) and reference (text), oplab, "
+    "ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2), NMEA, GPX, KML tracks, ROS bags, "
     "tables of poses or navigation whose header names the columns; or any table with a map of its columns, "
     " nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
 )
@@ -46,6 +50,8 @@ _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
     ("Matisse", matisse.recognizes, matisse.read),
     ("KITTI", kitti.recognizes, kitti.read),
     ("TartanAir", tartanair.recognizes, tartanair.read),
+    ("NMEA, GPX or KML track", receivers.recognizes, receivers.read),
+    ("reconstruction.json", opensfm.recognizes, opensfm.read),
     ("transforms.json", nerf.recognizes, nerf.read),
     ("TUM", tum.recognizes, tum.read),
     ("table of poses", pose_table.recognizes, pose_table.read),
@@ -114,4 +120,6 @@ def _reader(lines: Lines) -> _Reader:
     for _, recognizes, read in _FORMATS:
         if recognizes(lines):
             return read
+    if kind := foreign.named("\n".join(lines.all[:50])):
+        raise InputError(f"{lines.path}: is {kind}")
     raise InputError(f"{lines.path}: is no trajectory that is known here ({FORMATS}); first line: {lines.first[:60]!r}")

@@ -7,27 +7,30 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories.table import Lines, Table
-from stereo_seecolor.inputs.trajectories.times import date_and_time, seconds
+from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
+from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds, is_unknown
 from stereo_seecolor.inputs.trajectories.vehicle import Column, VehicleTrack, from_degrees
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 ROLES = {
     "name": "the image's file name",
-    "time": "seconds since 1970 (or ms, us, ns), or ISO 8601; with date, h:m:s",
+    "time": "seconds since 1970 (or ms, us, ns), or ISO 8601; with date or us_date, h:m:s",
     "date": "d/m/Y or Y/m/d, where time is h:m:s",
-    "lat": "degrees",
+    "us_date": "m/d/Y, where time is h:m:s",
+    "lat": "degrees, also as 14 41.1 S",
     "lon": "degrees",
     "north": "meters, instead of lat",
     "east": "meters, instead of lon",
-    "depth": "meters below the surface",
+    "depth": "meters below the surface; all negative: meters above it",
     "up": "meters above it, instead of depth",
     "heading": "degrees clockwise from north",
     "pitch": "degrees, bow up; 0 where absent",
     "roll": "degrees, starboard down; 0 where absent",
+    "valid": "false or 0 where the position is not known",
 }
 _PLACE = "lat and lon (or north and east)"
 _ANGLES = {"lat", "lon", "heading", "pitch", "roll"}
@@ -37,23 +40,35 @@ _NEEDED = {
     "heading": ({"heading"},),
     "time (or name)": ({"time"}, {"name"}),
 }
-_FIXES = {"name", "time", "date", "lat", "lon", "north", "east"}
+_FIXES = {"name", "time", "date", "us_date", "lat", "lon", "north", "east", "valid"}
 """A map of these alone is of positions without depth and attitude: a buoy's fixes."""
 _NAMES = {
     "name": "name|file|file_?name|image|image_?name|photo",
     "time": "time|time_?stamp|utc|utc_?time|gps_?time|date_?time|unix_?time|epoch|zeit",
+    "date": "date|utc_?date|gps_?date|datum|fecha",
     "lat": "lat|latitude|breite",
     "lon": "lon|long|lng|longitude|laenge|länge",
     "north": "north|northing",
     "east": "east|easting",
     "depth": "depth|vehicle_?depth|water_?depth|tiefe|profondeur|profundidad",
+    "up": "altitude_?relative|alt_?relative|relative_?alt(itude)?",
     "heading": "heading|hdg|yaw|kurs|cap|rumbo",
     "pitch": "pitch",
     "roll": "roll",
+    "valid": "(position|pos|fix)_?valid|valid|(fix_?)?quality",
 }
 """Role -> usual names of its column, before a unit. Altitude is none of them: vehicles measure it above the bottom."""
+_OWNER = re.compile(r"^(gps\d?|vehicle|nav|ugps|attitude|vfr_hud|global_position(_int)?)\.")
+"""What QGroundControl and others put before a name: ``gps.lat``."""
+_NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
+_NO_VALUE = (-999.0, -9999.0, -99999.0)
 _UNIT = re.compile(r"([ _]*(\(.*?\)|\[.*?\])|[ _]+(deg|degrees|rad|radians|m|s))?$")
 _RADIANS = re.compile(r"[ _(\[]rad(ians)?[)\]]?$")
+_DEGREES = re.compile(
+    r"([NSEWO])?\s*([+-]?\d+(?:\.\d+)?)\s*(?:[°º\ufffd:\s]\s*(?:(\d+(?:\.\d+)?)\s*['’′:\s]*\s*(?:(\d+(?:\.\d+)?)\s*(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
+    re.IGNORECASE,
+)
+"""Degrees, minutes and seconds, as far as there are, and the hemisphere before or after: ``14°41'6.0"S``, ``14.685 S``."""
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _SEPARATORS = (",", ";", "\t")
@@ -78,56 +93,83 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
 
 
 def recognizes(lines: Lines) -> bool:
-    """A header whose names tell a place, and a time or an image."""
+    """A header whose names tell a time or an image, and a place, a depth or an attitude."""
     columns = _guessed(lines)
-    return bool({"lat", "lon"} <= columns.keys() or {"north", "east"} <= columns.keys()) and bool({"time", "name"} & columns.keys())
+    of_navigation = columns.keys() - _FIXES or {"lat", "lon", "north", "east", "valid"} & columns.keys()
+    return bool({"time", "name"} & columns.keys() and of_navigation)
 
 
 def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     """Read a table as ``read`` does, by the usual names of columns."""
-    return read(lines, _guessed(lines), mount)
+    columns = _guessed(lines)
+    if missing := _missing(columns):
+        names = ", ".join(_header(lines)[1])
+        raise InputError(
+            f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name its columns as in {_EXAMPLE}"
+        )
+    return read(lines, columns, mount, by_names=True)
 
 
 def _guessed(lines: Lines) -> dict[str, str]:
-    """Role -> the first column of a usual name for it."""
+    """Role -> the first column of a usual name for it. A date beside a time that holds one is left out."""
     found: dict[str, str] = {}
     for name in _header(lines)[1]:
-        bare = _UNIT.sub("", name)
+        bare = _OWNER.sub("", _UNIT.sub("", name))
         role = next((role for role, names in _NAMES.items() if role not in found and re.fullmatch(names, bare)), None)
         if role:
             found[role] = name
+    if "date" in found and "time" in found:
+        rows = _table(lines, {}).rows if len(lines.content) > 1 else ()
+        if not any(re.match(r"\d{1,2}:\d", row[found["time"]]) for _, row in rows):
+            del found["date"]
+    if "depth" in found:
+        found.pop("up", None)
     return found
 
 
-def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig) -> Trajectory:
+def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig, by_names: bool = False) -> Trajectory:
     """The camera's poses from the vehicle's; places alone are ``fixes``. columns: role (see ROLES) -> column.
+    by_names: nobody says that ``date`` has the day first.
 
     Raises InputError for what is missing.
     """
-    _check_roles(lines, columns)
+    if missing := _missing(columns):
+        raise InputError(f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}")
     table = _table(lines, columns)
     origin: GeoOrigin | None = None
     north_east_m = np.column_stack([_numbers(table, columns, "north"), _numbers(table, columns, "east")])
+    north_east_m[_not_valid(table, columns)] = np.nan
     if "lat" in columns:
-        latitude_deg = _numbers(table, columns, "lat")
-        if (np.abs(latitude_deg) > 90).any():
-            most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
-            raise InputError(f"{lines.path}: {most}: are latitude and longitude exchanged, or meters or minutes in that column?")
-        north_east_m, origin = from_degrees(latitude_deg, _numbers(table, columns, "lon"))
+        north_east_m, origin = _from_degrees(table, columns)
     depth_m = _numbers(table, columns, "depth") if "depth" in columns else -_numbers(table, columns, "up")
+    if (depth_m <= 0).any() and not (depth_m > 0).any():
+        depth_m = -depth_m
     mount = MountConfig() if columns.keys() <= _FIXES else mount
     attitude_deg = np.column_stack([_numbers(table, columns, role) for role in ("roll", "pitch", "heading")])
     names = tuple(table.text(columns["name"].lower()) if "name" in columns else [""] * len(table.rows))
-    track = VehicleTrack(names, _times(table, columns), north_east_m, depth_m, attitude_deg, origin).camera(mount)
+    track = VehicleTrack(names, _times(table, columns, by_names), north_east_m, depth_m, attitude_deg, origin).camera(mount)
     return replace(track, fixes=columns.keys() <= _FIXES)
 
 
-def _check_roles(lines: Lines, columns: Mapping[str, str]) -> None:
+def _missing(columns: Mapping[str, str]) -> list[str]:
+    """What the roles lack, in words; nothing where they are those of fixes."""
     missing = [what for what, choices in _NEEDED.items() if not any(choice <= columns.keys() for choice in choices)]
-    if columns.keys() <= _FIXES and "time" in columns and _PLACE not in missing:
-        return
-    if missing:
-        raise InputError(f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}")
+    return [] if columns.keys() <= _FIXES and "time" in columns and _PLACE not in missing else missing
+
+
+def _from_degrees(table: Table, columns: Mapping[str, str]) -> tuple[NDArray[np.float64], GeoOrigin]:
+    latitude_deg, longitude_deg = _numbers(table, columns, "lat"), _numbers(table, columns, "lon")
+    if (np.abs(latitude_deg) > 90).any():
+        most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
+        raise InputError(f"{table.lines.path}: {most}: are latitude and longitude exchanged, or meters or minutes in that column?")
+    latitude_deg[_not_valid(table, columns) | ((latitude_deg == 0) & (longitude_deg == 0))] = np.nan
+    return from_degrees(latitude_deg, longitude_deg)
+
+
+def _not_valid(table: Table, columns: Mapping[str, str]) -> NDArray[np.bool_]:
+    """Rows that say of their position that it is not known, also in a column that the map does not name."""
+    column = columns.get("valid") or _guessed(table.lines).get("valid", "")
+    return np.array([text.lower() in _NOT_VALID for text in table.text(column.lower())], dtype=bool)
 
 
 def _table(lines: Lines, columns: Mapping[str, str]) -> Table:
@@ -152,20 +194,38 @@ def _numbers(table: Table, columns: Mapping[str, str], role: str) -> Column:
     """A role's column, of angles in degrees, also where its name says radians; zeros where the map does not name one."""
     if role not in columns:
         return np.zeros(len(table.rows))
-    values = np.array(table.column(columns[role].lower()))
-    return np.degrees(values) if role in _ANGLES and _RADIANS.search(columns[role].lower()) else values
+    column = columns[role].lower()
+    if role in ("lat", "lon"):
+        values = np.array([_degrees(table, number, row[column]) for number, row in table.rows])
+    else:
+        values = np.array(table.column(column))
+    values[np.isin(values, _NO_VALUE)] = np.nan
+    return np.degrees(values) if role in _ANGLES and _RADIANS.search(column) else values
 
 
-def _times(table: Table, columns: Mapping[str, str]) -> Column:
+def _degrees(table: Table, number: int, text: str) -> float:
+    """Of ``14.685``, ``14.685 S`` or ``14°41'6"S``."""
+    match = None if is_number(text) or is_unknown(text) else _DEGREES.fullmatch(text.strip())
+    if match is None:
+        return float("nan") if is_unknown(text) else table.lines.numbers(number, [text])[0]
+    degrees, minutes, rest = (float(match[i] or 0) for i in (2, 3, 4))
+    negative = (match[1] or match[5] or "N").upper() in "SW" or match[2].startswith("-")
+    return (-1 if negative else 1) * (abs(degrees) + minutes / 60 + rest / 3600)
+
+
+def _times(table: Table, columns: Mapping[str, str], by_names: bool) -> Column:
     if "time" not in columns:
         return np.full(len(table.rows), np.nan)
-    dates = table.text(columns["date"].lower()) if "date" in columns else [""] * len(table.rows)
+    day = next((columns[role] for role in ("date", "us_date") if role in columns), "")
     times = table.text(columns["time"].lower())
-    return np.array([_seconds(table, i, date, time) for i, (date, time) in enumerate(zip(dates, times, strict=True))])
-
-
-def _seconds(table: Table, row: int, date: str, time: str) -> float:
+    if day and day != columns["time"]:
+        times = [f"{date} {time}" for date, time in zip(table.text(day.lower()), times, strict=True)]
+    day_first = None if by_names or not day else "date" in columns
     try:
-        return date_and_time(date, time) if date else seconds(time)
-    except (ValueError, OverflowError) as error:
-        raise table.lines.error(table.rows[row][0], f"no time in {f'{date} {time}'.strip()!r}: {ROLES['time']}") from error
+        return np.array(column_seconds(times, day_first))
+    except AmbiguousDateError as error:
+        raise InputError(
+            f"{table.lines.path}: {error}: name the columns with date= (d/m/Y) or us_date= (m/d/Y), as in {_EXAMPLE}"
+        ) from error
+    except TimeError as error:
+        raise table.lines.error(table.rows[error.row][0], f"no time in {str(error)!r}: {ROLES['time']}") from error

@@ -6,7 +6,7 @@ import numpy as np
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
-from stereo_seecolor.inputs.trajectories.times import date_and_time
+from stereo_seecolor.inputs.trajectories.times import TimeError, column_seconds
 from stereo_seecolor.inputs.trajectories.vehicle import VehicleTrack, from_degrees
 from stereo_seecolor.records import Trajectory
 
@@ -28,7 +28,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
         header = _header(lines)
         rows = tuple(row for row in lines.content if not row[1].lower().startswith("date"))
         table = Table.read(lines, ",", header, rows)
-    times = [_seconds(lines, number, row["date"], row["time"]) for number, row in table.rows]
+    times = _seconds(lines, table)
     latitude, longitude, depth_m, heading, pitch, roll = (np.array(table.column(name)) for name in _NEEDED[2:])
     attitude_deg = np.stack([roll, pitch, heading], axis=-1)
     north_east_m, origin = from_degrees(latitude, longitude)
@@ -46,8 +46,14 @@ def _header(lines: Lines) -> list[str]:
     return [re.sub(r"^date_.*$", "date", name) for name in names]
 
 
-def _seconds(lines: Lines, number: int, date: str, time: str) -> float:
+def _seconds(lines: Lines, table: Table) -> list[float]:
+    """The day before the month where the dates tell nothing else, and the header's pattern of the date names no other order."""
+    pattern = lines.all[0].lower().partition("date_")[2]
+    month_first = 0 <= pattern.find("mm") < pattern.find("dd") and not pattern.startswith("y")
     try:
-        return date_and_time(date, time)
-    except ValueError as error:
-        raise lines.error(number, f"no date and time in {date!r}, {time!r}: write d/m/Y or Y/m/d and h:m:s") from error
+        return column_seconds([f"{row['date']} {row['time']}" for _, row in table.rows], day_first=not month_first)
+    except TimeError as error:
+        number, row = table.rows[error.row]
+        raise lines.error(
+            number, f"no date and time in {row['date']!r}, {row['time']!r}: write d/m/Y or Y/m/d and h:m:s"
+        ) from error

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
+from stereo_seecolor.inputs.trajectories.times import is_unknown
 
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d+),(\d+)$")
 """As programs of many countries write numbers, between semicolons."""
@@ -58,11 +60,16 @@ class Lines:
 
 
 def read_lines(path: Path) -> Lines:
-    """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails."""
+    """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails, and names what is no text."""
+    raw = read_bytes(path)
+    if kind := named_by_begin(raw):
+        raise InputError(f"{path}: is {kind}")
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = raw.decode("utf-16" if raw[:2] == b"\xff\xfe" and len(raw) % 2 == 0 else "utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+        if b"\0" in raw:
+            raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+        text = raw.decode("cp1252", errors="replace")  # a spreadsheet's CSV with a degree sign
     numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
     content = tuple((i, line) for i, line in numbered if not line.startswith(("#", "%")))
     if not numbered:
@@ -91,7 +98,7 @@ class Table:
         return cls(lines, tuple(split))
 
     def column(self, name: str, default: float | None = None) -> list[float]:
-        """A column as floats; empty and "None" are NaN, or ``default`` where the whole column is absent."""
+        """A column as floats; cells without a value (empty, NA, --.--) are NaN, or ``default`` where the whole column is absent."""
         if self.rows and name not in self.rows[0][1]:
             if default is None:
                 raise InputError(f"{self.lines.path}: has no column {name!r}")
@@ -103,7 +110,7 @@ class Table:
         return [row.get(name, "") for _, row in self.rows]
 
     def _number(self, number: int, field: str) -> float:
-        return float("nan") if field.lower() in ("", "none") else self.lines.numbers(number, [field])[0]
+        return float("nan") if is_unknown(field) else self.lines.numbers(number, [field])[0]
 
 
 def _split(lines: Lines, number: int, separator: str, line: str) -> list[str]:

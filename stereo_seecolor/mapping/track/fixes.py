@@ -15,6 +15,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import Unplaced
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.assignment import assign
+from stereo_seecolor.mapping.track.placement import clock_difference
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
@@ -63,6 +64,8 @@ def at_fixes(own: Placement, index: FrameIndex, trajectory: Trajectory, config: 
             )
             continue
         reason = f"{len(fixed)} fixes along its track do not tell its heading"
+        if not len(fixed) and (cure := clock_difference(index, trajectory)):
+            raise MappingError(f"no frame has a fix at its time: {cure}")
         if component == 0:
             raise MappingError(f"{reason}: the dive must be longer than they scatter; map it without --poses")
         unplaced += [Unplaced(index.names[i], reason) for i in frames]

@@ -30,13 +30,17 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
     components, breaks = break_up(T, index, config)
     if not (components >= 0).any():
         first = next(iter(reasons.values()), "")
-        cure = _clock_difference(index, trajectory) or "compare the frames' names and times with the file's"
+        cure = clock_difference(index, trajectory) or "compare the frames' names and times with the file's"
         raise MappingError(f"no frame has a pose in the trajectory ({first}): {cure}")
     unplaced = tuple(Unplaced(index.names[i], reasons[i]) for i in sorted(reasons))
     return Placement(T, components, unplaced, tuple(warnings + breaks))
 
 
-def _clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
+DAYS_H = 72.0
+"""Differences of clocks are said in days from here on."""
+
+
+def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
     """How far the times of the poses lie from the frames', and what to do; "" where they overlap or are not known."""
     frames, poses = (times[np.isfinite(times)] for times in (index.timestamps_s, trajectory.timestamps_s))
     if not len(frames) or not len(poses) or (poses.min() <= frames.max() and frames.min() <= poses.max()):
@@ -46,7 +50,8 @@ def _clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
         file, dive = (f"{times.min():.1f} to {times.max():.1f} s" for times in (poses, frames))
         return f"the times of the file are {file}, those of the frames {dive}: one counts from the start of the dive: add {later}"
     ahead_h = float(poses.min() - frames.min()) / 3600
+    by = f"{abs(ahead_h):.3f} h" if abs(ahead_h) < DAYS_H else f"{abs(ahead_h) / 24:.3f} days"
     return (
-        f"it begins {abs(ahead_h):.3f} h {'after' if ahead_h > 0 else 'before'} the first frame: if one clock showed local time, "
+        f"it begins {by} {'after' if ahead_h > 0 else 'before'} the first frame: if one clock showed local time, "
         "or was not set, shift the times of the file by that"
     )

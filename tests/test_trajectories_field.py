@@ -1,0 +1,213 @@
+"""Tracks as the field writes them: cells without a value, dates of two orders, degrees and minutes, receivers' logs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_trajectories import EAST_UP, NORTH_UP, write
+
+from stereo_seecolor.commands.inspect_unknown import unknown_files
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
+from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds
+from stereo_seecolor.records import Trajectory
+
+HEADER = "timestamp,latitude,longitude,depth,heading"
+NOON = 1792152000.0  # 2026-10-16 12:00:00 UTC
+
+
+def known(trajectory: Trajectory) -> list[bool]:
+    return np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).tolist()  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize("word", ["", "--.--", "-", "NA", "N/A", "null", "None", "nan", "-9999", "-999"])
+def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Path) -> None:
+    text = f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},{word},{word},5,0\n{NOON + 2},50,-10,5,90\n"
+    trajectory = read_trajectory(write(tmp_path, text, "nav.csv"))
+    assert known(trajectory) == [True, False, True]
+
+
+def test_the_null_island_is_no_place(tmp_path: Path) -> None:
+    assert known(read_trajectory(write(tmp_path, f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},0,0,5,0\n", "nav.csv"))) == [True, False]
+
+
+@pytest.mark.parametrize("depth", ["depth", "altitudeRelative"])
+def test_a_depth_that_is_never_positive_is_a_height(depth: str, tmp_path: Path) -> None:
+    text = f"{HEADER.replace('depth', depth)}\n{NOON},50,-10,-5,0\n{NOON + 1},50,-10,-5,0\n"
+    trajectory = read_trajectory(write(tmp_path, text, "nav.csv"))
+    np.testing.assert_allclose(trajectory.T_world_camera[:, 2, 3], [-5, -5])
+
+
+def test_a_telemetry_csv_of_qgroundcontrol(tmp_path: Path) -> None:
+    header = (
+        "Timestamp,roll,pitch,heading,groundSpeed,altitudeRelative,clock.currentTime,clock.currentDate,gps.lat,gps.lon,gps2.lat"
+    )
+    row = "2026-10-16 12:00:0{}.000,0.0,0.0,{},--.--,-5.0,12:00:00,10/16/2026,50,-10,--.--"
+    text = "\n".join([header, row.format(0, 0), row.format(1, 90)]) + "\n"
+    trajectory = read_trajectory(write(tmp_path, text, "qgc.csv"))
+    np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
+    assert trajectory.timestamps_s.tolist() == [NOON, NOON + 1]
+    assert trajectory.origin is not None and not trajectory.fixes
+
+
+@pytest.mark.parametrize(
+    ("date", "time"),
+    [
+        ("16/10/2026", "12:00:00"), ("10/16/2026", "12:00:00"), ("2026-10-16", "12:00"), ("16.10.2026", "12:00:00"),
+        ("2026/10/16", "12:00:00.0"), ("10/16/2026", "12:00:00 PM"), ("10/16/26", "12:00 pm"), ("10-16-2026", "12:00:00 UTC"),
+    ],
+)  # fmt: skip
+def test_dates_apart_or_with_their_time(date: str, time: str, tmp_path: Path) -> None:
+    apart = f"date,time,lat,lon,depth,heading\n{date},{time},50,-10,5,0\n"
+    together = f"{HEADER}\n{date} {time},50,-10,5,0\n"
+    for text in (apart, together):
+        assert read_trajectory(write(tmp_path, text, "nav.csv")).timestamps_s.tolist() == [NOON]
+
+
+def test_one_date_tells_the_order_of_a_column() -> None:
+    assert column_seconds(["12/10/2026 0:00:00", "13/10/2026 0:00:00"])[0] == NOON - 4.5 * 86400
+    assert column_seconds(["10/12/2026 0:00:00", "10/13/2026 0:00:00"])[0] == NOON - 4.5 * 86400
+    assert column_seconds(["10/12/2026 12:00:00 AM"], day_first=False) == [NOON - 4.5 * 86400]
+    with pytest.raises(TimeError, match="13/13/2026"):
+        column_seconds(["13/13/2026 0:00:00"])
+
+
+def test_dates_of_open_order_are_refused_until_they_are_named(tmp_path: Path) -> None:
+    path = write(tmp_path, "date,time,lat,lon,depth,heading\n10/06/2026,12:00:00,50,-10,5,0\n", "nav.csv")
+    with pytest.raises(InputError, match=r"'10/06/2026 12:00:00' may be day/month or month/day: name the columns with date="):
+        read_trajectory(path)
+    columns = "time=time,lat=lat,lon=lon,depth=depth,heading=heading"
+    found = [read_trajectory(Path(f"{path}:{role}=date,{columns}")).timestamps_s[0] for role in ("date", "us_date")]
+    assert found == [NOON - 128 * 86400, NOON - 10 * 86400]
+    with pytest.raises(AmbiguousDateError):
+        column_seconds(["1/2/2026 10:00:00", ""])
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude"),
+    [
+        ("14.5 S", "145.25 E"),
+        ("14°30'0.0\"S", "145°15'0\"E"),
+        ("S 14 30.0", "E 145 15.0"),
+        ("14:30:00 S", "145:15 E"),
+        ("-14.5°", "145.25°"),
+    ],
+)
+def test_degrees_minutes_and_hemispheres(latitude: str, longitude: str, tmp_path: Path) -> None:
+    quoted = [f'"{text.replace(chr(34), 2 * chr(34))}"' for text in (latitude, longitude)]
+    trajectory = read_trajectory(write(tmp_path, f"{HEADER}\n{NOON},{quoted[0]},{quoted[1]},5,0\n", "nav.csv"))
+    assert trajectory.origin is not None
+    assert (trajectory.origin.latitude_deg, trajectory.origin.longitude_deg) == pytest.approx((-14.5, 145.25))
+
+
+def test_a_spreadsheets_own_encoding(tmp_path: Path) -> None:
+    text = f"{HEADER}\n{NOON},14.5° S,145.25° E,5,0\n"
+    for encoding in ("cp1252", "utf-16", "utf-8-sig"):
+        (tmp_path / "nav.csv").write_bytes(text.encode(encoding))
+        assert read_trajectory(tmp_path / "nav.csv").origin is not None
+
+
+@pytest.mark.parametrize("columns", ["", ":time=timestamp,north=y,east=x"])
+def test_positions_that_are_marked_invalid_are_not_used(columns: str, tmp_path: Path) -> None:
+    names = "y,x" if columns else "north,east"
+    rows = "".join(f"{NOON + i},{i % 2 == 0},{i},{2 * i}\n" for i in range(4))
+    trajectory = read_trajectory(Path(f"{write(tmp_path, f'timestamp,position_valid,{names}{chr(10)}{rows}', 'a.csv')}{columns}"))
+    assert trajectory.fixes and known(trajectory) == [True, False, True, False]
+    np.testing.assert_allclose(trajectory.T_world_camera[2, :2, 3], [4, 2])
+
+
+@pytest.mark.parametrize(
+    ("header", "lacks"),
+    [
+        ("timestamp,heading,roll,pitch", r"without lat and lon \(or north and east\), depth \(or up\) \(it has timestamp, heading"),
+        ("timestamp,depth", r"without lat and lon \(or north and east\), heading"),
+        ("latitude,longitude,depth,heading,photo", "holds a header, but no rows"),
+        ("timestamp,position_valid,x,y,z", r"without lat and lon"),
+    ],
+)
+def test_tables_that_lack_columns_or_rows_name_them(header: str, lacks: str, tmp_path: Path) -> None:
+    row = "" if "photo" in header else ",".join(["1"] * header.count(",")) + ",1\n"
+    path = write(tmp_path, f"{header}\n{row}", "nav.csv")
+    with pytest.raises(InputError, match=lacks):
+        read_trajectory(path)
+    assert trajectory_format(path) == "table of navigation"  # so that inspect names it
+
+
+def nmea(body: str) -> str:
+    total = 0
+    for byte in body.encode():
+        total ^= byte
+    return f"${body}*{total:02X}\n"
+
+
+RMC, GGA = (
+    "GPRMC,120001.50,A,1430.0000,S,14515.0000,E,0.5,90.0,161026,,,A",
+    "GPGGA,120001.50,1430.0000,S,14515.0000,E,4,12,0.8,0.0,M,0.0,M,,",
+)
+POINT = '<trkpt lat="-14.5" lon="145.25"><ele>0</ele><time>2026-10-16T12:00:01.5Z</time></trkpt>'
+GPX = f'<gpx version="1.1"><trk><trkseg>{POINT}</trkseg></trk></gpx>'
+KML = "<kml><gx:Track><when>2026-10-16T12:00:01.5Z</when><gx:coord>145.25 -14.5 0</gx:coord></gx:Track></kml>"
+LOGS = {
+    "RMC and GGA": nmea(GGA) + nmea(RMC) + "\n" + nmea(RMC.replace(",A,", ",V,", 1).replace("1430", "1530")),
+    "GGA and ZDA": nmea("GPZDA,120001.00,16,10,2026,00,00") + nmea(GGA) + nmea(GGA.replace(",4,12", ",0,00")),
+    "with a logger's prefix": f"2026-10-16 12:00:02.1 {nmea(RMC)}",
+    "a damaged sentence": nmea(RMC) + nmea(RMC).replace("1430", "1830"),
+    "GPX": GPX, "GPX, indented": GPX.replace("><", ">\n  <"), "KML": KML,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_receivers_logs_are_fixes(name: str, tmp_path: Path) -> None:
+    fixes = read_trajectory(write(tmp_path, LOGS[name], "log.txt"))
+    assert fixes.fixes and fixes.timestamps_s.tolist() == [NOON + 1.5]
+    assert fixes.origin is not None
+    assert (fixes.origin.latitude_deg, fixes.origin.longitude_deg) == pytest.approx((-14.5, 145.25))
+
+
+def test_nmea_without_a_date_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no position with a date and time"):
+        read_trajectory(write(tmp_path, nmea(GGA), "log.nmea"))
+
+
+def test_a_reconstruction_of_opensfm(tmp_path: Path) -> None:
+    R_camera_world = NORTH_UP.T
+    from scipy.spatial.transform import Rotation
+
+    shot = {"rotation": Rotation.from_matrix(R_camera_world).as_rotvec().tolist(), "capture_time": NOON}
+    shot["translation"] = (-R_camera_world @ [1.0, 2.0, -3.0]).tolist()
+    whole = [{"shots": {}}, {"shots": {"a.jpg": shot}, "reference_lla": {"latitude": -14.5, "longitude": 145.25, "altitude": -2.0}}]
+    trajectory = read_trajectory(write(tmp_path, json.dumps(whole), "reconstruction.json"))
+    assert trajectory.names == ("a.jpg",) and trajectory.up == "z" and trajectory.origin is not None
+    np.testing.assert_allclose(trajectory.T_world_camera[0, :3], np.column_stack([NORTH_UP, [1, 2, -5]]), atol=1e-12)
+    with pytest.raises(InputError, match="no shots with a rotation"):
+        read_trajectory(write(tmp_path, '[{"shots": {"a": {}}}]', "reconstruction.json"))
+
+
+FOREIGN = {
+    "dive.ulg": (b"ULog\x01\x12\x35\x01" + bytes(50), "a log of PX4"),
+    "dive.BIN": (b"\xa3\x95\x80" + bytes(50), "a log of ArduPilot"),
+    "dive.tlog": (bytes(8) + b"\xfd\x1c\x00\x00\x01\x01" + bytes(50), "a telemetry log of MAVLink"),
+    "nav.xlsx": (b"PK\x03\x04" + bytes(50), "a spreadsheet or an archive"),
+    "track.shp": (b"\x00\x00\x27\x0a" + bytes(96), "a Shapefile"),
+    "model.nvm": (b"NVM_V3\n\n2\n", "a model of VisualSFM"),
+    "bundle.out": (b"# Bundle file v0.3\n2 0\n", "a model of Bundler"),
+    "shots.json": (b'{"type": "FeatureCollection", "features": []}', "a GeoJSON file"),
+    "mission.yaml": (b"version: 1\norigin:\n  latitude: 50.8\n", "a mission file of oplab"),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_foreign_files_are_named_by_read_and_inspect(name: str, tmp_path: Path) -> None:
+    content, message = FOREIGN[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=f"{name}: is {message}"):
+        read_trajectory(tmp_path / name)
+    (line,) = unknown_files([tmp_path / name, tmp_path], (), ())
+    assert line.startswith("not used: ") and message in line
+    assert unknown_files([tmp_path / name], [tmp_path / name], ()) == ()
+
+
+def test_inspect_names_a_file_of_which_it_knows_nothing(tmp_path: Path) -> None:
+    (line,) = unknown_files([write(tmp_path, "hello\n", "notes.txt")], (), ())
+    assert line.endswith("notes.txt: is neither images, nor a calibration or trajectory of a format that is known here")
