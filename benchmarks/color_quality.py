@@ -1,12 +1,13 @@
 """Every color method on known truth and on white cards in the sea: the tables of docs/color-quality.md and color-experiments.md.
 
-    python benchmarks/color_quality.py [--cases 24] [--first-seed 100] [--data ../shared/data]
+    python benchmarks/color_quality.py [--cases 24] [--first-seed 100] [--data FOLDER]
 
 Seeds below 100 were looked at while the method was made; those from 100 on were not.
 """
 
 import argparse
 import itertools
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -196,7 +197,9 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--reef-seed", type=int, default=100)
-    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[2] / "shared" / "data")
+    parser.add_argument(
+        "--data", type=Path, default=Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")), help="of real frames: tests/DATA.md"
+    )
     parser.add_argument("--methods", help="only methods whose name holds this")
     asked = parser.parse_args()
     start = time.perf_counter()

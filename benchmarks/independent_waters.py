@@ -1,11 +1,12 @@
 """Every color method in waters that stem from no table of Jerlov's: the judging set of docs/color-experiments.md.
 
-    python benchmarks/independent_waters.py [--cases 24] [--first-seed 0] [--data ../shared/data]
+    python benchmarks/independent_waters.py [--cases 24] [--first-seed 0] [--data FOLDER]
 
 Scenes: those of color_cases.py, and photographs with their geometry. Waters: synthetic/measured_waters.py.
 """
 
 import argparse
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -71,7 +72,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[2] / "shared" / "data")
+    parser.add_argument(
+        "--data", type=Path, default=Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")), help="of real frames: tests/DATA.md"
+    )
     parser.add_argument("--methods", default="", help="only methods whose name holds this")
     asked = parser.parse_args()
     methods = {name: method for name, method in METHODS_COMPARED.items() if asked.methods in name} | {"the true water": true_water}

@@ -1,5 +1,6 @@
 """Our matcher beside cv2.StereoSGBM 3WAY, on the synthetic reef and Teddy: python benchmarks/matching.py [WIDTHxHEIGHT]."""
 
+import os
 import platform
 import resource
 import sys
@@ -19,7 +20,7 @@ from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.records import StereoFrame
 
 REPEATS = 5
-TEDDY = Path(__file__).resolve().parents[2] / "shared" / "data" / "teddy"
+TEDDY = Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")) / "teddy"
 
 
 def plain(left, right, count: int, color: bool) -> Callable[[], np.ndarray]:

@@ -6,6 +6,7 @@ from stereo_seecolor.compute.library_threads import one_thread_in_libraries
 one_thread_in_libraries()  # as at the command line, and before what follows imports them
 
 import io
+import os
 import re
 import shlex
 import shutil
@@ -38,7 +39,8 @@ settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
-REAL_DATA = ROOT.parent / "shared" / "data"
+REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
+"""Real frames, which are not in the repository: tests/DATA.md."""
 
 Cli = Callable[..., tuple[int, str, str]]
 
@@ -158,11 +160,11 @@ def demo_at_hand(finished_demo: DemoResult, monkeypatch: pytest.MonkeyPatch) -> 
     return finished_demo
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of real frames, stereo pairs and chessboards; skips where it is absent."""
     if not REAL_DATA.is_dir():
-        pytest.skip(f"real frames are not in the repository, and {REAL_DATA} does not exist here")
+        pytest.skip("real frames are not in the repository: STEREO_SEECOLOR_DATA names their folder (tests/DATA.md)")
     return REAL_DATA
 
 

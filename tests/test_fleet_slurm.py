@@ -15,14 +15,14 @@ from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 ROOT = Path(__file__).resolve().parents[1]
-SCRIPT = ROOT.parent / "shared" / "tools" / "slurm-one-node"
+SCRIPT = ROOT / "tests" / "support" / "slurm-one-node"
 
 
 @pytest.fixture(scope="module")
 def controller(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The configuration of a SLURM of this machine alone, which runs."""
-    if os.geteuid() != 0 or not SCRIPT.exists() or not all(map(shutil.which, ("slurmctld", "slurmd", "munged"))):
-        pytest.skip("needs root, Debian's slurm-wlm and munge, and the script slurm-one-node beside the checkout")
+    if os.geteuid() != 0 or not all(map(shutil.which, ("slurmctld", "slurmd", "munged"))):
+        pytest.skip("needs root, and Debian's slurm-wlm and munge")
     folder = tmp_path_factory.mktemp("slurm")
     subprocess.run([SCRIPT, "start", folder], check=True, capture_output=True)
     try:

@@ -16,11 +16,12 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import SampleRun, command
+from conftest import REAL_DATA, SampleRun, command
 from golden_numbers import (
     OWN_TRACK,
     SAME_FILES,
     Numbers,
+    Tolerances,
     color_run_numbers,
     differences,
     map_numbers,
@@ -33,11 +34,12 @@ from golden_numbers import (
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
-FLSEA = ROOT.parent / "shared" / "data" / "flsea"
 GOLDEN = ROOT / "tests" / "golden"
 
 SAMPLE_DIVE = ("--left", str(REEF / "left"), "--right", str(REEF / "right"), "--calib", str(REEF / "cam.yaml"))
-REAL_FRAMES = ("--images", str(FLSEA / "rgb"), "--range", str(FLSEA / "range"))
+REAL_FRAMES = ("--images", str(REAL_DATA / "flsea" / "rgb"), "--range", str(REAL_DATA / "flsea" / "range"))
+ACFR = REAL_DATA / "acfr"
+REAL_DIVE = ("--left", str(ACFR / "left"), "--right", str(ACFR / "right"), "--calib", str(ACFR / "stereo_calib.mat"))
 
 RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = {
     "sample_dive": {
@@ -49,13 +51,19 @@ RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = 
         "correct": (("correct", *REAL_FRAMES), color_run_numbers),
         "correct, one water": (("correct", *REAL_FRAMES, "--set", "color.lock=survey"), color_run_numbers),
     },
+    "acfr": {"run": (("run", *REAL_DIVE, "--refine"), run_numbers)},
 }
 """By the file of the numbers, then by a name in it: the command without --out, and what is kept of its folder."""
-MAPS = {
-    "map, own track": ((), OWN_TRACK),
-    "map, given poses": (("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given"), SAME_FILES),
+MAPS: dict[str, dict[str, tuple[tuple[str, ...], Tolerances]]] = {
+    "sample_dive": {
+        "map, own track": ((), OWN_TRACK),
+        "map, given poses": (("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given"), SAME_FILES),
+    },
+    "acfr": {"map, own track": ((), OWN_TRACK)},
 }
-"""Of the sample dive's first run, in the same file: what is typed after ``fuse OUT``, and the tolerances."""
+"""Of the run that a file of numbers names "run": by that file, then by a name in it, what is typed after ``fuse OUT``, and the
+tolerances.
+"""
 
 
 def golden(file: str) -> Numbers:
@@ -69,9 +77,9 @@ def run(file: str, name: str, out: Path) -> Numbers:
     return numbers(out)
 
 
-def fuse(name: str, out: Path) -> Numbers:
+def fuse(file: str, name: str, out: Path) -> Numbers:
     """Of a finished run in out."""
-    code, said = command("fuse", str(out), *MAPS[name][0])
+    code, said = command("fuse", str(out), *MAPS[file][name][0])
     assert code == 0, said
     return map_numbers(out)
 
@@ -104,7 +112,7 @@ def test_the_map_of_the_sample_dive_by_its_own_track(dive: Path) -> None:
 
 @pytest.mark.slow
 def test_the_map_of_the_sample_dive_by_given_poses(sample_run: SampleRun, tmp_path: Path) -> None:
-    measured = fuse("map, given poses", sample_run.copy(tmp_path / "out"))
+    measured = fuse("sample_dive", "map, given poses", sample_run.copy(tmp_path / "out"))
     assert not differences(golden("sample_dive")["map, given poses"], measured, SAME_FILES)
 
 
@@ -113,6 +121,13 @@ def test_the_map_of_the_sample_dive_by_given_poses(sample_run: SampleRun, tmp_pa
 @pytest.mark.parametrize("name", RUNS["flsea"])
 def test_real_frames(name: str, real_data: Path, tmp_path: Path) -> None:
     assert not differences(golden("flsea")[name], run("flsea", name, tmp_path / "out"))
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_a_real_dive_and_its_map(real_data: Path, tmp_path: Path) -> None:
+    assert not differences(golden("acfr")["run"], run("acfr", "run", tmp_path / "out"))
+    assert not differences(golden("acfr")["map, own track"], fuse("acfr", "map, own track", tmp_path / "out"), OWN_TRACK)
 
 
 @pytest.mark.slow
@@ -146,7 +161,7 @@ def changes(file: str, measured: Numbers) -> list[str]:
     if not (GOLDEN / f"{file}.json").exists():
         return ["new"]
     stored = golden(file)
-    tolerances = {name: MAPS[name][1] if name in MAPS else SAME_FILES for name in measured}
+    tolerances = {name: MAPS.get(file, {}).get(name, ((), SAME_FILES))[1] for name in measured}
     return [f"{name}: {line}" for name in measured for line in differences(stored.get(name, {}), measured[name], tolerances[name])]
 
 
@@ -154,12 +169,11 @@ def renew(write: bool) -> None:
     """Print how the numbers of every run differ from those stored, beyond the tolerances; with write, store them all."""
     with tempfile.TemporaryDirectory() as folder:
         for file, runs in RUNS.items():
-            if file == "flsea" and not FLSEA.is_dir():
-                print(f"{file}: {FLSEA} does not exist here: left as it is")
+            if file != "sample_dive" and not REAL_DATA.is_dir():
+                print(f"{file}: STEREO_SEECOLOR_DATA names no folder of real frames (tests/DATA.md): left as it is")
                 continue
             measured = {name: run(file, name, Path(folder) / file / name) for name in runs}
-            if file == "sample_dive":
-                measured |= {name: fuse(name, Path(folder) / file / "run") for name in MAPS}
+            measured |= {name: fuse(file, name, Path(folder) / file / "run") for name in MAPS.get(file, {})}
             print(f"{file}:", *(changes(file, measured) or ["nothing differs"]), sep="\n  ")
             if write:
                 write_numbers(GOLDEN / f"{file}.json", measured)

@@ -53,10 +53,8 @@ class RealDive:
 
 
 @pytest.fixture(scope="module")
-def dive(tmp_path_factory: pytest.TempPathFactory) -> RealDive:
-    data = Path(__file__).resolve().parents[2] / "shared" / "data" / "acfr"
-    if not data.is_dir():
-        pytest.skip(f"the real dive is not in the repository, and {data} does not exist here")
+def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
+    data = real_data / "acfr"
     folder = tmp_path_factory.mktemp("reef")
     for side in ("left", "right"):
         (folder / side).mkdir()
