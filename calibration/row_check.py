@@ -20,6 +20,8 @@ class RowLimits:
     water_index: tuple[float, float] = (1.26, 1.42)  # water is 1.33 to 1.36, and the grid steps by 0.02
     air_ratio: float = 0.7  # light bent by a port must leave less than this of what a moved camera leaves ...
     air_gain_px: float = 0.05  # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
+    alike: float = 1.5  # an enlargement alone that leaves so many times what a movement leaves explains rows as well ...
+    clear: float = 0.25  # ... or so much of what was to be explained
 
 
 LIMITS = RowLimits()
@@ -154,4 +156,17 @@ class RowCheck:
                 "pairs that are not of one moment, another lens or another rig than the calibrated one, moving things or a shutter "
                 "out of step"
             )
-        return f"a vertical disparity of {self.row_error_px:.2f} px, as after {cause}: a camera has moved since; calibrate again"
+        moved = f"a vertical disparity of {self.row_error_px:.2f} px, as after {cause}: a camera has moved since"
+        return f"{moved}{self._or_cut_out}; calibrate again"
+
+    @property
+    def _or_cut_out(self) -> str:
+        """What an enlargement of both images would have done that leaves the same rows."""
+        factor, left_px = self.enlargement.alone, self.enlargement.alone_px
+        if left_px > max(LIMITS.alike * self.unexplained_px, LIMITS.clear * self.row_error_px):
+            return ""
+        return (
+            f", or the images are cut out of the calibrated ones and enlarged {factor:.2f} times to their size (stabilized, a "
+            f"digital zoom), which would leave {left_px:.2f} px: ranges would be {1 / factor:.2f} of the true ones, and "
+            "refining would hide it"
+        )

@@ -56,6 +56,16 @@ def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None
     assert "cut out of the calibrated ones" in check.advice[0]
 
 
+def test_a_small_cut_that_looks_like_a_moved_camera_is_said_with_what_it_does_to_ranges() -> None:
+    """A lens that is mounted higher than the other is so by more in the enlarged images: an offset of the rows."""
+    rig = pinhole_rig()
+    check = judge_matches(rig, [matches_of(enlarged(rig, 1.03), rig)])
+    assert check.enlargement.alone == pytest.approx(1.03, abs=0.015)
+    assert "enlarged 1.03 times to their size" in check.advice[0] and "ranges would be 0.97 of the true ones" in check.advice[0]
+    rolled = judge_matches(rig, [matches_of(moved_rig(rig, np.array([0, 0.003, 0, 0])), rig)])
+    assert "a camera has moved since; calibrate again" in rolled.advice[0]
+
+
 @pytest.mark.parametrize(("row_px", "said"), [(0.2, False), (0.3, True)])
 def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(row_px: float, said: bool) -> None:
     """Of small images a focal length that is 1.33 times off leaves rows within half a pixel, and ranges 0.75 of the true ones."""
