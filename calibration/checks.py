@@ -9,7 +9,7 @@ from calibration.enlargement import NOT_ENLARGED, best_enlargement
 from calibration.errors import CalibrationError
 from calibration.keystone import find_keystone
 from calibration.matches import Matches, find_matches
-from calibration.plan import plan_rectification
+from calibration.plan import plan_rectification, raw_points
 from calibration.quick_look import BEHIND_PX, MIN_MATCHES
 from calibration.rectification import Rectification
 from calibration.rig import StereoRig
@@ -54,6 +54,8 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
     sides = [(R_left, left), (R_right, right)]
     index, index_unexplained = _best_index(sides, pair.focal_px) if has_distortion else (1.0, np.inf)  # lenses would look like air
     row_error_px = float(np.median(np.abs(rows)))
+    in_images = raw_points(rig, *raw)
+    across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair
     agree = row_error_px <= LIMITS.acceptable_px or rig.port is not None or rig.is_rectified
     return RowCheck(
         pairs=len(found),
@@ -68,7 +70,18 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
         index_unexplained_px=index_unexplained,
         enlargement=NOT_ENLARGED if agree else best_enlargement(rig, *raw),
         keystone=find_keystone(left, right, numbers, pair.focal_px),
+        unrectified_px=float(np.median(np.abs(in_images[1][:, across] - in_images[0][:, across]))),
+        apart_px=float(np.median(np.hypot(*(in_images[1] - in_images[0]).T))),
+        between_pairs_px=_between_pairs_px(unexplained, numbers),
     )
+
+
+def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:
+    """Robust standard deviation of the medians of each pair's rows; numbers: (n,) each match's pair."""
+    medians = [np.median(rest[numbers == number]) for number in np.unique(numbers)]
+    if len(medians) < 3:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(medians - np.median(medians))))
 
 
 def _best_index(sides: list[tuple[Array, Array]], focal_px: float) -> tuple[float, float]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.matches import Images, Matches, look_alikes
 from calibration.refraction import cameras_in_water
-from calibration.rig import StereoRig
-from calibration.row_check import RowCheck
+from calibration.rig import Camera, StereoRig
+from calibration.row_check import GIVE_RECTIFIED, RECTIFIED, RowCheck
 
 Array = NDArray[np.float64]
 Flip = tuple[bool, bool]
@@ -25,7 +25,8 @@ class MistakeLimits:
     least_points: fewer may be alike by chance. wrong_px: a rig that has drifted is off by a pixel or two (0.6 px on a real dive).
     left_px, better: what a mistake may leave, and how many times less than the rig as given: on a real dive the right one leaves
     0.4 px, and others 4 px and more. alike: mistakes within this factor explain the images alike, and the more usual is named.
-    in_front: of the points.
+    in_front: of the points. rectified_px: rows of rectified images differ by the noise of the points alone, and raw ones of a pair
+    that was built parallel by little more.
     """
 
     least_points: int = 50
@@ -34,6 +35,7 @@ class MistakeLimits:
     better: float = 4.0
     alike: float = 1.2
     in_front: float = 0.8
+    rectified_px: float = 0.7
 
 
 LIMITS = MistakeLimits()
@@ -53,9 +55,9 @@ class Fit:
         """Tell whether nearly all points lie behind the cameras."""
         return self.in_front < 1 - LIMITS.in_front
 
-    def explains(self, given: "Fit") -> bool:
-        """Tell whether this fit can be the truth where ``given`` cannot."""
-        good = self.off_px < LIMITS.left_px and self.in_front > LIMITS.in_front
+    def explains(self, given: "Fit", most_px: float) -> bool:
+        """Tell whether this fit, off by at most most_px, can be the truth where ``given`` cannot."""
+        good = self.off_px < most_px and self.in_front > LIMITS.in_front
         return good and (given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px))
 
 
@@ -68,7 +70,7 @@ class Mistake:
     """A usual mistake. what: was done. cure: what to do. rig: the calibration without it.
 
     left_flip, right_flip: which axes of a side's images run the other way, x and y: both where they were turned by 180 degrees.
-    line: says what was done, with its evidence, and what to do.
+    line: says what was done, with its evidence, and what to do. most_px: what the mistake may leave.
     """
 
     what: str
@@ -77,6 +79,7 @@ class Mistake:
     left_flip: Flip = KEPT
     right_flip: Flip = KEPT
     line: str = ""
+    most_px: float = LIMITS.left_px
 
     @property
     def exchanged(self) -> bool:
@@ -103,6 +106,8 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
     back = _transform(R.T, -R.T @ t)
     with suppress(CalibrationError):
         yield Mistake(EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back))
+    if rig.left.image_size == rig.right.image_size and not rig.is_rectified:
+        yield Mistake(RECTIFIED, GIVE_RECTIFIED, rectified_like(rig), most_px=LIMITS.rectified_px)
     wrong_way = "the translation between the cameras points the wrong way"
     reverse = "use -T, or -R T if it is the place of the right camera"
     transforms = (
@@ -120,6 +125,18 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
         yield Mistake(f"the {sides} images are turned by 180 degrees against the calibration", _TURN, rig, left, right)
     for flip in (ACROSS, DOWN):
         yield _mirrored("left and right", rig, flip, flip)
+
+
+def rectified_like(rig: StereoRig) -> StereoRig:
+    """A rig of rectified images, of this one's baseline; its focal length and center are not those of the images."""
+    camera = Camera(rig.left.K, np.zeros(0), rig.left.image_size)
+    along = np.eye(3)[int(np.abs(rig.T_right_left[:2, 3]).argmax())]
+    return replace(
+        rig,
+        left=camera,
+        right=camera,
+        T_right_left=_transform(np.eye(3), np.copysign(rig.baseline_m, rig.T_right_left[:3, 3]) * along),
+    )
 
 
 def _mirrors(rig: StereoRig) -> Iterator[Mistake]:
@@ -142,7 +159,7 @@ def _transform(R: Array, t: Array) -> Array:
 
 def may_be_mistaken(rows: RowCheck) -> bool:
     """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be searched for."""
-    return rows.swapped or rows.row_error_px > LIMITS.wrong_px
+    return rows.swapped or (rows.row_error_px > LIMITS.wrong_px and not rows.refusal)
 
 
 def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
@@ -172,7 +189,7 @@ def _explaining(points: Matches, mistakes: Iterator[Mistake], given: Fit, as_giv
     if len(points.left) < LIMITS.least_points:
         return None
     tried = [(mistake, fit_of(mistake, points)) for mistake in mistakes]
-    tried = [(mistake, fit) for mistake, fit in tried if fit.explains(given)]
+    tried = [(mistake, fit) for mistake, fit in tried if fit.explains(given, mistake.most_px)]
     if not tried:
         return None
     least = min(fit.off_px for _, fit in tried)

@@ -6,12 +6,14 @@ image by their true inverse depth, and by the turn of the camera. Disparities wi
 motion. The length of the baseline is not seen: all of it would be larger, alike.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.gray import to_gray
 from calibration.matches import QUICK, Images, Matches, clear, match_images, same_points
@@ -29,8 +31,9 @@ class MotionLimits:
     """Decides what is measured, and what is said of it.
 
     least_points, least_couples: fewer tell nothing, or give no standard error. least_move: median movement in the image, of its
-    width: less holds too little parallax. most_row_px: rows of a rig that has drifted are off by a pixel or two. near_px: points
-    that two matches have in common lie within it.
+    width: less holds too little parallax. most_row_px: rows of a rig that has drifted are off by a pixel or two.
+    least_disparity_px: less is infinity, or one camera's picture on both sides. near_px: points that two matches have in common lie
+    within it.
     lens_rad: offset, as an angle, that errors of a usual lens model look like; focal: the same of the focal length, relative. A
     real rig of 1360x1024 px, whose ranges fit the track of its survey, has 0.0014 and 0.02.
     known_focal: the focal length is fitted where its standard error is below that. range_error, deviations: ranges are said to be
@@ -41,6 +44,7 @@ class MotionLimits:
     least_couples: int = 3
     least_move: float = 0.04
     most_row_px: float = 5.0
+    least_disparity_px: float = 1.0
     near_px: float = 1.0
     lens_rad: float = 0.0015
     focal: float = 0.02
@@ -132,9 +136,12 @@ def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
     focal_px, pixel_error = geometry.focal_px, 1 / (geometry.focal_px * geometry.baseline_m)
     if len(couples) < LIMITS.least_couples:
         return Motion(pixel_error=pixel_error)
-    fitted = fit_motions(couples, focal_px)
-    focal_is_known = fitted.std[1] < LIMITS.known_focal
-    fitted = fitted if focal_is_known else fit_motions(couples, focal_px, free_focal=False)
+    try:
+        fitted = fit_motions(couples, focal_px)
+        focal_is_known = fitted.std[1] < LIMITS.known_focal
+        fitted = fitted if focal_is_known else fit_motions(couples, focal_px, free_focal=False)
+    except np.linalg.LinAlgError:  # points that hold no motion: all on a line
+        return Motion(pixel_error=pixel_error)
     disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
     offset_px, log_focal = map(float, fitted.values)
     lens_px, lens_focal = LIMITS.lens_rad * focal_px, LIMITS.focal * focal_is_known
@@ -154,12 +161,18 @@ def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
 
 
 def _couple(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
-    """The points that the first pair and the first one that has moved far enough show."""
-    first: tuple[Gray, Gray] | None = None
+    """The points that the first pair and the first one that has moved far enough show; None also for images of another size."""
+    with suppress(CalibrationError):
+        return _moved(rectification, iter(pairs))
+    return None
+
+
+def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice | None:
+    images = next(pairs, None)
+    if images is None:
+        return None
+    first = _left(rectification, images), _right(rectification, images)
     for images in pairs:
-        if first is None:
-            first = _left(rectification, images), _right(rectification, images)
-            continue
         left = _left(rectification, images)
         moved = match_images(first[0], left, ANYWHERE)
         if len(moved.left) < LIMITS.least_points:
@@ -182,11 +195,14 @@ def _seen_twice(rectification: Rectification, here: Matches, moved: Matches, the
     """Points of the left images of both pairs, with their disparities at both moments."""
     geometry = rectification.matching_pair
     at_first, at_second = same_points(moved.left, here.left, LIMITS.near_px), same_points(moved.right, there.left, LIMITS.near_px)
-    both = (at_first >= 0) & (at_second >= 0)
-    sides = []
-    for left, matches, index in ((moved.left, here, at_first), (moved.right, there, at_second)):
+    found = np.flatnonzero((at_first >= 0) & (at_second >= 0))
+    kept, sides = np.ones(len(found), bool), []
+    for left, matches, index in (
+        (moved.left[found], here, at_first[found]),
+        (moved.right[found], there, at_second[found]),
+    ):
         disparity, row_px = (matches.left[index] - matches.right[index]).T
         disparity = disparity - (geometry.cx_left_px - geometry.cx_right_px)
-        both &= (np.abs(row_px) < LIMITS.most_row_px) & (disparity > 0)
+        kept &= (np.abs(row_px) < LIMITS.most_row_px) & (disparity > LIMITS.least_disparity_px)
         sides.append(np.column_stack([left - [geometry.cx_left_px, geometry.cy_px], disparity]))
-    return SeenTwice(sides[0][both], sides[1][both]) if both.sum() >= LIMITS.least_points else None
+    return SeenTwice(sides[0][kept], sides[1][kept]) if kept.sum() >= LIMITS.least_points else None

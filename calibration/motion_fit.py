@@ -56,7 +56,10 @@ class Fitted:
 
 
 def fit_motions(couples: Sequence[SeenTwice], focal_px: float, free_focal: bool = True) -> Fitted:
-    """Robust least squares of all couples' motions with the offset and the focal length that they share."""
+    """Robust least squares of all couples' motions with the offset and the focal length that they share.
+
+    Raises LinAlgError where a couple's points hold no motion.
+    """
     poses, shared = np.zeros((len(couples), POSE)), np.zeros(2)
     prior = (SETTINGS.noise_px / np.array([SETTINGS.offset_px, SETTINGS.focal if free_focal else SETTINGS.fixed])) ** 2
     for number in range(SETTINGS.rounds):

@@ -41,7 +41,8 @@ def quick_look(rectification: Rectification, images: Images) -> QuickLook:
         return QuickLook(False, False, np.zeros(0))
     shift_px, row_px = (found.left - found.right).T
     disparity_px = shift_px - (pair.cx_left_px - pair.cx_right_px)
-    agree = np.median(np.abs(row_px)) <= LIMITS.acceptable_px and (disparity_px < BEHIND_PX).mean() <= LIMITS.swapped_fraction
+    apart = np.median(disparity_px) > -BEHIND_PX  # else swapped, or one camera's picture twice
+    agree = np.median(np.abs(row_px)) <= LIMITS.acceptable_px and apart
     centered = (found.left - [pair.cx_left_px, pair.cy_px], found.right - [pair.cx_right_px, pair.cy_px])
     keystone = find_keystone(*centered, np.zeros(len(row_px), np.int64), pair.focal_px)
     in_front = (np.abs(row_px - np.median(row_px)) < STRAY_PX) & (disparity_px > -BEHIND_PX)

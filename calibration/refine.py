@@ -67,6 +67,8 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
             "needed to refine a calibration: give more pairs with texture"
         )
     check = judge_matches(rig, rectified_matches(rig, kept))
+    if check.refusal or check.no_rig:
+        raise CalibrationError(check.advice[0])
     if check.air_in_water or check.cut_out or check.keystone.is_lens:
         raise CalibrationError(f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges would be wrong")
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]

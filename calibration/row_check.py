@@ -21,10 +21,20 @@ class RowLimits:
     air_ratio: float = 0.7  # light bent by a port must leave less than this of what a moved camera leaves ...
     air_gain_px: float = 0.05  # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
     alike: float = 1.5  # an enlargement alone that leaves so many times what a movement leaves explains rows as well ...
+    rectified_ratio: float = (
+        0.5  # rows of rectified images agree to 0.1 px; a camera that moved so that raw rows agree is not usual
+    )
+    apart_px: float = 2.0  # a point lies that near to its own place in the other image only where it is infinitely far
+    between_px: float = 1.0  # a rig's pairs agree to 0.1 px, with a rolling shutter to some tenths; those of a moving camera do not
     clear: float = 0.25  # ... or so much of what was to be explained
 
 
 LIMITS = RowLimits()
+RECTIFIED = "the images are rectified already"
+GIVE_RECTIFIED = (
+    "give the calibration of the rectified images (rectified.yaml, P of ROS, P1 and P2 of OpenCV, or one focal length without "
+    "distortion and rotation), or the raw images"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +49,8 @@ class RowCheck:
     index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked for and found.
     motion: between neighboring pairs, which shows what rows do not.
+    unrectified_px: median difference of the rows in the images as they are; apart_px: median distance of the points in them.
+    between_pairs_px: standard deviation of the pairs' rows, each pair's median, after what explains the most; 0 for under three.
     """
 
     pairs: int
@@ -55,17 +67,51 @@ class RowCheck:
     mistake: str = ""
     keystone: Keystone = NO_KEYSTONE
     motion: Motion = NO_MOTION
+    unrectified_px: float = float("inf")
+    apart_px: float = float("inf")
+    between_pairs_px: float = 0.0
 
     @property
     def acceptable(self) -> bool:
         """True if rows agree to a quarter of a pixel, neither keystone nor motion stands for wrong ranges, and left is left."""
-        ranges_wrong = self.swapped or self.keystone.is_found or self.motion.is_found
+        ranges_wrong = self.swapped or self.keystone.is_found or self.motion.is_found or self.one_picture
         return self.row_error_px <= LIMITS.acceptable_px and not ranges_wrong
 
     @property
     def swapped(self) -> bool:
         """Tell whether nearly all points lie behind infinity."""
         return self.behind_fraction > LIMITS.swapped_fraction
+
+    @property
+    def one_picture(self) -> bool:
+        """Tell whether points lie at the same places of both images, as in one camera's picture that was given twice."""
+        return self.apart_px < LIMITS.apart_px
+
+    @property
+    def no_rig(self) -> bool:
+        """Tell whether pairs contradict each other, as those of one moving camera, or of two moments, do."""
+        return self.between_pairs_px > max(LIMITS.between_px, LIMITS.clear * self.row_error_px)
+
+    @property
+    def refusal(self) -> str:
+        """Why these are no images of this rig that ranges can be had from, and what to do; "" where they may be."""
+        if self.one_picture:
+            return (
+                f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart in the images (median): give the "
+                "other camera's images on one of the sides"
+            )
+        if self.rectified_already:
+            return (
+                f"{RECTIFIED}: as they are their rows agree to {self.unrectified_px:.2f} px, and after rectification by this "
+                f"calibration to {self.row_error_px:.2f} px: {GIVE_RECTIFIED}"
+            )
+        return ""
+
+    @property
+    def rectified_already(self) -> bool:
+        """Tell whether rows agree in the images as they are, and not after rectification."""
+        agree = self.unrectified_px <= min(LIMITS.acceptable_px, LIMITS.rectified_ratio * self.row_error_px)
+        return agree and self.row_error_px > LIMITS.acceptable_px
 
     @property
     def in_front(self) -> bool:
@@ -76,24 +122,31 @@ class RowCheck:
     def has_moved(self) -> bool:
         """True if rows disagree as after a movement of a camera, which refining can find."""
         drifted = (self.row_error_px > LIMITS.acceptable_px and self._is_drift) or self.keystone.is_found
-        return drifted and not (self.swapped or self.air_in_water or self.cut_out or self.keystone.is_lens or self.mistake)
+        otherwise = self.swapped or self.air_in_water or self.cut_out or self.keystone.is_lens or self.refusal or self.no_rig
+        return drifted and not (otherwise or self.mistake)
 
     @property
     def _is_drift(self) -> bool:
-        return self.unexplained_px <= LIMITS.moved_ratio * self.row_error_px and self.row_error_px < LIMITS.drift_px
+        explained = self.unexplained_px <= LIMITS.moved_ratio * self.row_error_px
+        return explained and self.row_error_px < LIMITS.drift_px and not self.no_rig
 
     @property
     def air_in_water(self) -> bool:
         """Tell whether bending the rays as a flat port in water does explains rows that do not agree without it."""
         bent_px = self.index_unexplained_px
         in_water = LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
-        return in_water and self._explains(bent_px) and bent_px <= min(self.enlargement.unexplained_px, self._turned_px)
+        return (
+            in_water
+            and not self.rectified_already
+            and self._explains(bent_px)
+            and bent_px <= min(self.enlargement.unexplained_px, self._turned_px)
+        )
 
     @property
     def cut_out(self) -> bool:
         """True if images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
         left_px = self.enlargement.unexplained_px
-        return self._explains(left_px) and left_px <= self._turned_px and not self.air_in_water
+        return self._explains(left_px) and left_px <= self._turned_px and not (self.air_in_water or self.rectified_already)
 
     @property
     def _turned_px(self) -> float:
@@ -108,8 +161,8 @@ class RowCheck:
     @property
     def advice(self) -> tuple[str, ...]:
         """What to do, one line each, the most severe first."""
-        if self.mistake:
-            return (self.mistake,)
+        if self.refusal or self.mistake:
+            return (self.refusal or self.mistake,)
         if self.swapped:
             return (f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and right folders are swapped",)
         advice = []
@@ -143,7 +196,7 @@ class RowCheck:
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.row_error_px:.2f} px (median); "
             f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
             f"{self.unexplained_px:.2f} px",
-            *([] if self.motion is NO_MOTION else [self.motion.line]),
+            *([] if self.motion is NO_MOTION or self.mistake or self.refusal else [self.motion.line]),
             *self.advice,
             f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)",
         ]
@@ -153,11 +206,17 @@ class RowCheck:
         if not self._is_drift:
             return (
                 f"a vertical disparity of {self.row_error_px:.2f} px, of which {cause} leave {self.unexplained_px:.2f} px: "
-                "pairs that are not of one moment, another lens or another rig than the calibrated one, moving things or a shutter "
-                "out of step"
+                f"{self._between}pairs that are not of one moment, another lens or another rig than the calibrated one, moving "
+                "things or a shutter out of step"
             )
         moved = f"a vertical disparity of {self.row_error_px:.2f} px, as after {cause}: a camera has moved since"
         return f"{moved}{self._or_cut_out}; calibrate again"
+
+    @property
+    def _between(self) -> str:
+        if not self.no_rig:
+            return ""
+        return f"the pairs differ among themselves by {self.between_pairs_px:.1f} px, as pictures of one moving camera do: "
 
     @property
     def _or_cut_out(self) -> str:

@@ -111,7 +111,7 @@ SHAPES: dict[str, Shape] = {
         **keys((dict, None), "left right calibration measured"),
         **keys(int, "pairs unpaired"),
         **keys([str], "calibrations problems"),
-        **{"interval_s": UNKNOWN, "exposure_recorded": bool, "run_command": str},
+        **{"interval_s": UNKNOWN, "exposure_recorded": bool, "agrees": bool, "run_command": str},
         "misfits": [{"pair": str, "fits": (str, None)}],
         "poses": [{**keys(str, "path format by"), **keys(int, "poses pairs")}],
     },

@@ -194,9 +194,19 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
     assert code == 1
     assert "give the other side's folder as --right" in said
     (tmp_path / "twin").symlink_to(dive.root / "L")
-    code, printed, _ = cli(*words, "--right", str(tmp_path / "twin"))
+    code, _, said = cli(*words, "--right", str(tmp_path / "twin"))
+    assert code == 1
+    assert "both sides show one camera's picture" in said
+    assert not (tmp_path / "out" / "frames.csv").exists()
+
+
+def test_a_pair_of_the_same_picture_fails_alone(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(3)
+    names = [sorted((dive.root / side).iterdir())[1] for side in ("L", "R")]
+    names[1].write_bytes(names[0].read_bytes())
+    code, printed, _ = cli(*dive.command(tmp_path / "out"))
     assert code == 3
-    assert "are the same picture" in printed
+    assert "are the same picture" in printed and "2 pairs done, 1 failed" in printed
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,39 @@ def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(
         assert "ranges would be 0.75 of the true ones" in check.advice[0] and "measured in air" in check.advice[0]
 
 
+def test_rectified_images_given_with_the_raw_calibration_are_named() -> None:
+    rig = pinhole_rig()
+    rectified = Rectification.from_rig(rig).rectified_rig()
+    turned = replace(rectified, T_right_left=rig.T_right_left)  # the mixture: rectified lenses, and the raw cameras' rotation
+    for given in (rig, turned, replace(rig, left=replace(rig.left, distortion=-rig.left.distortion))):
+        check = judge_matches(given, [matches_of(rectified, given)])
+        assert check.rectified_already and not check.acceptable
+        assert not (check.has_moved or check.air_in_water or check.cut_out)
+        assert check.advice[0].startswith("the images are rectified already: ") and "or the raw images" in check.advice[0]
+    for truth, given in ((rig, rig), (rectified, rectified), (moved_rig(rig, np.array([0.003, 0, 0, 0])), rig)):
+        assert not judge_matches(given, [matches_of(truth, given)]).rectified_already
+
+
+@pytest.mark.parametrize("lower_px", [0.0, 1.0])
+def test_one_camera_on_both_sides_is_named(lower_px: float) -> None:
+    """Also of a rig whose rectification moves both images alike, or apart."""
+    for rig in (pinhole_rig(), Rectification.from_rig(pinhole_rig()).rectified_rig()):
+        left, _ = seen_by(rig, 400, 0.1, np.random.default_rng(0))
+        check = judge_matches(rig, [Matches(*rectified_points(rig, left, left + np.array([0, lower_px])))])
+        assert check.one_picture and not check.acceptable and not check.has_moved
+        assert check.advice[0].startswith("both sides show one camera's picture")
+
+
+def test_pairs_of_a_moving_camera_are_no_rig_that_has_moved() -> None:
+    rig, rng = pinhole_rig(), np.random.default_rng(5)
+    poses = [rng.normal(0, 0.006, 4) for _ in range(6)]
+    check = judge_matches(rig, [matches_of(moved_rig(rig, pose), rig, seed=i) for i, pose in enumerate(poses)])
+    assert check.no_rig and not check.has_moved
+    assert "as pictures of one moving camera do" in check.advice[0]
+    drifted = [matches_of(moved_rig(rig, poses[0]), rig, seed=seed) for seed in range(6)]
+    assert not judge_matches(rig, drifted).no_rig
+
+
 def test_camera_turned_since_is_explained() -> None:
     rig = pinhole_rig()
     turn = np.eye(4)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from calibration_boards import fisheye_rig, pinhole_rig
 
-from calibration import StereoRig, mistakes
+from calibration import Rectification, StereoRig, mistakes
 from calibration.matches import Matches
 from calibration.mistakes import likely_mistake
 from calibration.resizing import wrong_size
@@ -68,6 +68,16 @@ def test_a_mistake_in_the_calibration_is_named(what: str, monkeypatch: pytest.Mo
     assert what in found.line
     assert found.exchanged == ("swapped" in what)
     assert np.allclose(found.rig.T_right_left, rig.T_right_left, atol=5e-3)
+
+
+def test_images_that_are_rectified_already_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = verged_rig()
+    rig = changed(rig, cv2.Rodrigues(np.array([0.05, 0.02, 0.06]))[0], rig.T_right_left[:3, 3])
+    points = points_of(Rectification.from_rig(rig).rectified_rig())
+    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points)
+    found = likely_mistake(rig, [IMAGES])
+    assert found is not None
+    assert "the images are rectified already" in found.line and "give the calibration of the rectified images" in found.line
 
 
 @pytest.mark.parametrize("sides", [("left",), ("right",), ("left", "right")])

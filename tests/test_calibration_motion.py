@@ -9,7 +9,7 @@ import pytest
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig, write_rig
-from calibration.motion import Motion, motion_of
+from calibration.motion import Motion, find_motion, motion_of
 from calibration.motion_fit import SeenTwice
 from stereo_seecolor.commands.check import check
 from stereo_seecolor.commands.dive_rig import neighbors, pairs_of
@@ -77,6 +77,19 @@ def test_few_mismatches_do_not_make_an_offset() -> None:
     for couple in couples:
         couple.second[::4, 2] *= 1.5
     assert not motion_of(couples, GEOMETRY).is_found
+
+
+def test_points_without_motion_or_on_a_line_tell_nothing() -> None:
+    still = [SeenTwice(couple.first, couple.first) for couple in dive()]
+    line = [SeenTwice(couple.first * [1, 0, 0] + [0, 0, 20], couple.second * [1, 0, 0] + [0, 0, 20]) for couple in dive()]
+    for couples in (still, line):
+        assert not motion_of(couples, GEOMETRY).is_found
+
+
+def test_images_without_texture_tell_nothing() -> None:
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    flat = np.full(rectification.raw_size[::-1], 90, np.uint8)
+    assert find_motion(rectification, [[(flat, flat), (flat, flat)]] * 3).couples == 0
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ def inspect(places: Places, report: LoggedReport) -> None:
 
     with report.working():
         found = look(places)
-    report.end(vars(found), inspection_text(found), EXIT_SOME_FAILED if found.misfits else EXIT_DONE)
+    report.end(vars(found), inspection_text(found), EXIT_SOME_FAILED if found.misfits or not found.agrees else EXIT_DONE)
 
 
 def inspection_text(found: "Inspection") -> str:

@@ -94,8 +94,8 @@ def check(
     raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
     rig = settle_matches(rig, raw)
     rows = _judged(rig, raw, (read_both(pair, images) for pair in spread(pairs, DECIDING_PAIRS)))
-    if refine and rows.mistake:
-        raise CalibrationError(f"a wrong calibration is not refined: {rows.mistake}")
+    if refine and (rows.mistake or rows.refusal):
+        raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
     refined = refine_matches(rig, raw) if refine else None
     if refine and refined:
         write_rig(refined, refine)

@@ -61,6 +61,8 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     with suppress(CalibrationError):  # too few points to tell
         check = vertical_disparity(rig, first_images(chosen, images, LOOKED_AT))
         check = replace(check, motion=_motion(pipeline, pairs))
+    if check and check.refusal:
+        raise InputError(check.refusal)
     if check is None or may_be_mistaken(check):
         if mistake := likely_mistake(rig, first_images(chosen, images)):
             raise InputError(mistake.line)

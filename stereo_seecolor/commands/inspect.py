@@ -45,7 +45,8 @@ class Inspection:
     pairs and of images without a partner; 0 for videos, which ``run`` pairs.
     interval_s: median time between pairs, None where names hold no time. exposure_recorded: EXIF holds exposure or gain.
     calibrations: all that were found; calibration: the one that was tested. poses: all trajectories.
-    misfits: sample pairs that do not show one scene. problems: lines on what prevents a run or should be examined before.
+    misfits: sample pairs that do not show one scene. agrees: False where no pair does, or where the images cannot be those of the
+    calibration. problems: lines on what prevents a run or should be examined before.
     run_command: the command line that fits.
     """
 
@@ -61,6 +62,7 @@ class Inspection:
     poses: tuple[FoundPoses, ...]
     measured: SampleMeasures | None
     misfits: tuple[Misfit, ...]
+    agrees: bool
     problems: tuple[str, ...]
     run_command: str
 
@@ -116,6 +118,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         poses=poses,
         measured=tested.measured,
         misfits=tested.misfits,
+        agrees=tested.agrees,
         problems=problems,
         run_command=command_line(sides, found, tested),
     )
@@ -150,7 +153,8 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested
 
     It exchanges sides that are swapped, refines a rig of which a camera has moved, and sets limits of range.
     """
-    calib, rows = str(found[0].path) if found else "CALIBRATION", tested.rows
+    rows = tested.rows
+    calib = "CALIBRATION" if not found or (rows and rows.refusal) else str(found[0].path)
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
     if _doubtful(sides, tested):
         first, second = Path("LEFT"), Path("RIGHT")
@@ -185,6 +189,7 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         poses=poses,
         measured=None,
         misfits=(),
+        agrees=True,
         problems=(*problems, *unknown_files(places, {*paths, *(one.path for one in poses)}, problems)),
         run_command=command_line(sides, found),
     )
@@ -225,7 +230,10 @@ def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) 
         if tested.mistake:
             problems.append(tested.mistake.line)
         elif not tested.fitting:
-            problems.append("no sample pair shows one scene: bring left and right images of the same moments together first")
+            problems.append(
+                "no sample pair shows one scene with this calibration: bring left and right images of the same moments together "
+                "first, or give the calibration of this rig"
+            )
         elif tested.rows is None:
             problems.append("too few points were found in both images of the sample pairs to test the calibration")
         else:

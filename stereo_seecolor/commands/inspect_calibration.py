@@ -22,6 +22,7 @@ from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.matching.texture import sides_without_texture
 from stereo_seecolor.records import Image, is_monochrome
 
 
@@ -61,6 +62,11 @@ class Tested:
         return self.facts.rows if self.facts else None
 
     @property
+    def agrees(self) -> bool:
+        """True unless sample pairs show that no ranges can be had from these images with this calibration."""
+        return self.fitting and not (self.rows and self.rows.refusal)
+
+    @property
     def exchanged(self) -> bool:
         """True if left and right are to be exchanged."""
         return self.mistake.exchanged if self.mistake else bool(self.rows and self.rows.swapped)
@@ -86,8 +92,9 @@ def tested_calibration(found: FoundCalibration, pairing: Pairing, sample: Sequen
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
     facts = CalibrationFacts(found.path, found.format, rig_facts(rig), vertical, rows, suspicions(rig))
-    if not fitting or mistake or (rows and rows.swapped):
-        return Tested(facts, wrong, fitting=bool(fitting), mistake=mistake)
+    unrelated = rows is None and mistake is None and any(_have_texture(fitting, config))
+    if not fitting or unrelated or mistake or (rows and (rows.swapped or rows.refusal)):
+        return Tested(facts, wrong, fitting=bool(fitting) and not unrelated, mistake=mistake)
     matching = config.matching.model_copy(update={limit.key: limit.fits_m for limit in limits})
     measured = measure(rig, fitting, len(pairing.pairs), config.model_copy(update={"matching": matching}))
     return Tested(facts, wrong, measured, limits=limits)
@@ -105,6 +112,10 @@ def _range_limits(rig: StereoRig, images: list[tuple[Image, Image]], config: Run
     rectification = Rectification.from_rig(rig)
     ranges_m = [quick_look(rectification, both).range_m for both in images]
     return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
+
+
+def _have_texture(sample: Sequence[Pair], config: RunConfig) -> list[bool]:
+    return [not sides_without_texture(frame) for frame in map(FrameReader(config.input).read, sample)]
 
 
 def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration import CalibrationError, Rectification
-from calibration.matches import find_matches
+from calibration.matches import find_matches, look_alikes
+from calibration.row_check import LIMITS as ROW_LIMITS
 from calibration.wording import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -69,7 +70,7 @@ def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification:
     Raises nothing of what a run says of single pairs.
     """
     shifts: set[int] = set()
-    example = ""
+    example, one_camera = "", False
     for pair in sample:
         with contextlib.suppress(InputError, CalibrationError):
             other = neighbor_that_fits(pair, pairs, rectification, config)
@@ -77,12 +78,23 @@ def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification:
                 return None
             shifts.add(pairs.index(other) - pairs.index(pair))
             example = _fits(pair, other)
+            one_camera = _same_picture(read_image(pair.left, config), read_image(other.right, config))
     if len(sample) < 2 or len(shifts) != 1:
         return None
+    if one_camera:
+        return (
+            f"both sides show one camera's pictures ({example}: it is the same): give the other camera's images on one of the sides"
+        )
     return (
         f"left and right are {counted(abs(shifts.pop()), 'image')} out of step: {example}, alike in {counted(len(sample), 'pair')} "
         "over the dive: number both sides alike, or correct the clock in the names of one (of videos: input.video_offset_s)"
     )
+
+
+def _same_picture(left: Image, right: Image) -> bool:
+    """Tell whether nearly all that looks alike in two images lies at the same places of both."""
+    found = look_alikes(left, right)
+    return len(found.left) > 0 and float(np.median(np.hypot(*(found.left - found.right).T))) < ROW_LIMITS.apart_px
 
 
 def misfit_notes(
