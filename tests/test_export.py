@@ -14,6 +14,7 @@ from mapping_scene import PAIR, flat_frames, track, write_map
 from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
+from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocentric, north_east_from_degrees
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles
 from stereo_seecolor.extras.export.command import export
@@ -23,11 +24,6 @@ from stereo_seecolor.extras.streams import mcap_file
 from stereo_seecolor.extras.streams.recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.trajectories.axes import (
-    degrees_from_north_east,
-    geodetic_from_geocentric,
-    north_east_from_degrees,
-)
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 

@@ -14,12 +14,12 @@ from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocentric
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.export import tiles_3d
 from stereo_seecolor.extras.reef.commands.markers import open_posed_run
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import transformed
-from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, geodetic_from_geocentric
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import crs_name, crs_wkt, in_utm, utm_of
 from stereo_seecolor.mapping.survey_map import build_map, check

@@ -12,6 +12,7 @@ from json_shapes import SHAPES, mismatch
 from mapping_scene import flat_frames, write_map
 from numpy.typing import NDArray
 
+from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.reef.metrics.colony import Colony, Measured, measure_outlines
 from stereo_seecolor.extras.reef.metrics.cover import cover
@@ -22,7 +23,6 @@ from stereo_seecolor.extras.reef.metrics.structure import structure
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
 from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
-from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run

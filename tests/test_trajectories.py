@@ -9,9 +9,9 @@ import pyproj
 import pytest
 
 from stereo_seecolor.config import MappingConfig, MountConfig
+from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory
-from stereo_seecolor.inputs.trajectories.axes import north_east_from_degrees
 from stereo_seecolor.records import GeoOrigin
 
 # A camera that looks down with the top of its image to the north: right is east, down (in the image) is south.

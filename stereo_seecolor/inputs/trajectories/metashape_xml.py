@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
+from stereo_seecolor.earth import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import pose
-from stereo_seecolor.inputs.trajectories.axes import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.inputs.trajectories.table import Lines
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
