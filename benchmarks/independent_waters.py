@@ -1,4 +1,4 @@
-"""Every color method in waters that stem from no table of Jerlov's: the judging set of docs/color-experiments.md.
+"""Every color method in waters that stem from no table of Jerlov's: the judging set of docs/lab/color.md.
 
     python benchmarks/independent_waters.py [--cases 24] [--first-seed 0] [--data FOLDER]
 

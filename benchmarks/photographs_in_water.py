@@ -1,4 +1,4 @@
-"""Photographs under drawn waters of measured absorption and scattering: tables of docs/color-experiments.md, on any photographs.
+"""Photographs under drawn waters of measured absorption and scattering: tables of docs/lab/color.md, on any photographs.
 
     python benchmarks/photographs_in_water.py PHOTOGRAPHS --range RANGES [--draws 4] [--first-seed 0] [--all-methods]
 

@@ -14,7 +14,7 @@ from stereo_seecolor.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted([*DOCS.glob("*.md"), *(DOCS / "lab").glob("*.md")])
 DIVE = Path("data_samples/reef")
 FRAMES = range(4, 8)
 """The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
@@ -127,7 +127,7 @@ def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shel
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.usefixtures("demo_at_hand")
-@pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=lambda page: page.relative_to(DOCS).as_posix())
 def test_commands_of_a_page_run(page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     if "board/left" in page.read_text(encoding="utf-8"):  # images of the chessboard that the examples calibrate with
         (checkout / DIVE / "board").mkdir()
@@ -149,16 +149,16 @@ def test_commands_of_the_readme_run(checkout: Path, shell: Shell, monkeypatch: p
             run_block(language, content, monkeypatch, shell)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
 def test_every_page_opens_with_an_example_and_a_picture(page: Path) -> None:
     opening = page.read_text(encoding="utf-8").split("\n## ")[0]
     assert re.search(r"^```(sh|bash|python)$", opening, flags=re.MULTILINE)
-    assert re.search(r"!\[.+?\]\(images/", opening)
+    assert re.search(r"!\[.+?\]\((\.\./)?images/", opening)
 
 
 def test_pictures_exist_and_are_small() -> None:
     text = "".join(page.read_text(encoding="utf-8") for page in (*PAGES, ROOT / "README.md"))
-    named = {Path(name).name for name in re.findall(r"!\[.*?\]\((?:docs/)?images/(.+?)\)", text)}
+    named = {Path(name).name for name in re.findall(r"!\[.*?\]\((?:docs/|\.\./)?images/(.+?)\)", text)}
     files = {path.name: path.stat().st_size for path in (DOCS / "images").iterdir()}
     assert named == set(files)
     assert not [name for name, size in files.items() if size > MOST_BYTES]
@@ -172,8 +172,9 @@ def test_links_of_the_top_level_texts_lead_somewhere() -> None:
 
 def test_every_page_is_in_the_sites_index() -> None:
     trees = re.findall(r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL)
-    listed = re.findall(r"^[\w-]+$", "".join(trees), flags=re.MULTILINE)
-    assert sorted(listed) == sorted(page.stem for page in PAGES if page.stem != "index")
+    listed = re.findall(r"^[\w/-]+$", "".join(trees), flags=re.MULTILINE)
+    pages = (page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES)
+    assert sorted(listed) == sorted(page for page in pages if page != "index")
 
 
 def test_reference_pages_are_those_of_this_program() -> None:

@@ -50,7 +50,7 @@ LEAST_PIVOT = 1e-300
 
 
 class Noise(NamedTuple):
-    """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-experiments.md)."""
+    """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100 (docs/lab/color.md)."""
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
     """Standard deviation of each quantile, dark to bright, as a fraction of the direct signal: content differs from range to range,

@@ -16,7 +16,7 @@ Matrix = NDArray[np.float64]
 class ScenePrior:
     """Logarithms of reflectance at the nine quantiles of ``range_quantiles``, dark to bright, against the brightest thousandth.
 
-    Numbers without a source of their own were chosen on synthetic scenes and reefs of seeds below 100 (docs/color-experiments.md).
+    Numbers without a source of their own were chosen on synthetic scenes and reefs of seeds below 100 (docs/lab/color.md).
     """
 
     reflectance: tuple[float, ...] = (0.003, 0.005, 0.013, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)
@@ -36,7 +36,7 @@ class ScenePrior:
     """Standard deviation of a quantile's reflectance, all channels together."""
     cast: float = 0.22
     """Standard deviation of a channel of the color that all of a scene has in common; of the white point's error alone, where its
-    size was measured (docs/color-experiments.md): the fit itself holds reefs to natural colors better without it."""
+    size was measured (docs/lab/color.md): the fit itself holds reefs to natural colors better without it."""
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0

@@ -28,7 +28,7 @@ class MatrixSettings:
     least_error: float = 0.01
     """Least standard error of a patch's color, fraction of white: gloss, and light from neighboring patches."""
     backscatter_error: float = 0.1
-    """Fraction by which the fitted backscatter is off (docs/color-experiments.md: 10 to 25 % in haze)."""
+    """Fraction by which the fitted backscatter is off (docs/lab/color.md: 10 to 25 % in haze)."""
     entry: float = 1.0
     """Standard deviation of an entry off the diagonal before a chart is seen. Those of raw cameras' matrices are within 0.8 in
     daylight; where little red arrives, red takes the more of the other channels."""

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 class FeatureSettings:
     """How features are found."""
 
-    # Both were measured: docs/mapping-experiments.md.
+    # Both were measured: docs/lab/mapping.md.
     max_features: int = 2000  # a frame: some 300 matches remain at 60 % overlap; fewer make some tracks worse
     max_width_px: int = 640  # images are reduced to it: a track is as exact as at 960, in half of the time
     lateral_std_px: float = 0.3  # how well SIFT finds a point again (measured on the synthetic reef)
