@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import Dive
+from conftest import REEF, Dive
 
 
 @pytest.mark.parametrize("stalled", ["LR", "L", "R"])
@@ -27,3 +27,20 @@ def test_images_that_come_twice_are_named(make_dive: Callable[..., Dive], cli, t
         warnings = [row["warnings"] for row in csv.DictReader(file)]
     named = {"LR": "both images are those", "L": "the left image is that", "R": "the right image is that"}[stalled]
     assert [f"{named} of the pair before" in text for text in warnings] == [False, False, True]
+
+
+@pytest.mark.slow
+def test_frames_of_a_stalled_camera_are_left_out_of_track_and_map(cli, tmp_path: Path) -> None:
+    """At the third and fourth of seven."""
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        images = sorted((REEF / side).iterdir())[:7]
+        for number, image in enumerate(images):
+            shutil.copy(images[1] if number in (2, 3) else image, tmp_path / side / image.name)
+    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [f"--calib={REEF / 'cam.yaml'}"]
+    code, printed, _ = cli("run", *words, "--out", tmp_path / "out", "--fuse")
+    assert code == 0
+    assert "2 frames with an image of the frame before, the first: reef_1790000002000" in printed
+    with (tmp_path / "out" / "map" / "poses.csv").open() as file:
+        placed = [row["name"] for row in csv.DictReader(file)]
+    assert placed == [f"reef_179000000{number}000" for number in (0, 1, 4, 5, 6)]

@@ -1,6 +1,6 @@
 """``fuse``: fuse the frames of a finished run into one map."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.wording import counted
 from stereo_seecolor.commands.placed_frames import describe_frames
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
@@ -61,7 +62,9 @@ def fuse(
     check_fusion(poses, config)
     SurveyFrames(run)  # refuses a run that cannot be fused before anything is written into it
     with RunFolder.existing(out, (trajectory_file(poses),) if poses else ()) as folder:
-        frames = SurveyFrames(open_run(out))
+        run = open_run(out)
+        stalled = set(run.stalled)
+        frames = SurveyFrames(run, frames=[frame for frame in run.frames if frame.name not in stalled])
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
         progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
         with compute.sharing(state(out), ()), _building(folder) as building:
@@ -70,7 +73,15 @@ def fuse(
         describe_frames(folder)
     aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.owned.set_aside)
     stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
-    return replace(summary.moved(building, out / MAP), warnings=(*summary.warnings, *aside, *stopped))
+    warnings = (*summary.warnings, *_stall_warning(run.stalled), *aside, *stopped)
+    return replace(summary.moved(building, out / MAP), warnings=warnings)
+
+
+def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
+    if not stalled:
+        return ()
+    what = f"{counted(len(stalled), 'frame')} with an image of the frame before, the first: {stalled[0]}"
+    return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
 
 
 def _steps(frames: SurveyFrames, out: Path) -> NDArray[np.void] | None:

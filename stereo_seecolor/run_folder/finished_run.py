@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,6 +32,7 @@ class FinishedFrame:
     """A pair that went through all stages.
 
     timestamp_s: as the inputs give it. left: the raw left image as it was given, which may be gone since. sha256: of that image.
+    sha256_right: of the right one, "" where there is none.
     products: name -> file in OUT. facts: the frame's columns of frames.csv.
     """
 
@@ -40,6 +42,7 @@ class FinishedFrame:
     sha256: str
     products: dict[str, Path]
     facts: dict[str, float] = field(default_factory=dict)
+    sha256_right: str = ""
 
     @property
     def taken(self) -> datetime | None:
@@ -111,6 +114,19 @@ class FinishedRun:
         return found
 
     @cached_property
+    def stalled(self) -> tuple[str, ...]:
+        """Names of the frames of which an image is that of the frame before: a camera stalled, or files were copied.
+
+        Where both did, the frame shows nothing new; where one did, its ranges are wrong by the motion since.
+        """
+        return tuple(
+            frame.name
+            for before, frame in pairwise(self.frames)
+            if (frame.sha256 and frame.sha256 == before.sha256)
+            or (frame.sha256_right and frame.sha256_right == before.sha256_right)
+        )
+
+    @cached_property
     def _by_name(self) -> dict[str, FinishedFrame]:
         return {frame.name: frame for frame in self.frames}
 
@@ -161,7 +177,7 @@ def open_run(out: Path) -> FinishedRun:
 
 def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
-    source = record.inputs.get("left") or record.inputs.get("image")
+    source, right = record.inputs.get("left") or record.inputs.get("image"), record.inputs.get("right")
     return FinishedFrame(
         name=record.name,
         timestamp_s=record.timestamp_s,
@@ -169,6 +185,7 @@ def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> Fini
         sha256=source.sha256 if source else "",
         products={product: out / path for stage in stages for product, path in stage.outputs.items()},
         facts={key: value for stage in stages for key, value in stage.facts.items()},
+        sha256_right=right.sha256 if right else "",
     )
 
 
