@@ -120,7 +120,7 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [("marker,x_m,y_m\n1,2,3\n", "has no column 'z_m'"), ("marker,x_m,y_m,z_m\n1,2,here,4\n", "line 2: could not convert")],
+    [("marker,x_m,y_m\n1,2,3\n", "has no column 'z_m'"), ("marker,x_m,y_m,z_m\n1,2,here,4\n", "line 2: 'here' is not a number")],
 )
 def test_tables_that_cannot_be_used_say_so(tmp_path: Path, content: str, message: str) -> None:
     (tmp_path / "points.csv").write_text(content)

@@ -121,6 +121,7 @@ def markers_text(found: "FoundMarkers") -> str:
     text += [lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}") for name, check in checks]
     if found.control:
         text.append(lines(f"surveyed places: {len(found.control.residuals_m)} found, {1000 * found.control.rms_m:.1f} mm RMS"))
+        text += [lines(found.control.doubt)] if found.control.doubt else []
     return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
 
 

@@ -1,55 +1,56 @@
 """Rigid alignment of the map to surveyed places of markers; the scale is the rig's, and is checked, not fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files import csv_table
 from stereo_seecolor.geometry import rigid_alignment, transformed
 from stereo_seecolor.mapping.markers.marker_map import PlacedMarker
+from stereo_seecolor.mapping.markers.tables import USUAL_STD_M
 
 Array = NDArray[np.float64]
 FEWEST = 3
 """Points that fix a rigid motion; of just three the residuals say little."""
-
-
-USUAL_STD_M = 0.01
-"""Standard error of a surveyed place where the table states none, meters: tape and level by divers."""
+BEYOND_SIGMAS = 5.0
+"""Standard errors, of a place and of the map, beyond which a residual is no chance."""
+EXPLAINED = 0.2
+"""A place is mistyped where the others fit so many times better without it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlFit:
-    """T: (4, 4) from the map's world to that of the control points. residuals_m: by marker. rms_m: of them."""
+    """T: (4, 4) from the map's world to that of the control points. residuals_m: by marker. rms_m: of them.
+
+    doubt: which places the map contradicts by more than their standard errors, in a line; "" for none.
+    """
 
     T: Array
     residuals_m: dict[int, float]
     rms_m: float
+    doubt: str = ""
+
+    def is_upside_down(self, markers: Sequence[PlacedMarker], T_world_camera: Array) -> bool:
+        """Tell whether the surveyed places put the markers above the cameras (N, 4, 4) that look down at them."""
+        cameras = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, 3].mean(axis=0)
+        bottom = np.array([marker.place_m for marker in markers if marker.number in self.residuals_m]).mean(axis=0)
+        return bool((self.T[:3, :3] @ (cameras - bottom))[2] < 0)
 
 
-def read_control_points(path: Path) -> dict[int, Array]:
-    """A CSV with marker, x_m, y_m, z_m: number -> (3,). Raises InputError, naming the line."""
-    return {int(row[0]): row[1:] for row in _rows(path, ("marker", "x_m", "y_m", "z_m"))}
+UPSIDE_DOWN = (
+    "the surveyed places put the bottom above the cameras: are x and y (east and north) exchanged, or two markers, or is z "
+    "positive downward?"
+)
 
 
-def read_stds(path: Path) -> dict[int, float]:
-    """Standard errors of the control points, meters, by marker: of the column std_m, or the usual one. Raises InputError."""
-    if "std_m" not in csv_table.header(path):
-        return dict.fromkeys(read_control_points(path), USUAL_STD_M)
-    return {int(row[0]): float(row[1]) for row in _rows(path, ("marker", "std_m"))}
+def control_fit(
+    markers: Sequence[PlacedMarker], points: Mapping[int, Array], stds_m: Mapping[int, float] | None = None
+) -> ControlFit:
+    """Fit the rigid motion of the map to the surveyed points. stds_m: their standard errors, by number.
 
-
-def read_bars(path: Path) -> dict[tuple[int, int], float]:
-    """A CSV with first, second, length_m of scale bars: numbers of the markers at both ends -> length. Raises InputError."""
-    return {(int(row[0]), int(row[1])): float(row[2]) for row in _rows(path, ("first", "second", "length_m"))}
-
-
-def control_fit(markers: Sequence[PlacedMarker], points: dict[int, Array]) -> ControlFit:
-    """Fit the rigid motion of the map to the surveyed points. Raises InputError if fewer than three were found, or they lie in
-    line.
+    Raises InputError if fewer than three were found, or they lie in line.
     """
     found = [marker for marker in markers if marker.number in points]
     if len(found) < FEWEST:
@@ -60,14 +61,20 @@ def control_fit(markers: Sequence[PlacedMarker], points: dict[int, Array]) -> Co
     T = rigid_alignment(here, there)
     off = np.linalg.norm(transformed(T, here) - there, axis=1)
     residuals = {marker.number: float(value) for marker, value in zip(found, off, strict=True)}
-    return ControlFit(T, residuals, float(np.sqrt((off**2).mean())))
+    stds = [np.hypot((stds_m or {}).get(m.number, USUAL_STD_M), m.residual_m / np.sqrt(m.views)) for m in found]
+    doubt = _doubt(here, there, found, np.array(stds)) if (off > BEYOND_SIGMAS * np.array(stds)).any() else ""
+    return ControlFit(T, residuals, float(np.sqrt((off**2).mean())), doubt)
 
 
-def _rows(path: Path, columns: tuple[str, ...]) -> list[Array]:
-    found = []
-    for where, row in csv_table.rows(path, columns):
-        try:
-            found.append(np.array([float(row[name]) for name in columns]))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{where}: {error}: give numbers in {', '.join(columns)}") from error
-    return found
+def _doubt(here: Array, there: Array, found: Sequence[PlacedMarker], stds_m: Array) -> str:
+    """Which place is off, where the others fit without it; else the worst residual."""
+    off = np.linalg.norm(transformed(rigid_alignment(here, there), here) - there, axis=1)
+    for i in np.argsort(-off) if len(found) > FEWEST else ():
+        others = np.arange(len(found)) != i
+        T = rigid_alignment(here[others], there[others])
+        left = np.linalg.norm(transformed(T, here) - there, axis=1)
+        if left[others].max() < max(EXPLAINED * off.max(), BEYOND_SIGMAS * stds_m.max()) and left[i] > BEYOND_SIGMAS * stds_m[i]:
+            return f"marker {found[i].number} lies {left[i]:.3f} m from where the others put it: is its place right?"
+    worst = int(np.argmax(off / stds_m))
+    beyond = f"{off[worst]:.3f} m off, {off[worst] / stds_m[worst]:.0f} standard errors"
+    return f"marker {found[worst].number} lies {beyond}: are all places right?"

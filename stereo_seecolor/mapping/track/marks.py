@@ -14,17 +14,18 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MarkersConfig
-from stereo_seecolor.mapping.markers.control_points import FEWEST, read_bars, read_control_points, read_stds
+from stereo_seecolor.mapping.markers.control_points import FEWEST
 from stereo_seecolor.mapping.markers.detection import MarkerDetector
 from stereo_seecolor.mapping.markers.marker_map import SETTINGS as MARKER
 from stereo_seecolor.mapping.markers.marker_map import PlacedMarker, ScaleCheck, bar_checks, placed_markers, size_check
 from stereo_seecolor.mapping.markers.placing import PlacedSighting, place
+from stereo_seecolor.mapping.markers.tables import Places, read_bars, read_places
 from stereo_seecolor.mapping.recovered_frames import Frames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.sightings import Sightings
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.records import GeoOrigin, SurveyFrame
 
 Array = NDArray[np.float64]
 
@@ -45,22 +46,27 @@ SETTINGS = MarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """The markers found, by frame, and what is known of them: edge, bars by both ends' numbers, places with errors."""
+    """The markers found, by frame, and what is known of them: edge, bars by both ends' numbers, places with errors.
+
+    origin: of places that were given as latitude and longitude.
+    """
 
     sightings: dict[int, list[PlacedSighting]]
     edge_m: float | None
     bars: dict[tuple[int, int], float]
     places: dict[int, tuple[Array, float]]
+    origin: GeoOrigin | None = None
 
     @classmethod
     def found(cls, survey: Survey, config: MarkersConfig) -> "Marks":
         """Find markers in all frames of a survey. Raises InputError for tables that cannot be used."""
-        bars, places = read_known(config)
+        bars, known = read_known(config)
+        places = {number: (point, known.stds_m[number]) for number, point in known.points.items()}
         look, sightings, count = _Look(survey.frames, survey.geometry, config.family), {}, len(survey.frames)
         for number, own in enumerate(survey.compute.each(look, range(count))):
             sightings[number] = own
             survey.progress("looking for markers", number + 1, count)
-        return cls(sightings, config.edge_m, bars, places)
+        return cls(sightings, config.edge_m, bars, places, known.origin)
 
     def scaled(self, scale: float) -> "Marks":
         """Scale the ranges of the rig by a factor."""
@@ -130,16 +136,13 @@ class Marks:
 EDGES, PLACES = "edges", "surveyed places"
 
 
-def read_known(config: MarkersConfig) -> tuple[dict[tuple[int, int], float], dict[int, tuple[Array, float]]]:
-    """Lengths of scale bars by the markers at their ends, and places (3,) of markers with standard errors, meters.
+def read_known(config: MarkersConfig) -> tuple[dict[tuple[int, int], float], Places]:
+    """Lengths of scale bars by the markers at their ends, meters, and places of markers.
 
     Raises InputError for a table that cannot be used.
     """
     bars = read_bars(config.bars) if config.bars else {}
-    if not config.points:
-        return bars, {}
-    places, stds = read_control_points(config.points), read_stds(config.points)
-    return bars, {number: (places[number], stds[number]) for number in places}
+    return bars, read_places(config.points) if config.points else Places({}, {})
 
 
 def _name(first: int, second: int) -> str:

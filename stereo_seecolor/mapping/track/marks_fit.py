@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.mapping.markers.control_points import ControlFit, control_fit
+from stereo_seecolor.errors import InputError, MappingError
+from stereo_seecolor.mapping.markers.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.markers.marker_map import ScaleCheck
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.marks import PLACES, SETTINGS, Marks
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.refinement import refined
+from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,7 @@ class MarkersFit:
 
     scale: factor by which the rig's ranges are taken longer, with its standard error. before, after: what is known against the map
     without and with that, by name. refused: what was not used, since it cannot be right. control: residuals of surveyed places.
+    origin: of these, where they were given as latitude and longitude.
     """
 
     markers: int
@@ -33,6 +35,7 @@ class MarkersFit:
     after: dict[str, ScaleCheck]
     refused: tuple[str, ...]
     control: ControlFit | None = None
+    origin: GeoOrigin | None = None
 
     def __str__(self) -> str:
         if not self.before:
@@ -67,7 +70,7 @@ class MarkersFit:
                     f"{name}: with all of the markers the map still says {check.ratio:.5f} of what was given, "
                     f"{abs(check.ratio - 1) / std:.0f} standard errors off"
                 )
-        return tuple(warnings)
+        return (*warnings, f"surveyed places: {self.control.doubt}") if self.control and self.control.doubt else tuple(warnings)
 
 
 def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
@@ -86,7 +89,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
     """Compute what is left of each disagreement. marks: those that were used, scaled."""
     T = _main(placement)
     after = marks.checks(T)
-    return replace(fit, after=after, control=_control(marks, T) if PLACES in after else None)
+    return replace(fit, after=after, control=_control(marks, T) if PLACES in after else None, origin=marks.origin)
 
 
 def fitted_to_marks(track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]) -> tuple[Placement, MarkersFit]:
@@ -130,13 +133,20 @@ def _far_off(marks: Marks, placement: Placement, priors: Sequence[Prior]) -> boo
 
 
 def at_places(marks: Marks, placement: Placement) -> Placement:
-    """A track brought by one rigid motion to the surveyed places of markers, if three that are not in line were found."""
-    fit = _control(marks, _main(placement))
+    """A track brought by one rigid motion to the surveyed places of markers, if three that are not in line were found.
+
+    Raises MappingError for places that turn it upside down.
+    """
+    T = _main(placement)
+    fit = _control(marks, T)
+    if fit and fit.is_upside_down(marks.placed(T), T):
+        raise MappingError(UPSIDE_DOWN)
     return replace(placement, T_world_camera=fit.T @ placement.T_world_camera) if fit else placement
 
 
 def _control(marks: Marks, T_world_camera: Array) -> ControlFit | None:
     try:
-        return control_fit(marks.placed(T_world_camera), {number: place for number, (place, _) in marks.places.items()})
+        points = {number: point for number, (point, _) in marks.places.items()}
+        return control_fit(marks.placed(T_world_camera), points, {number: std_m for number, (_, std_m) in marks.places.items()})
     except InputError:
         return None

@@ -105,7 +105,7 @@ def _placed_by_pictures(survey: Survey, config: MappingConfig, trajectory: Traje
     track = odometry.follow(survey, lambda placement: _show(survey, placement, "unknown"))
     own, markers = _upright(track, _own(track, config), config)
     if trajectory is None or (markers and markers.control):
-        return Placed(own, None, unknown, unknown, markers=markers)
+        return Placed(own, None, unknown, unknown, markers.origin if markers else None, markers)
     return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin, markers)
 
 

@@ -11,10 +11,11 @@ from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder, refuse_filled
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import pose
-from stereo_seecolor.mapping.markers.control_points import ControlFit, control_fit, read_bars, read_control_points
+from stereo_seecolor.mapping.markers.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.markers.detection import MarkerDetector
 from stereo_seecolor.mapping.markers.marker_map import PlacedMarker, ScaleCheck, bar_checks, placed_markers, size_check
 from stereo_seecolor.mapping.markers.placing import PlacedSighting, place
+from stereo_seecolor.mapping.markers.tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
@@ -48,8 +49,8 @@ class FoundMarkers:
 
     @property
     def wrong(self) -> bool:
-        """Whether a given length cannot be right."""
-        return any(check.wrong for check in (self.size, *self.bars.values()) if check)
+        """Whether a given length cannot be right, or surveyed places do not fit the map."""
+        return any(check.wrong for check in (self.size, *self.bars.values()) if check) or bool(self.control and self.control.doubt)
 
 
 def markers(out: Path, known: Known, folder: Path | None = None, listener: Listener | None = None) -> FoundMarkers:
@@ -62,8 +63,10 @@ def markers(out: Path, known: Known, folder: Path | None = None, listener: Liste
         refuse_filled(folder)
     detector = MarkerDetector(known.family)
     bars = read_bars(known.bars) if known.bars else {}
-    points = read_control_points(known.points) if known.points else {}
+    if known.points:
+        read_places(known.points)  # what cannot be read is named before all frames are looked at
     posed = open_posed_run(out)
+    places = read_places(known.points, posed.map.origin) if known.points else None
     shift = pose(np.eye(3), posed.offset_m)
     T = {frame.name: shift @ T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
     found = tuple(placed_markers(_sightings(posed, detector, listener or Silence()), T))
@@ -75,8 +78,10 @@ def markers(out: Path, known: Known, folder: Path | None = None, listener: Liste
         markers=found,
         size=size_check(found, known.edge_m) if known.edge_m else None,
         bars=checks,
-        control=control_fit(found, points) if points else None,
+        control=control_fit(found, places.points, places.stds_m) if places else None,
     )
+    if result.control and result.control.is_upside_down(found, np.array(list(T.values()))):
+        raise InputError(f"{known.points}: {UPSIDE_DOWN}")
     return _written(result, T, folder) if folder else result
 
 
