@@ -41,7 +41,7 @@ def write(posed: PosedRun, folder: Path) -> None:
             raise InputError(f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a larger mapping.mosaic_m")
         _write_colors(mosaic, folder / "rgb.tif")
         _write_heights(terrain, mosaic, folder / "dem.tif")
-        size, mm, on_earth = (mosaic.width, mosaic.height), 1000 * mosaic.res[0], mosaic.crs is not None
+        size, mm, on_earth = (mosaic.width, mosaic.height), 1000 * mosaic.res[0], posed.origin is not None
     project = _project(posed, size, mm, "rgb.tif" if on_earth else "")
     (folder / "project.json").write_text(json.dumps(project, indent=1) + "\n", encoding="utf-8")
 

@@ -20,6 +20,10 @@ SPARSE_FROM_PIXELS = 2**30
 """More than OpenCV and Pillow open. They do not open sparse files at all, and blocks without a surface take 16 MB up to here."""
 
 
+LOCAL_WKT = 'LOCAL_CS["local meters",UNIT["metre",1,AUTHORITY["EPSG","9001"]],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+"""Of a map without a place on Earth: programs that draw on it need a system that is in meters, whatever it is."""
+
+
 @dataclass(frozen=True, eq=False)
 class Georeference:
     """The place of a map's local coordinates: their offset in the world, offset_m (3,), and the world's origin on Earth, None if
@@ -93,7 +97,7 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
     """Write a raster as a tiled, compressed GeoTIFF with overviews: float32 with NaN as nodata, or uint8 RGBA with alpha; return
     the path.
 
-    Coordinates are the world's; without an origin on Earth they are its meters, and no CRS is given.
+    Coordinates are the world's; without an origin on Earth they are its meters, in a local system.
     """
     import rasterio
     from rasterio.enums import ColorInterp, Resampling
@@ -106,7 +110,7 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
         "predictor": 2,  # that of floating point needs imagecodecs in tifffile
         "zlevel": 1,  # a quarter of the time of the usual 6, files 2 to 4 % larger
         "bigtiff": "if_safer", "sparse_ok": grid.shape[0] * grid.shape[1] > SPARSE_FROM_PIXELS,
-        "crs": crs_wkt(place.origin) if place.origin else None,
+        "crs": crs_wkt(place.origin) if place.origin else LOCAL_WKT,
         "transform": rasterio.Affine(grid.cell_m, 0, west_m, 0, -grid.cell_m, north_m),
         "nodata": np.nan if floating else None,
     }  # fmt: skip
@@ -118,6 +122,9 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
                 file.colorinterp = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
             for band, description in enumerate(descriptions, start=1):
                 file.set_band_description(band, description)
+                if description.endswith("_m"):
+                    file.set_band_unit(band, "m")
+            file.update_tags(COORDINATES=crs_name(place.origin))
         factors = [f for f in (2, 4, 8, 16, 32) if min(grid.shape) // f >= 128]
         if factors:
             with rasterio.open(temporary, "r+") as file:

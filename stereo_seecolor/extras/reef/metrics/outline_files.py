@@ -19,21 +19,34 @@ NAME_KEYS = ("name", "id", "fid")
 DEGREES_NEAR = 0.5
 """Coordinates within this of the map's place on Earth are longitude and latitude; meters of a map are never so there by chance."""
 
+FARTHEST = 1e9
+"""Meters and degrees are less: what is more is no coordinate."""
+LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
+"""Words in the name of a system that is no place on Earth: the map's own is meant."""
+OTHERS = (
+    (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04", "an archive"), (b"<", "XML or KML")
+)  # fmt: skip
+
 Turn = Callable[[NDArray[np.float64]], Ring]
 
 
 def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
     """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or cannot be read."""
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
+        raw = path.read_bytes()
+        if kind := next((what for begin, what in OTHERS if raw.startswith(begin)), None):
+            raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
+        content = json.loads(raw)
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: is no GeoJSON and no TagLab project: {error}") from error
     try:
         if isinstance(content, dict) and "images" in content and "features" not in content:
             outlines = _taglab(content, posed)
         else:
             outlines = _geojson(content, posed)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: is damaged, or of a form that is not known here: {error!r}") from error
     if not outlines:
         raise InputError(f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a TagLab project")
@@ -50,11 +63,19 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
     for number, feature in enumerate(features, 1):
         geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
         parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(geometry.get("coordinates"))
-        rings = tuple(turn(np.array(ring, np.float64)[:, :2]) for part in parts for ring in part)
+        rings = tuple(_turned(np.array(ring, np.float64)[:, :2], turn, number) for part in parts for ring in part)
         if rings:
             name = _first(properties, NAME_KEYS) or str(feature.get("id", "")) or f"{number}"
             found.append(Outline(name, _first(properties, LABEL_KEYS), rings))
     return found
+
+
+def _turned(ring: NDArray[np.float64], turn: Turn, number: int) -> Ring:
+    """In the map's coordinates. Raises InputError for what is no coordinate, in the file or in the map."""
+    for points in (ring, known := turn(ring) if (np.abs(ring) < FARTHEST).all() else ring):
+        if not (np.abs(points) < FARTHEST).all():
+            raise InputError(f"polygon {number} has coordinates that are no numbers, or that its crs does not take to the map")
+    return known
 
 
 def _first(properties: dict[str, Any], keys: tuple[str, ...]) -> str:
@@ -69,6 +90,14 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
         return lambda ring: ring - posed.offset_m[:2]
     import pyproj
 
+    if named and any(word in str(named).lower() for word in LOCAL_NAMES):
+        return lambda ring: ring - posed.offset_m[:2]
+    try:
+        pyproj.CRS.from_user_input(named or "OGC:CRS84")
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(
+            f"its crs {named!r:.80} is not known: save the polygons in EPSG:4326, or in the map's own system"
+        ) from error
     local = crs_wkt(posed.origin)
     place = np.array([posed.origin.longitude_deg, posed.origin.latitude_deg])
 

@@ -1,0 +1,74 @@
+"""Polygons as other programs save them: systems that are local or not known, numbers that are none, files of other formats."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
+from stereo_seecolor.records import GeoOrigin
+
+RING = [[0.5, 0.2], [1.2, 0.2], [1.2, 0.8], [0.5, 0.2]]
+POSED: Any = SimpleNamespace(origin=GeoOrigin(-14.685, 145.46), offset_m=np.array([10.0, 20.0, 0.0]), map_folder=Path("map"))
+
+
+def geojson(path: Path, ring: list[list[float]], name: str | None = None) -> Path:
+    crs = {"crs": {"type": "name", "properties": {"name": name}}} if name is not None else {}
+    feature = {"type": "Feature", "properties": {"label": "P"}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    path.write_text(json.dumps({"type": "FeatureCollection", **crs, "features": [feature]}))
+    return path
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        'LOCAL_CS["Local Coordinates (m)",UNIT["meter",1]]', 'ENGCRS["Local"]', "Undefined Cartesian SRS with unknown unit",
+        "local", "", None,
+    ],
+)  # fmt: skip
+def test_a_local_system_is_the_maps_own(name: str | None, tmp_path: Path) -> None:
+    (outline,) = read_outlines(geojson(tmp_path / "p.geojson", RING, name), POSED)
+    np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
+
+
+@pytest.mark.parametrize("name", ["urn:ogc:def:crs:EPSG::99999", "EPSG:wrong", "my system"])
+def test_a_system_that_is_not_known_is_named(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"p\.geojson: its crs '{name}' is not known: save the polygons in EPSG:4326"):
+        read_outlines(geojson(tmp_path / "p.geojson", RING, name), POSED)
+
+
+@pytest.mark.parametrize("ring", [[[float("nan"), 0.2], [1, 0], [1, 1]], [[1e300, 0], [1, 0], [1, 1]]])
+@pytest.mark.parametrize("name", [None, "ESRI:102100"])
+def test_what_is_no_coordinate_is_refused(ring: list[list[float]], name: str | None, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="polygon 1 has coordinates that are no numbers"):
+        read_outlines(geojson(tmp_path / "p.geojson", ring, name), POSED)
+
+
+def test_polygons_of_another_place_are_far_off_or_refused_and_never_warn(tmp_path: Path) -> None:
+    path = geojson(tmp_path / "p.geojson", RING, "ESRI:102100")
+    try:
+        (outline,) = read_outlines(path, POSED)
+    except InputError as error:
+        assert "its crs does not take to the map" in str(error)
+    else:
+        assert np.linalg.norm(outline.rings[0], axis=1).min() > 1e6
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x00\x00\x27\x0a" + bytes(96), "is a Shapefile: save the polygons as GeoJSON"),
+        (b"SQLite format 3\x00" + bytes(96), "is a GeoPackage"),
+        (b"PK\x03\x04" + bytes(96), "is an archive"),
+        (b"<kml></kml>", "is XML or KML"),
+        (b"[" * 100_000, "is no GeoJSON"),
+    ],
+)
+def test_other_formats_are_named(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "p.shp").write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_outlines(tmp_path / "p.shp", POSED)
