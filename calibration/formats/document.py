@@ -4,9 +4,9 @@ Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nest
 cost time, and only plain data is ever built (no tags that run code, no XML entities).
 """
 
-import json
 import re
 from collections import Counter
+from json import JSONDecodeError
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import yaml
 
+from calibration.bounded_text import MAX_VALUES, TooMuchError, load_json, load_yaml
 from calibration.errors import CalibrationError
 from calibration.formats import metashape, plain_text
 from calibration.formats.binary import is_binary, load_binary
@@ -22,7 +23,6 @@ from calibration.formats.section import Section
 
 MAX_BYTES = 256 * 1024  # a calibration as text is a few kB
 START_BYTES = 2048  # the first key of a file that is too large
-MAX_VALUES = 50_000  # a file of 300 views with every pose has some thousands
 MAX_DEPTH = 20  # levels; known formats have far fewer
 MAX_INTEGER = 10**18  # larger ones overflow 64 bits when they become floats and back
 ARCHIVES = (".gz", ".tgz", ".bz2", ".xz", ".zip", ".7z", ".rar")
@@ -44,7 +44,7 @@ def load_document(path: Path) -> Section:
         _check_bounded(content)
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from error
-    except RecursionError as error:
+    except (RecursionError, TooMuchError) as error:
         raise CalibrationError(f"{path}: {TOO_MUCH}") from error
     except (yaml.YAMLError, ValueError, ElementTree.ParseError) as error:
         raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
@@ -123,13 +123,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _opencv_matrix)
 
 
 def _parse_yaml(text: str) -> Any:
-    """Parse, after a look at the events alone: the C composer overflows its stack on deep nesting."""
-    depth = 0
-    for count, event in enumerate(yaml.parse(text, Loader=_Loader)):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > MAX_DEPTH or count > MAX_VALUES:
-            raise CalibrationError(TOO_MUCH)
-    return yaml.load(text, Loader=_Loader)
+    return load_yaml(text, _Loader, MAX_DEPTH)
 
 
 def _repair(text: str) -> str:
@@ -148,8 +142,8 @@ def _repair(text: str) -> str:
 
 def _parse_json(text: str) -> Any:
     try:
-        content = json.loads(text, object_pairs_hook=_once_each)
-    except json.JSONDecodeError:
+        content = load_json(text, _once_each)
+    except JSONDecodeError:
         return _parse_yaml(text)  # a YAML flow mapping starts like JSON
     return content[0] if isinstance(content, list) and len(content) == 1 else content  # COLMAP's list of one rig
 

@@ -1,7 +1,6 @@
 """Reads settings from a file and from ``--set``, merges them in that order, and checks them; with the origin of every value."""
 
 import difflib
-import json
 import re
 import reprlib
 from collections.abc import Sequence
@@ -12,9 +11,10 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from calibration.bounded_text import YAML_ERRORS, TooMuchError, load_json, load_yaml
 from stereo_seecolor.config import RobustConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.text_documents import read_text
 
 RUN_FORMAT = "stereo-seecolor/run"
 """The "format" of a run.json, whose "config" is a configuration too."""
@@ -122,13 +122,10 @@ def _are_mappings(*values: object) -> bool:
 
 def _read(path: Path) -> _Content:
     try:
-        text = read_bytes(path).decode("utf-8-sig")
-        content = _parsed(text)
+        content = _parsed(read_text(path))
     except InputError as error:
         raise ConfigError(str(error)) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: cannot be read: it is no UTF-8 text ({error.reason} at byte {error.start})") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except YAML_ERRORS as error:
         raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
     if isinstance(content, dict) and content.get("format") == RUN_FORMAT:
         content = content.get("config")
@@ -142,9 +139,11 @@ def _read(path: Path) -> _Content:
 def _parsed(text: str) -> Any:
     """The content of JSON or YAML text. JSON is tried first: the run.json of a long dive would take minutes as YAML."""
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return yaml.load(text, _Loader)  # a SafeLoader
+        return load_json(text)
+    except TooMuchError:
+        raise
+    except ValueError:
+        return load_yaml(text, _Loader)
 
 
 def _override(text: str) -> _Content:
@@ -155,8 +154,8 @@ def _override(text: str) -> _Content:
     if not any(known == key or known.startswith(f"{key}.") for known in known_keys()):
         raise ConfigError(f"--set {text}: there is no setting {key!r}{_suggestion(key)}")
     try:
-        content = yaml.load(value, _Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        content = load_yaml(value, _Loader)
+    except YAML_ERRORS as error:
         raise ConfigError(f"--set {text}: the value cannot be read: {' '.join(str(error).split())}") from error
     for name in reversed(key.split(".")):
         content = {name: content}

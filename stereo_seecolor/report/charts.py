@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import PAGE
@@ -40,5 +41,7 @@ def kept_charts(folder: RunFolder) -> dict[str, Any]:
     path = folder.root / FILE
     if not path.is_file() or folder.dive.record.made_from.get(FILE) != folder.dive.digest("corrected"):
         return {}
-    content: dict[str, Any] = json.loads(path.read_bytes())
-    return content
+    try:
+        return load_object(path)
+    except ValueError:  # changed since: the page is made without
+        return {}

@@ -1,6 +1,7 @@
 """The page's files of one frame: thumbnail, image before and after correction, and ranges to measure in."""
 
 import contextlib
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
+from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
@@ -71,7 +73,12 @@ class FrameFiles:
         return contents_of(Pixels(frame.name, frame.products, frame.read), before, self.run.geometry)
 
     def raw(self, frame: FinishedFrame) -> Image:
-        """(H, W, 3) the frame's left image, rectified and upright, uncorrected. Raises InputError, CalibrationError."""
+        """(H, W, 3) the frame's left image, rectified and upright, uncorrected. Raises InputError, CalibrationError.
+
+        Records of others may name any image of this machine: one is shown only where it is what the run read.
+        """
+        if hashlib.sha256(read_bytes(frame.left)).hexdigest() != frame.sha256:
+            raise InputError(f"{frame.left}: is not the image that the run read")
         image = read_image(frame.left, self.run.config.input)
         if self.run.geometry is None:
             return image

@@ -1,9 +1,10 @@
 """The texts of the page, from one file, so that it can be translated; and numbers as text."""
 
-import json
 from functools import cache
 from importlib.resources import files
 from typing import Any
+
+from calibration.bounded_text import load_json
 
 STATIC = files("stereo_seecolor.report") / "static"
 
@@ -11,7 +12,7 @@ STATIC = files("stereo_seecolor.report") / "static"
 @cache
 def texts() -> dict[str, str]:
     """The page's texts by key; a text may hold {names} of values."""
-    content: dict[str, str] = json.loads((STATIC / "texts.json").read_text(encoding="utf-8"))
+    content: dict[str, str] = load_json((STATIC / "texts.json").read_bytes())
     return content
 
 

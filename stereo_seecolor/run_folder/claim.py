@@ -17,11 +17,11 @@ from stereo_seecolor.run_folder.layout import (
     PAGE_PRODUCTS,
     PLAN,
     PRODUCTS,
-    SET_ASIDE,
     STATE,
     state,
 )
 from stereo_seecolor.run_folder.manifest import Manifest
+from stereo_seecolor.run_folder.own_paths import refuse_links
 
 NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 """What file managers leave in every folder that is opened; hidden files are ignored too."""
@@ -88,15 +88,6 @@ def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Seque
 def _holds_results(manifest: Manifest) -> bool:
     """False after a run that was refused before its first pair, such as one with exchanged sides."""
     return bool(manifest.names() or manifest.dive().files)
-
-
-def refuse_links(root: Path) -> None:
-    """Raise OutputError where a folder that the program writes into is a link: it would lead out of OUT."""
-    for name in (*PRODUCTS, ORIGINAL, MAP, PAGE, *PAGE_PRODUCTS, STATE, SET_ASIDE):
-        if (root / name).is_symlink():
-            raise OutputError(
-                f"{root / name}: is a link, and nothing is written outside of {root}: remove it, or choose another --out"
-            )
 
 
 def refuse_used(root: Path) -> None:

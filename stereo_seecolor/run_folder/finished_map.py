@@ -1,11 +1,11 @@
 """OUT/map read back: the poses of its frames, and the metrics of its site."""
 
 import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.layout import MAP
 
@@ -50,7 +50,7 @@ def open_map(out: Path) -> FinishedMap | None:
     if not (folder / "map.json").is_file():
         return None
     try:
-        description = json.loads((folder / "map.json").read_bytes())
+        description = load_object(folder / "map.json")
         cell_m = {name: float(description[name]) for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")}
         squares = _rows(folder / "reef_metrics.csv")
         site = next((_numbers(row) for row in squares if row["square"] == "site"), {})

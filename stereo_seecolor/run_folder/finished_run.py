@@ -1,6 +1,5 @@
 """A finished run read back: its settings, rig, frames and products, as the run recorded them."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from calibration import RectifiedPair, StereoRig
+from calibration.bounded_text import load_json
 from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -22,6 +22,7 @@ from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
+from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
 RUN_FORMAT, RUN_VERSION = "stereo-seecolor/run", 2
 YEAR_2000 = 946_684_800
@@ -141,8 +142,9 @@ def open_run(out: Path) -> FinishedRun:
     """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
 
     Raises InputError if ``out`` holds no run of this version of the program, or one that was killed before it could describe what
-    it made.
+    it made; OutputError where its records or links lead out of it.
     """
+    refuse_links_out(out)
     manifest = Manifest(out)
     content = _run_content(out)
     dive = manifest.dive()
@@ -198,7 +200,7 @@ def _run_content(out: Path) -> dict[str, Any]:
     """run.json with its settings and geometry as objects."""
     path = out / RUN
     try:
-        content = json.loads(read_bytes(path))
+        content = load_json(read_bytes(path))
     except (InputError, ValueError) as error:
         raise InputError(f"{out}: holds no finished run ({error})") from error
     if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.layout import WATER, fit_file
 from stereo_seecolor.run_folder.water_file import read_waters
 from stereo_seecolor.water.model import Water
@@ -41,9 +42,8 @@ class KeptFit:
     def load(cls, root: Path) -> "KeptFit | None":
         """Read the record of an earlier run; None where there is none, or it is damaged."""
         try:
-            content = json.loads(fit_file(root).read_bytes())
-            return cls(**{**content, "notes": tuple(content["notes"])})
-        except (OSError, ValueError, TypeError, KeyError):
+            return as_record(cls, load_object(fit_file(root)))
+        except (OSError, ValueError):
             return None
 
     def waters(self, root: Path, names: Iterable[str]) -> Mapping[str, Water] | None:

@@ -1,6 +1,5 @@
 """Record of the dive's light, and of what it was solved from, kept in OUT so that a rerun does not solve it again."""
 
-import json
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.run_folder.layout import light_file
 
@@ -34,7 +34,7 @@ class KeptLight:
     def load(cls, root: Path) -> "KeptLight | None":
         """Read the record of an earlier run; None where there is none, or it is damaged."""
         try:
-            content = json.loads(light_file(root).read_bytes())
+            content = load_object(light_file(root))
             return cls(**{**content, "linked": Names(content["linked"])})
         except (OSError, ValueError, TypeError, KeyError):
             return None

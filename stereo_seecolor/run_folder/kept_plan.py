@@ -6,6 +6,7 @@ from pathlib import Path
 
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.atomic import files_below, write_atomic
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.run_folder.layout import plan_file
 
@@ -56,8 +57,8 @@ class KeptPlan:
     def load(cls, root: Path, pairs: int, config: RunConfig) -> "KeptPlan | None":
         """Read the prediction for a dive of so many pairs with these settings; None where there is none, or it is damaged."""
         try:
-            plan = cls(**json.loads(plan_file(root).read_bytes()))
-        except (OSError, ValueError, TypeError):
+            plan = as_record(cls, load_object(plan_file(root)))
+        except (OSError, ValueError):
             return None
         return plan if (plan.pairs, plan.settings) == (pairs, settings_key(config)) else None
 

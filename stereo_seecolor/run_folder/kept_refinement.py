@@ -8,6 +8,7 @@ from pathlib import Path
 from calibration import CalibrationError, StereoRig
 from calibration.formats import native
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.layout import refinement_files
 
 
@@ -34,8 +35,8 @@ class KeptRefinement:
         """Read the record of an earlier run, and its rig; None where there is none, or it is damaged."""
         rig_file, file = refinement_files(root)
         try:
-            return cls(**json.loads(file.read_bytes())), native.read(rig_file)
-        except (OSError, ValueError, TypeError, CalibrationError):
+            return as_record(cls, load_object(file)), native.read(rig_file)
+        except (OSError, ValueError, CalibrationError):
             return None
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from stereo_seecolor.compute.heartbeat import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.layout import lease_file
 
 
@@ -57,7 +58,7 @@ class Holder:
     def load(cls, root: Path) -> "Holder | None":
         """Read who holds OUT; None where nobody does. Raises OSError where the file cannot be read now, as when a network fails."""
         try:
-            return cls(**json.loads(lease_file(root).read_bytes()))
+            return as_record(cls, load_object(lease_file(root)))
         except FileNotFoundError:
             return None
         except (ValueError, TypeError):  # being written just now, or damaged

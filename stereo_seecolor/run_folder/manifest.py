@@ -5,14 +5,16 @@ is killed, each file in a product's place is either known to the manifest or som
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, write_atomic
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.layout import Stage, record_shelf, state
+from stereo_seecolor.run_folder.own_paths import ForeignPathError, check_own_paths, check_product_paths
 from stereo_seecolor.run_folder.stamp import Stamp
 
 FORMAT, VERSION = "stereo-seecolor/manifest", 2
@@ -112,16 +114,20 @@ class Manifest:
         return self._dive_file.is_file()
 
     def dive(self) -> DiveRecord:
-        """Read the record of the dive. Raises OutputError if it is damaged or of another version."""
+        """Read the record of the dive. Raises OutputError if it is damaged, of another version, or names what is not in OUT."""
         try:
-            content = json.loads(self._dive_file.read_bytes())
+            content = load_object(self._dive_file)
             if (content.pop("format"), content.pop("version")) != (FORMAT, VERSION):
                 raise ValueError("another version")
-            return DiveRecord(**{**content, "files": _stamps(content["files"])})
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            record = as_record(DiveRecord, content)
+            check_own_paths((*record.files, *record.made_from))
+        except ForeignPathError as error:
+            raise _refused(self._dive_file, error) from error
+        except (OSError, ValueError, KeyError) as error:
             raise OutputError(
-                f"{self._dive_file}: is damaged or of another version ({error}): choose another --out; nothing was touched"
+                f"{self._dive_file}: is damaged or of another version ({error!s:.100}): choose another --out; nothing was touched"
             ) from error
+        return record
 
     def save_dive(self, record: DiveRecord) -> None:
         """Write the record of the dive. Raises OutputError."""
@@ -133,11 +139,21 @@ class Manifest:
         return sorted({path.stem for paths in found for path in paths if not path.name.startswith(TEMPORARY_PREFIX)})
 
     def frame(self, name: str) -> FrameRecord | None:
-        """Read the record of a frame; None where there is none, or it is damaged (its files are then made again)."""
+        """Read the record of a frame; None where there is none, or it is damaged (its files are then made again).
+
+        Raises OutputError for one that is another frame's, or that names what is not in OUT.
+        """
+        file = self._known_file(name)
         try:
-            return _frame(json.loads(self._known_file(name).read_bytes()))
+            record = _frame(load_object(file))
+            if record.name != name:
+                raise ForeignPathError(f"it is of a frame {record.name!r}")
+            check_product_paths((*record.files, *(path for stage in record.stages.values() for path in stage.outputs.values())))
+        except ForeignPathError as error:
+            raise _refused(file, error) from error
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
+        return record
 
     def frames(self) -> Iterator[FrameRecord]:
         """Read all records that are not damaged, by name."""
@@ -159,11 +175,29 @@ class Manifest:
         return self._frames / SPREAD / record_shelf(name) / f"{name}.json" if shelf else self._frames / f"{name}.json"
 
 
-def _stamps(content: Mapping[str, list[dict[str, Any]]]) -> dict[str, tuple[Stamp, ...]]:
-    return {path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content.items()}
+def _refused(file: Path, error: ForeignPathError) -> OutputError:
+    return OutputError(f"{file}: is not as this program writes it: {error}; nothing was touched: choose another folder")
 
 
 def _frame(content: dict[str, Any]) -> FrameRecord:
     inputs = {side: InputRecord(item["path"], Stamp(**item["stamp"]), item["sha256"]) for side, item in content["inputs"].items()}
-    stages = {stage: StageRecord(**{**item, "warnings": tuple(item["warnings"])}) for stage, item in content["stages"].items()}
-    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, _stamps(content["files"]), content.get("shelf", ""))
+    stages = {_stage(name): _stage_record(item) for name, item in content["stages"].items()}
+    files = {path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content["files"].items()}
+    shelf = content.get("shelf", "")
+    if shelf and not shelf.isdecimal():
+        raise ForeignPathError(f"its shelf is {shelf!r}")
+    numbers = (value for stage in stages.values() for value in stage.facts.values())
+    if not all(isinstance(value, int | float) for value in (*numbers, content["timestamp_s"] or 0)):
+        raise ValueError("facts are numbers")
+    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, files, shelf)
+
+
+def _stage_record(content: dict[str, Any]) -> StageRecord:
+    return StageRecord(**{**content, "warnings": tuple(content["warnings"])})
+
+
+def _stage(name: Any) -> Stage:
+    if name not in DEPENDS_ON:
+        raise ValueError(f"{name!r} is no stage")
+    stage: Stage = name
+    return stage

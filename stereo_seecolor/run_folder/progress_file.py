@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from stereo_seecolor.files.atomic import write_replaceable
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import progress_file
@@ -84,11 +85,8 @@ class Progress:
     def load(cls, root: Path) -> "Progress | None":
         """Read the latest progress; None where there is none, or it is damaged."""
         try:
-            content = json.loads(progress_file(root).read_bytes())
-            failures = [(str(a), int(b), str(c)) for a, b, c in content["failures"]]
-            earlier = [(str(a), int(b), float(c)) for a, b, c in content["earlier"]]
-            return cls(**{**content, "failures": failures, "earlier": earlier, "expected": Expected(**content["expected"])})
-        except (OSError, ValueError, TypeError, KeyError):
+            return as_record(cls, load_object(progress_file(root)))
+        except (OSError, ValueError):
             return None
 
 

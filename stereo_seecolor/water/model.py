@@ -1,6 +1,5 @@
 """The water between camera and reef: the parameters of its model, and their JSON file."""
 
-import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.json_values import JsonText, plain
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.text_documents import read_json
 from stereo_seecolor.water.limits import MATRICES, PARAMETERS, problem_of
 
 FORMAT = "stereo-seecolor/water"
@@ -131,10 +130,7 @@ def water_document(body: dict[str, Any]) -> JsonText:
 
 def read_water_document(path: Path) -> dict[str, Any]:
     """Read the body of a water.json. Raises InputError where the file is something else."""
-    try:
-        content = json.loads(read_bytes(path))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON: {error}") from error
+    content = read_json(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT or content.get("version") != VERSION:
         raise InputError(f"{path}: is no {FORMAT} version {VERSION} file: give the water.json of an earlier run")
     return content

@@ -1,6 +1,5 @@
 """Targets of known color in an image: charts, found or given by their corners, and white objects in given polygons."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from stereo_seecolor.extras.evaluation.chart_finder import find_charts
 from stereo_seecolor.extras.evaluation.chart_types import CLASSIC, DKK, SPYDER, ChartType, FoundChart
 from stereo_seecolor.extras.evaluation.measures import CLIPPED
 from stereo_seecolor.extras.evaluation.white_cards import inner, white_cards
+from stereo_seecolor.files.text_documents import read_json
 from stereo_seecolor.records import Image, Map
 
 _INNER = 0.25
@@ -76,10 +76,8 @@ def read_targets(path: Path) -> dict[str, list[dict[str, NDArray[np.float64]]]]:
     Raises InputError for a file that says something else.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = read_json(path)
         targets = {str(stem): [_points(path, str(stem), entry) for entry in entries] for stem, entries in content.items()}
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: targets cannot be read: {error}") from error
     except (AttributeError, TypeError) as error:
         raise InputError(f'{path}: must hold {{"<image stem>": [{{"polygon": [[x, y], ...]}}, ...]}}') from error
     return targets

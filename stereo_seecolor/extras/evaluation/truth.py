@@ -1,6 +1,5 @@
 """Errors of a finished run's ranges and colors against known truth, beside those of the raw images."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,6 +13,7 @@ from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.measures import TruthScore, score_truth
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.records import Map, Mask
@@ -151,7 +151,7 @@ def _as_displayed(image: NDArray[np.unsignedinteger], linear: bool) -> NDArray[n
 
 def _is_linear(truth: Path) -> bool:
     try:
-        return bool(json.loads((truth / "water.json").read_bytes())["water"]["input_encoding"] == "linear")
+        return bool(load_object(truth / "water.json")["water"]["input_encoding"] == "linear")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{truth / 'water.json'}: does not say how the images are encoded: {error}") from error
 

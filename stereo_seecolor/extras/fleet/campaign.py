@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration import CalibrationError
@@ -23,7 +22,7 @@ from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.fleet.campaign_records import write_records
 from stereo_seecolor.extras.fleet.campaign_table import TABLE, DiveState, State, load_states, save_states
 from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.text_documents import read_yaml
 from stereo_seecolor.run_folder.frames_table import RunSummary
 
 WATERS = "waters"
@@ -70,9 +69,7 @@ class CampaignFile(BaseModel):
     def read(cls, path: Path) -> "CampaignFile":
         """Read a YAML file. Raises InputError where it cannot be read or is no campaign."""
         try:
-            campaign = cls.model_validate(yaml.safe_load(read_bytes(path)))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: is no YAML: {' '.join(str(error).split())}") from error
+            campaign = cls.model_validate(read_yaml(path))
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"

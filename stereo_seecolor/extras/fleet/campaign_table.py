@@ -8,7 +8,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Literal
 
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_records import as_record, load_object
+from stereo_seecolor.run_folder.own_paths import is_plain_name
 
 TABLE, STATES = "campaign.csv", "campaign.json"
 State = Literal["not begun", "done", "some pairs failed", "failed", "stopped"]
@@ -28,11 +31,18 @@ class DiveState:
 
 
 def load_states(root: Path) -> dict[str, DiveState]:
-    """The outcome of each dive, by name, from campaign.json; empty where it is missing or damaged."""
+    """The outcome of each dive, by name, from campaign.json; empty where it is missing or damaged.
+
+    Raises InputError where a dive's name leads out of ``root``.
+    """
     try:
-        return {name: DiveState(**state) for name, state in json.loads((root / STATES).read_bytes()).items()}
-    except (OSError, ValueError, TypeError, AttributeError):
+        states = {name: as_record(DiveState, state) for name, state in load_object(root / STATES).items()}
+    except (OSError, ValueError):
         return {}
+    for name in states:
+        if not is_plain_name(name):
+            raise InputError(f"{root / STATES}: it names a dive {name!r}, which does not lie in {root}: delete this file")
+    return states
 
 
 def save_states(root: Path, states: Mapping[str, DiveState]) -> None:

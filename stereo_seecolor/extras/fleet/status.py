@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.extras.fleet.campaign_table import load_states
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_csv import read_rows
@@ -51,11 +51,12 @@ def statuses(outs: Sequence[Path]) -> list[RunStatus]:
     for out in outs:
         dives = [out / name for name in load_states(out)]
         folders += dives or [out]
-    found, problems = [], []
+    found: list[RunStatus] = []
+    problems: list[SeeColorError] = []
     for folder in folders:
         try:
             found.append(status(folder))
-        except InputError as error:
+        except (InputError, OutputError) as error:
             problems.append(error)
             found.append(RunStatus(folder, "no run", "", 0, 0, 0))
     if problems and len(problems) == len(folders):

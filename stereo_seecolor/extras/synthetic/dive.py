@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calibration.bounded_text import load_json
 from calibration.formats import native
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef
@@ -17,6 +18,7 @@ from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES
 from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.new_folder import refuse_filled
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import Water
@@ -68,7 +70,7 @@ def parse_spec(pairs: int, lines: int, size: str, water: str, seed: int) -> Surv
 def _refuse_other(spec: SurveySpec, out: Path) -> None:
     """Raises OutputError if ``out`` holds anything but files of this very survey: they may be somebody's dive."""
     try:
-        same = json.loads((out / _SPEC).read_text(encoding="utf-8"))["survey"] == json.loads(json.dumps(asdict(spec)))
+        same = load_object(out / _SPEC)["survey"] == load_json(json.dumps(asdict(spec)))
     except (OSError, ValueError, LookupError, TypeError):
         same = False
     if not same:

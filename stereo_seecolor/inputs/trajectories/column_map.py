@@ -62,7 +62,7 @@ _OWNER = re.compile(r"^(gps\d?|vehicle|nav|ugps|attitude|vfr_hud|global_position
 """What QGroundControl and others put before a name: ``gps.lat``."""
 _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
-_UNIT = re.compile(r"([ _]*(\(.*?\)|\[.*?\])|[ _]+(deg|degrees|rad|radians|m|s))?$")
+_UNIT = re.compile(r"([ _]*(\([^()]*\)|\[[^\[\]]*\])|[ _]+(deg|degrees|rad|radians|m|s))?$")
 _RADIANS = re.compile(r"[ _(\[]rad(ians)?[)\]]?$")
 _DEGREES = re.compile(
     r"([NSEWO])?\s*([+-]?\d+(?:\.\d+)?)\s*(?:[°º\ufffd:\s]\s*(?:(\d+(?:\.\d+)?)\s*['’′:\s]*\s*(?:(\d+(?:\.\d+)?)\s*(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",

@@ -1,9 +1,8 @@
 """``transforms.json`` of Blender's scripts, Instant-NGP and Nerfstudio: camera-to-world matrices in the axes of OpenGL."""
 
-import json
-
 import numpy as np
 
+from calibration.bounded_text import load_json
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories.table import LARGEST, Lines
@@ -21,10 +20,10 @@ def recognizes(lines: Lines) -> bool:
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
     """Matched to the frames by the names of their images; up and the scale are unknown. The images are taken to be the raw ones."""
     try:
-        frames = json.loads("\n".join(lines.all))["frames"]
+        frames = load_json("\n".join(lines.all))["frames"]
         names = tuple(str(frame["file_path"]) for frame in frames)
         T = np.array([frame["transform_matrix"] for frame in frames], dtype=np.float64)[:, :3]
-    except (ValueError, KeyError, TypeError, IndexError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         raise InputError(f"{lines.path}: no frames with a file_path and a 4x4 transform_matrix each ({error!r:.80})") from error
     if T.shape[1:] != (3, 4) or (np.abs(T) > LARGEST).any():
         raise InputError(f"{lines.path}: transform_matrix: expected 4x4 numbers of meters a frame, got shape {T.shape}")

@@ -37,7 +37,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 def _columns(lines: Lines) -> list[str] | None:
     """Of time, x, y, z, qx, qy, qz, qw, in this order; None where one is missing."""
     names = _names(lines)
-    bare = [re.sub(r"\s*[\[(].*?[\])]", "", name) for name in names]
+    bare = [re.sub(r"\s*[\[(][^\[\]()]*[\])]", "", name) for name in names]
     found: list[str] = []
     for pattern in (_TIME, *map(_POSITION.format, "xyz"), *map(_ROTATION.format, "xyzw")):
         fitting = (name for name, plain in zip(names, bare, strict=True) if name not in found and re.fullmatch(pattern, plain))

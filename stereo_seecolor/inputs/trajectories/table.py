@@ -13,6 +13,8 @@ from stereo_seecolor.inputs.trajectories.times import is_unknown
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d+),(\d+)$")
 """As programs of many countries write numbers, between semicolons."""
 
+HEADER_CHARACTERS = 4096
+"""A longer first line names no columns; patterns of names would take minutes on it."""
 LARGEST = 1e12
 """Meters, degrees and seconds are less: the epoch is at 2e9 s."""
 
@@ -42,7 +44,7 @@ class Lines:
     @property
     def header(self) -> str:
         """The first line of all, without what makes a comment of it."""
-        return self.all[0].lstrip("#% ")
+        return self.all[0][:HEADER_CHARACTERS].lstrip("#% ")
 
     def error(self, number: int, what: str) -> InputError:
         """An error that names file and line."""

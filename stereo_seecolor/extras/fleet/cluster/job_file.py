@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.errors import ClusterError, InputError
+from stereo_seecolor.files.text_documents import read_yaml
 
 
 class Adaptive(BaseModel):
@@ -46,11 +46,9 @@ class JobFile(BaseModel):
     def read(cls, path: Path) -> "JobFile":
         """Read a YAML file. Raises ClusterError where it cannot be read or is wrong."""
         try:
-            return cls.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")) or {})
-        except OSError as error:
-            raise ClusterError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ClusterError(f"{path}: is no YAML: {' '.join(str(error).split())}") from error
+            return cls.model_validate(read_yaml(path) or {})
+        except InputError as error:
+            raise ClusterError(str(error)) from error
         except ValidationError as error:
             first = error.errors()[0]
             where = "".join(f"{part}: " for part in first["loc"])

@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
+from calibration.bounded_text import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
@@ -124,7 +125,7 @@ def serve(pipe: BinaryIO) -> None:
     content = pipe.readline()
     if not content:
         return
-    orders = Orders(**json.loads(content))
+    orders = Orders(**load_json(content))
     running: set[int] = set()
     try:
         while True:

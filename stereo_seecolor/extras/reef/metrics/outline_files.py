@@ -1,6 +1,5 @@
 """Reading of outlines from files: GeoJSON (QGIS, ArcGIS), and TagLab's project."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.bounded_text import load_json
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.metrics.outlines import Outline, Ring
+from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -33,11 +34,11 @@ Turn = Callable[[NDArray[np.float64]], Ring]
 def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
     """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or cannot be read."""
     try:
-        raw = path.read_bytes()
+        raw = read_bytes(path)
         if kind := next((what for begin, what in OTHERS if raw.startswith(begin)), None):
             raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
-        content = json.loads(raw)
-    except (OSError, ValueError, RecursionError) as error:
+        content = load_json(raw)
+    except ValueError as error:
         raise InputError(f"{path}: is no GeoJSON and no TagLab project: {error}") from error
     try:
         if isinstance(content, dict) and "images" in content and "features" not in content:

@@ -14,6 +14,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.extras.streams.videos.choice import FrameChoice
 from stereo_seecolor.extras.streams.videos.video import Videos
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -45,7 +46,7 @@ def video_pairing(left: Path, right: Path, calib: str | Path, folder: RunFolder,
 def _kept(file: Path, key: str) -> FrameChoice | None:
     """The choice of an earlier run; None where it had other videos or settings, or there is none."""
     try:
-        content = json.loads(file.read_bytes())
+        content = load_object(file)
         if content.pop("key") == key:
             return FrameChoice(**{name: tuple(values) for name, values in content.items()})
     except (OSError, ValueError, TypeError, KeyError, AttributeError):

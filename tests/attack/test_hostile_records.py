@@ -1,0 +1,179 @@
+"""An OUT that comes by mail or from a share: no command touches or reads a file outside of it that its records name."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Dive, command
+
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest, StageRecord
+
+MINE = b"mine"
+STAMP = {"size": len(MINE), "mtime_ns": 0, "digest": hashlib.blake2b(MINE + MINE, digest_size=8).hexdigest()}
+UP = ("../home/notes.txt", "range/../../home/notes.txt", "/home/notes.txt", "..")
+OUTSIDE = (*UP, "", ".", "range//a.tiff", "./range/a.tiff", "a\0b")
+Change = Callable[[dict[str, Any], str], None]
+
+
+def _file(content: dict[str, Any], path: str) -> None:
+    content["files"][path] = [STAMP]
+
+
+def _output(content: dict[str, Any], path: str) -> None:
+    content["stages"]["range"]["outputs"]["range"] = path
+
+
+def _shelf(content: dict[str, Any], path: str) -> None:
+    content["shelf"] = path or "x"
+
+
+def _name(content: dict[str, Any], path: str) -> None:
+    content["name"] = path
+
+
+IN_FRAME = (_file, _output, _shelf, _name)
+
+
+def changed(record: Path, change: Change, path: str) -> None:
+    content = json.loads(record.read_bytes())
+    change(content, path)
+    record.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("path", OUTSIDE)
+@pytest.mark.parametrize("change", IN_FRAME)
+def test_a_frames_record_that_names_what_is_outside_is_refused(tmp_path: Path, change: Change, path: str) -> None:
+    manifest = Manifest(tmp_path)
+    manifest.save_frame(FrameRecord("a", stages={"range": StageRecord("key", outputs={"range": "range/a.tiff"})}))
+    assert manifest.frame("a")
+    changed(tmp_path / ".state/frames/a.json", change, path)
+    with pytest.raises(OutputError, match=r"a\.json: is not as this program writes it: .*nothing was touched") as raised:
+        list(manifest.frames())
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("path", OUTSIDE)
+def test_a_dives_record_that_names_what_is_outside_is_refused(tmp_path: Path, path: str) -> None:
+    manifest = Manifest(tmp_path)
+    manifest.save_dive(DiveRecord())
+    changed(tmp_path / ".state/manifest.json", _file, path)
+    with pytest.raises(OutputError, match=r"manifest\.json: is not as this program writes it"):
+        manifest.dive()
+
+
+def test_a_frames_record_names_no_records_of_its_own(tmp_path: Path) -> None:
+    """A part could bring a manifest of its own into the whole."""
+    manifest = Manifest(tmp_path)
+    manifest.save_frame(FrameRecord("a"))
+    changed(tmp_path / ".state/frames/a.json", _file, ".state/manifest.json")
+    with pytest.raises(OutputError, match="lies in no folder of products"):
+        manifest.frame("a")
+
+
+@pytest.mark.parametrize("wrong", ["1", [], {"a": 1}, True, None, [[]], 10**400, {"size": "x"}])
+@pytest.mark.parametrize("key", ["name", "timestamp_s", "inputs", "stages", "files", "shelf"])
+def test_a_record_of_other_types_is_damaged_and_nothing_worse(tmp_path: Path, key: str, wrong: object) -> None:
+    manifest = Manifest(tmp_path)
+    manifest.save_frame(FrameRecord("a"))
+    record = tmp_path / ".state/frames/a.json"
+    record.write_text(json.dumps(json.loads(record.read_bytes()) | {key: wrong}))
+    try:
+        found = manifest.frame("a")
+    except OutputError as error:
+        assert "is not as this program writes it" in str(error)
+    else:
+        assert found is None or getattr(found, key) in (wrong, 1, {}, "")
+
+
+@pytest.fixture
+def hostile(make_dive: Callable[..., Dive], tmp_path: Path) -> tuple[Path, Path]:
+    """A finished run, and a file of the user's beside it."""
+    dive = make_dive(2)
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home/notes.txt").write_bytes(MINE)
+    return tmp_path / "out", tmp_path / "home/notes.txt"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("record", ["frames/0000.json", "manifest.json"])
+def test_no_command_touches_a_file_that_a_record_names_outside(hostile: tuple[Path, Path], tmp_path: Path, record: str) -> None:
+    out, _ = hostile
+    changed(out / ".state" / record, _file, "../home/notes.txt")
+    dive = tmp_path / "dive"
+    sides = ["--left", dive / "L", "--right", dive / "R", "--calib", dive / "cam.yaml", "--out", out]
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and ".state" not in path.parts}
+    for words in (
+        ["run", *sides],
+        ["run", *sides, "--overwrite"],
+        ["run", *sides, "--set", "color.lock=survey"],
+        ["fuse", out],
+        ["report", out],
+        ["metrics", out],
+        ["export", out, "--to", "nerfstudio", "--out", tmp_path / "to"],
+        ["merge", out, "--out", tmp_path / "whole/deep"],
+        ["compare", out, out, "--out", tmp_path / "changes"],
+    ):
+        code, said = command(*words)
+        assert (code, said.count("\n"), "Traceback" in said) == (1, 1, False), (words, said)
+        assert "is not as this program writes it" in said, (words, said)
+    assert {path: path.read_bytes() for path in before} == before
+    assert not (tmp_path / "whole/home").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.posix
+def test_links_that_lead_out_are_neither_read_nor_written_through(hostile: tuple[Path, Path], tmp_path: Path) -> None:
+    out, mine = hostile
+    for name in ("corrected/0000.png", ".state/light.json", "rig.yaml", "range/new"):
+        copy = tmp_path / "copy"
+        shutil.copytree(out, copy)
+        (copy / name).unlink(missing_ok=True)
+        (copy / name).symlink_to(mine if name != "range/new" else mine.parent)
+        with pytest.raises(OutputError, match="is a link that leads out"):
+            open_run(copy)
+        shutil.rmtree(copy)
+    (out / ".state/lock").unlink(missing_ok=True)
+    (out / ".state/lock").symlink_to(mine)
+    code, said = command("fuse", out)
+    assert code == 1 and "is a link" in said
+    assert mine.read_bytes() == MINE
+
+
+@pytest.mark.slow
+def test_links_within_the_folder_are_read(finished_demo: Any, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(finished_demo.out, out)
+    product = next((out / "corrected").glob("*.png"))
+    product.rename(out / "kept.png")
+    product.symlink_to(out / "kept.png")
+    assert open_run(out).frames
+
+
+@pytest.mark.slow
+def test_a_page_shows_no_image_that_the_run_did_not_read(hostile: tuple[Path, Path], tmp_path: Path) -> None:
+    out, _ = hostile
+    secret = tmp_path / "home/secret.png"
+    shutil.copy(next((out / "corrected").glob("*.png")), secret)
+
+    def left(content: dict[str, Any], path: str) -> None:
+        content["inputs"]["left"]["path"] = path
+
+    changed(out / ".state/frames/0000.json", left, str(secret))
+    (out / "page/before/0000.jpg").unlink(missing_ok=True)
+    code, said = command("report", out)
+    assert code in (0, 3), said
+    assert not (out / "page/before/0000.jpg").exists()
+
+
+def test_a_campaigns_states_name_no_folder_outside(tmp_path: Path) -> None:
+    (tmp_path / "campaign.json").write_text(json.dumps({"../home": {"name": "../home", "state": "done"}}))
+    code, said = command("status", tmp_path)
+    assert code == 1 and "which does not lie in" in said
