@@ -1,10 +1,10 @@
 """``reconstruction.json`` of OpenSfM and OpenDroneMap: world-to-camera rotation vectors and translations of shots, meters."""
 
-import json
 from typing import Literal
 
 import numpy as np
 
+from calibration.bounded_text import load_json
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import pose, rotation_from_vector
@@ -20,7 +20,7 @@ def recognizes(lines: Lines) -> bool:
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
     """The largest reconstruction: east, north, up about its reference; z counts from the sea where that has an altitude."""
     try:
-        whole = max(json.loads("\n".join(lines.all)), key=lambda one: len(one["shots"]))
+        whole = max(load_json("\n".join(lines.all)), key=lambda one: len(one["shots"]))
         shots = whole["shots"]
         vectors, shifts = (
             np.array([shot[key] for shot in shots.values()], dtype=np.float64) for key in ("rotation", "translation")
