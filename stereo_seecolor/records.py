@@ -232,6 +232,7 @@ class Trajectory:
     camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those of the camera as it was
     calibrated and mounted, which rectification turns.
     fixes: True for positions alone, such as a buoy's: heights and attitudes mean nothing.
+    absolute: fixes beside poses, which place them on Earth; None where there are none.
     """
 
     names: tuple[str, ...]
@@ -241,6 +242,7 @@ class Trajectory:
     origin: GeoOrigin | None = None
     camera: Literal["raw", "rectified"] = "rectified"
     fixes: bool = False
+    absolute: "Trajectory | None" = None
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
         """The poses of the rectified left camera. T_rectified_left: (4, 4), from the axes of the camera as calibrated."""

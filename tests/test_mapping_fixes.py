@@ -1,17 +1,26 @@
 """Positions alone, of a buoy: they say where a track lies and heads, and no more."""
 
+import json
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from mapping_scene import write_run
 from numpy.typing import NDArray
+from test_markers import RIG, bottom, cameras, frame
 
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import MappingError
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.fixes import at_fixes, fit_to_fixes
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import GeoOrigin, Trajectory
 
 Array = NDArray[np.float64]
 TRUE = pose(rotation_from_vector(np.array([0.0, 0.0, 2.0])), [120.0, -40.0, 0.0])
@@ -82,3 +91,32 @@ def test_fixes_of_another_year_are_told_by_their_clock() -> None:
     fixes.timestamps_s[:] += 4e7
     with pytest.raises(MappingError, match=r"no frame has a fix at its time: it begins 462\.963 days after the first frame"):
         place(T, fixes)
+
+
+def fused_with_fixes(tmp_path: Path, *settings: str) -> tuple[dict[str, Any], Array, str]:
+    """map.json, the track's places and what is said, of a relative track of five frames and a buoy's fixes beside it."""
+    out, T, place_on_earth = tmp_path / "out", cameras(), GeoOrigin(-14.685, 145.46)
+    texture = bottom()
+    write_run(out, [frame(i, each, texture) for i, each in enumerate(T)], RIG)
+    write_tum(tmp_path / "vio.tum", Trajectory(tuple(f"f{i}" for i in range(5)), np.arange(5.0), T))
+    places = transformed(TRUE, T[:, :3, 3])
+    degrees = [degrees_from_north_east(north_m, east_m, place_on_earth) for east_m, north_m, _ in places]
+    rows = "".join(f"{time},{lat:.9f},{lon:.9f}\n" for time, (lat, lon) in enumerate(degrees))
+    (tmp_path / "buoy.csv").write_text("time,lat,lon\n" + rows)
+    config = load_config(None, ["mapping.poses=given", f"mapping.fixes={tmp_path / 'buoy.csv'}", *settings])
+    summary = fuse(out, tmp_path / "vio.tum", config)
+    content = json.loads((out / "map/map.json").read_text())
+    track = np.loadtxt(out / "map/trajectory.tum")[:, 1:4]
+    return content, track, " ".join(summary.warnings)
+
+
+@pytest.mark.slow
+def test_fixes_beside_a_relative_track_place_it_on_earth(tmp_path: Path) -> None:
+    content, track, said = fused_with_fixes(tmp_path)
+    assert content["origin"] is not None and "the track lies by 5 fixes" in said
+    T = cameras()
+    expected = transformed(TRUE, T[:, :3, 3])
+    np.testing.assert_allclose(track[:, :2] - track[:1, :2], expected[:, :2] - expected[:1, :2], atol=2e-3)
+    found = degrees_from_north_east(track[0, 1], track[0, 0], GeoOrigin(**content["origin"]))
+    truth = degrees_from_north_east(expected[0, 1], expected[0, 0], GeoOrigin(-14.685, 145.46))
+    np.testing.assert_allclose(found, truth, atol=3e-8)

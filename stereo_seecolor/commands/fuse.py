@@ -15,7 +15,7 @@ from stereo_seecolor.commands.placed_frames import describe_frames
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory, trajectory_file
+from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_file
 from stereo_seecolor.progress import Both, Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -37,7 +37,7 @@ def check_fusion(poses: Path | None, config: RunConfig) -> None:
     """
     from stereo_seecolor.mapping.survey_map import check
 
-    check(config.mapping, read_trajectory(poses, config.mapping.mount) if poses else None)
+    check(config.mapping, given_trajectory(poses, config.mapping, np.eye(4)))
 
 
 def fuse(
@@ -61,11 +61,12 @@ def fuse(
     config, compute = config or run.config, compute or Threads(cores())
     check_fusion(poses, config)
     SurveyFrames(run)  # refuses a run that cannot be fused before anything is written into it
-    with RunFolder.existing(out, (trajectory_file(poses),) if poses else ()) as folder:
+    inputs = [trajectory_file(path) for path in (poses, config.mapping.fixes) if path]
+    with RunFolder.existing(out, inputs) as folder:
         run = open_run(out)
         stalled = set(run.stalled)
         frames = SurveyFrames(run, frames=[frame for frame in run.frames if frame.name not in stalled])
-        trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
+        trajectory = given_trajectory(poses, config.mapping, frames.T_rectified_left)
         progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
         with compute.sharing(state(out), ()), _building(folder) as building:
             workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress), _steps(frames, out))

@@ -62,6 +62,10 @@ class MappingConfig(StageConfig):
         description="Coordinates of all products. auto: meters around the survey's origin on Earth, where the poses say it, by "
         "transverse Mercator at scale 1. utm: of its UTM zone (needs the geo extra). local: meters without a place on Earth.",
     )
+    fixes: FilePath | None = Field(
+        default=None,
+        description="Positions on Earth beside --poses, such as a buoy's: they place a track that has none (docs/mapping.md).",
+    )
     mount: MountConfig = MountConfig()
     markers: MarkersConfig = MarkersConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")

@@ -97,6 +97,12 @@ def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np
     return trajectory.of_rectified(T_rectified_left)
 
 
+def given_trajectory(poses: Path | None, config: MappingConfig, T_rectified_left: np.ndarray) -> Trajectory | None:
+    """Poses with the fixes of the configuration beside them, or either alone; None without any. Raises InputError."""
+    track, fixes = (rectified_trajectory(path, config, T_rectified_left) if path else None for path in (poses, config.fixes))
+    return replace(track, absolute=fixes) if track and fixes else track or fixes
+
+
 def trajectory_file(path: Path) -> Path:
     """The file that is read for ``path``, which may have a map of columns after it. Raises InputError for a bad map."""
     return column_map.split_spec(path)[0]

@@ -27,6 +27,8 @@ NOT_HELD = (
     "mapping.poses=prior"
 )
 
+FIXES_NOT_USED = "mapping.fixes are not used: the poses have a place on Earth of their own"
+
 WRONG = 0.5
 """Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters fit from frame to frame."""
 
@@ -72,9 +74,20 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
 
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
-    placed = _placed(survey, config, trajectory)
+    placed = _on_earth(_placed(survey, config, trajectory), survey, config, trajectory)
     warnings = placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
     return replace(placed, placement=placed.placement.with_warnings(*warnings))
+
+
+def _on_earth(placed: Placed, survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
+    """Move a placement without a place on Earth to the fixes beside its poses."""
+    if trajectory is None or trajectory.absolute is None:
+        return placed
+    if placed.origin:
+        return replace(placed, placement=placed.placement.with_warnings(FIXES_NOT_USED))
+    return replace(
+        placed, placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config), origin=trajectory.absolute.origin
+    )
 
 
 def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None, known: Placement | None) -> None:
