@@ -65,13 +65,19 @@ def call(package: Path, tmp_path: Path) -> Callable[..., tuple[int, int]]:
     return run
 
 
+def cached(home: Path) -> list[Path]:
+    """The files of machine code in a home folder, without the tag."""
+    return sorted(path for path in home.rglob("*.nb[ic]"))
+
+
 @pytest.mark.slow
 def test_machine_code_is_kept_until_a_source_that_it_was_made_of_changes(
-    package: Path, call: Callable[..., tuple[int, int]]
+    package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path
 ) -> None:
     assert call() == (60, 0)
     assert call() == (60, 1)
-    files = set((package / "__pycache__" / "compiled").iterdir())
+    files = cached(tmp_path)
+    assert len(files) == 2 and not list(package.rglob("__pycache__")), "the cache lies outside the package"
 
     (package / "errors.py").write_text("# nothing that the compiled function imports\n")
     assert call() == (60, 1)
@@ -81,31 +87,60 @@ def test_machine_code_is_kept_until_a_source_that_it_was_made_of_changes(
 
     (package / "numbers.py").write_text(NUMBERS.replace("2 * value", "3 * value"))
     assert call() == (90, 0)
-    assert set((package / "__pycache__" / "compiled").iterdir()) == files
+    assert cached(tmp_path) == files
 
 
 @pytest.mark.slow
-def test_the_users_cache_folder_serves_where_the_package_cannot_be_written(
-    package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path
+@pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+def test_cleaning_the_cache_deletes_nothing_but_machine_code(
+    call: Callable[..., tuple[int, int]], tmp_path: Path, variable: str
 ) -> None:
-    (package / "__pycache__").write_text("no folder can be made here")
-    assert call(XDG_CACHE_HOME=str(tmp_path / "cache")) == (60, 0)
-    assert call(XDG_CACHE_HOME=str(tmp_path / "cache")) == (60, 1)
+    if variable == "XDG_CACHE_HOME" and sys.platform != "linux":
+        pytest.skip("a variable of Linux")
+    cache = tmp_path / "cache"
+    assert call(**{variable: str(cache)}) == (60, 0)
+    installation = cached(cache)[0].parent
+    assert installation.name != "stereo-seecolor"
+    mine = [
+        place / f"{number:02}" / "left.png" for place in {installation.parent, cache / "stereo-seecolor"} for number in range(20)
+    ]
+    others = [installation.parent / f"other{number:02}" for number in range(20)]
+    for file in (*mine, others[0] / "notes.txt"):
+        file.parent.mkdir(parents=True)
+        file.write_text("of a user")
+        os.utime(file.parent, (0, 0))
+    for number, other in enumerate(others):
+        other.mkdir(exist_ok=True)
+        for file in installation.iterdir():
+            shutil.copy(file, other)
+        for file in other.glob("CACHEDIR.TAG"):
+            os.utime(file, (number, number))
+    shutil.rmtree(installation)
+
+    assert call(**{variable: str(cache)}) == (60, 0)
+    assert all(file.read_text() == "of a user" for file in (*mine, others[0] / "notes.txt"))
+    assert [other.name for other in others if list(other.glob("*.nb[ic]"))] == [f"other{number:02}" for number in range(5, 20)]
+    assert not others[1].exists()
+    assert call(**{variable: str(cache)}) == (60, 1)
 
 
 @pytest.mark.slow
-def test_the_users_cache_folder_stays_bounded(package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
-    (package / "__pycache__").write_text("no folder can be made here")
-    for number in range(20):
-        (tmp_path / "cache" / "stereo-seecolor" / str(number)).mkdir(parents=True)
-    assert call(XDG_CACHE_HOME=str(tmp_path / "cache")) == (60, 0)
-    assert len(list((tmp_path / "cache" / "stereo-seecolor").iterdir())) == 8
-    assert call(XDG_CACHE_HOME=str(tmp_path / "cache")) == (60, 1)
+@pytest.mark.posix
+def test_machine_code_is_loaded_only_from_a_private_folder(call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
+    assert call() == (60, 0)
+    (place,) = {path.parent.parent for path in cached(tmp_path)}
+    assert place.stat().st_mode & 0o777 == 0o700
+    place.chmod(0o777)
+    assert call() == (60, 0)
+    place.chmod(0o700)
+    assert call() == (60, 1)
+    place.rename(tmp_path / "elsewhere")
+    place.symlink_to(tmp_path / "elsewhere")
+    assert call() == (60, 0)
 
 
 @pytest.mark.slow
-def test_runs_without_a_place_for_machine_code(package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
-    (package / "__pycache__").write_text("no folder can be made here")
+def test_runs_without_a_place_for_machine_code(call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     nowhere = str(tmp_path / "file" / "cache")
     assert call(HOME=nowhere, XDG_CACHE_HOME=nowhere) == (60, 0)
@@ -113,11 +148,20 @@ def test_runs_without_a_place_for_machine_code(package: Path, call: Callable[...
 
 
 @pytest.mark.slow
-def test_damaged_machine_code_is_compiled_again(package: Path, call: Callable[..., tuple[int, int]]) -> None:
+def test_damaged_machine_code_is_compiled_again(call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
     call()
-    for file in (package / "__pycache__" / "compiled").iterdir():
-        file.write_bytes(file.read_bytes()[:100])
-    assert call() == (60, 0)
+    for file in cached(tmp_path):
+        content = file.read_bytes()
+        for damaged in (content[:100], b"", *(_flipped(content, place) for place in (0, 40, len(content) // 2, -1))):
+            file.write_bytes(damaged)
+            assert call() == (60, 0), file
+    assert call() == (60, 1)
+
+
+def _flipped(content: bytes, place: int) -> bytes:
+    changed = bytearray(content)
+    changed[place] ^= 1
+    return bytes(changed)
 
 
 def test_importing_a_compiled_function_leaves_numba_alone() -> None:

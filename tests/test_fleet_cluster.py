@@ -14,7 +14,6 @@ import pytest
 from distributed.comm.core import CommClosedError
 from distributed.utils import LoopRunner, sync
 
-from stereo_seecolor.compute import kernel_cache
 from stereo_seecolor.errors import ClusterError, OutputError
 from stereo_seecolor.extras.fleet.cluster import connect, dask_compute, ticket, worker
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
@@ -75,22 +74,6 @@ def test_a_worker_that_does_not_see_the_folders_is_named_with_them(mine: Ticket,
         admit(replace(mine, folder=gone))
     with pytest.raises(ClusterError, match="is another folder there"):
         admit(replace(mine, probes=(replace(probe, content="b"),)))
-
-
-def test_kernels_of_a_worker_are_kept_on_its_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = tmp_path / "stereo_seecolor/__pycache__/compiled"
-    installed.mkdir(parents=True)
-    (installed / "kernel.nbi").write_bytes(b"code")
-    monkeypatch.setattr(kernel_cache, "ROOT", tmp_path)
-    monkeypatch.setattr(kernel_cache.tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "x")  # so that it is put back
-    kernel_cache.keep_on_this_machine()
-    assert os.environ["NUMBA_CACHE_DIR"] == "x"
-    del os.environ["NUMBA_CACHE_DIR"]
-    for _ in range(2):  # a second worker of the machine finds what the first left
-        kernel_cache.keep_on_this_machine()
-        (found,) = Path(os.environ.pop("NUMBA_CACHE_DIR")).rglob("kernel.nbi")
-        assert found.read_bytes() == b"code"
 
 
 @pytest.mark.parametrize("name", ["local", "local:0", "tcp://x", "nowhere:3", "slurm:"])

@@ -15,6 +15,7 @@ from stereo_seecolor.cli.streams import write_error, write_out
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.json_values import json_line
 
+KNOWN = {"stereo_seecolor.errors.SeeColorError", "calibration.errors.CalibrationError"}
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 
 
@@ -37,11 +38,8 @@ def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
 
 
 def is_known(error: Exception) -> bool:
-    """True for this program's own errors, whose message suffices for a user."""
-    from calibration.errors import CalibrationError
-    from stereo_seecolor.errors import SeeColorError
-
-    return isinstance(error, (SeeColorError, CalibrationError))
+    """True for this program's own errors, whose message suffices for a user; by name: two copies of a module have two classes."""
+    return not KNOWN.isdisjoint(f"{base.__module__}.{base.__qualname__}" for base in type(error).__mro__)
 
 
 def _fail(message: str, code: int, as_json: bool) -> int:

@@ -20,7 +20,7 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
 
     Raises OutputError if the file cannot be opened, is no text file, or is there already under a name that no log has.
     """
-    handlers: list[logging.Handler] = []
+    handlers: list[logging.Handler] = [logging.NullHandler()]  # or logging itself writes warnings and errors to standard error
     if verbose:
         handlers.append(logging.StreamHandler(sys.stderr))
     if log_file is not None:

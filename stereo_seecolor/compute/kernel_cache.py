@@ -1,57 +1,46 @@
-"""The cache of machine code between runs, for numba.
+"""The cache of machine code between runs: numba's own, with another place and other checks.
 
-numba's own cache depends on the file that holds a function. But constants and callees in other files are compiled in, too. So here
-a function's code is current as long as no source file has changed that its module imports, directly or through others. numba adds
-its own version, the processor and the argument types. Stale entries are overwritten. Where no folder can be written, code is not
-kept.
+numba's cache depends on the file that holds a function. But constants and callees in other files are compiled in, too. So here a
+function's code is current as long as no source file has changed that its module imports, directly or through others. numba adds the
+processor and the argument types. Stale entries are overwritten. Loading an entry runs what it holds, and one wrong byte of machine
+code ends the process: only a folder that nobody else can write into is used, and each file's SHA-256 is checked first. Where there
+is no such folder, code is not kept.
 """
 
+import contextlib
 import hashlib
 import os
-import shutil
-import sys
-import tempfile
+import pickle
+import re
+import stat
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numba
 from numba import njit
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
+from platformdirs import user_cache_path
 
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 """numba's options for all functions. Without wrappers that nobody calls, compilation takes a seventh less time."""
-INSTALLATIONS_KEPT = 8
-"""Folders kept in the user's cache folder, one for each installation that cannot write into its own: some 10 MB each."""
-
-
-def keep_on_this_machine() -> None:
-    """Keep machine code in this machine's folder for temporary files, with a copy of the code that the installation has.
-
-    For workers on other machines, which would all write into one folder of a shared disk. Does nothing if NUMBA_CACHE_DIR is set.
-    """
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        return
-    owner = os.getuid() if hasattr(os, "getuid") else 0
-    os.environ["NUMBA_CACHE_DIR"] = str(Path(tempfile.gettempdir()) / f"stereo-seecolor-kernels-{owner}")
-    installed, own = ROOT / PACKAGES[0] / "__pycache__" / "compiled", Path(os.environ["NUMBA_CACHE_DIR"]) / _installation()
-    if installed.is_dir() and not own.exists():
-        begun = own.with_name(f"{own.name}-{os.getpid()}")
-        try:
-            shutil.copytree(installed, begun)
-            begun.rename(own)  # refused where another worker of this machine was first
-        except OSError:
-            shutil.rmtree(begun, ignore_errors=True)
+INSTALLATIONS_KEPT = 16
+"""Folders kept, one for each installation of this user: some 10 MB each."""
+TAG, TAG_CONTENT = "CACHEDIR.TAG", b"Signature: 8a477f597d28d172789f06886806bc55\n# Machine code of stereo-seecolor.\n"
+"""Says to backup programs that a folder is a cache (https://bford.info/cachedir/), and to this program that it made the folder."""
+OWN_FILES = re.compile(r"\.nb[ic](\.tmp\.[0-9a-f]+)?$")
+"""Names of the files that numba's cache writes."""
 
 
 def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """numba's compiled form of a function; its machine code is kept on disk if it is of this package and a folder is writable."""
+    """numba's compiled form of a function; its machine code is kept on disk if it is of this package and a folder is private."""
     found = njit(**OPTIONS, **options)(function)
     if hasattr(found, "enable_caching") and _Locator.from_function(function, function.__code__.co_filename):
-        found._cache = _KernelCache(function)  # type: ignore[no-untyped-call]  # as enable_caching() does, with our locator
+        found._cache = _KernelCache(function)  # as enable_caching() does, with our locator
     return found
 
 
@@ -65,7 +54,7 @@ def is_missing(found: Any) -> bool:
     try:
         file = found._cache._cache_file
         return not file._load_index() and os.access(file._cache_path, os.W_OK)
-    except Exception:  # no place for it, or a damaged file: unpickling it can raise anything
+    except Exception:  # no place for it, or it cannot be read
         return False
 
 
@@ -85,7 +74,7 @@ class _Locator:
         return cls(function, file, folder) if folder else None
 
     def ensure_cache_path(self) -> None:
-        self._folder.mkdir(parents=True, exist_ok=True)
+        _make(self._folder)
 
     def get_cache_path(self) -> str:
         return str(self._folder)
@@ -97,6 +86,49 @@ class _Locator:
         return self._disambiguator
 
 
+class _KernelFiles(IndexDataCacheFile):
+    """numba's files, each begun with a SHA-256: of numba's version, of the sources, and of what follows it.
+
+    Each entry holds its key, too: two processes that write at once may give different entries one name.
+    """
+
+    def load(self, key: Any) -> Any:
+        found = super().load(key)  # type: ignore[no-untyped-call]
+        return found[1] if found and found[0] == key else None
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (key, data))  # type: ignore[no-untyped-call]
+
+    def _load_index(self) -> Any:
+        return self._read(Path(self._index_path)) or {}
+
+    def _save_index(self, overloads: Any) -> None:
+        self._write(self._index_path, overloads)
+
+    def _load_data(self, name: str) -> Any:
+        return self._read(Path(self._data_path(name)))  # type: ignore[no-untyped-call]
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)  # type: ignore[no-untyped-call]
+
+    def _read(self, path: Path) -> Any:
+        """The content of a file; None where it is missing, damaged, or of other sources or another numba."""
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        digest = self._digest(content[32:])
+        return pickle.loads(content[32:]) if content[:32] == digest else None
+
+    def _write(self, path: str, value: Any) -> None:
+        content = self._dump(value)  # type: ignore[no-untyped-call]
+        with self._open_for_write(path) as file:
+            file.write(self._digest(content) + content)
+
+    def _digest(self, content: bytes) -> bytes:
+        return hashlib.sha256(f"{numba.__version__} {self._source_stamp} ".encode() + content).digest()
+
+
 class _KernelCacheImpl(CompileResultCacheImpl):
     _locator_classes: list[type[object]] = [_Locator]  # noqa: RUF012  # as numba declares it
 
@@ -106,56 +138,74 @@ class _KernelCache(FunctionCache):
 
     _impl_class = _KernelCacheImpl
 
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        locator, name = self._impl.locator, self._impl.filename_base
+        self._cache_file = _KernelFiles(locator.get_cache_path(), name, locator.get_source_stamp())  # type: ignore[no-untyped-call]
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load compiled code without the modules that only compilation needs, which numba's own method imports first."""
         try:
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
                 return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except Exception:  # a damaged file: unpickling it can raise anything
+        except Exception:  # a file that cannot be read, or another version of a library that the entry needs
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
-        except Exception:  # the disk is full, or the damaged file is the index
+        except Exception:  # the disk is full, or the folder was removed
             self.disable()  # type: ignore[no-untyped-call]
 
 
 @cache
 def _folder() -> Path | None:
-    """The folder for machine code: NUMBA_CACHE_DIR, beside the byte code, or the user's cache folder; None if there is none."""
-    named, user = os.environ.get("NUMBA_CACHE_DIR"), _user_cache()
-    shared = [Path(folder).absolute() / _installation() for folder in (named, user) if folder]
-    places = [*shared[: bool(named)], ROOT / PACKAGES[0] / "__pycache__" / "compiled", *shared[bool(named) :]]
-    for place in places:
-        if _made(place):
-            if place in shared:
-                _remove_oldest(place.parent)
-            return place
-    return next((place for place in places if place.is_dir()), None)  # filled by someone who could write it
+    """The folder for this installation's machine code, in NUMBA_CACHE_DIR or the user's cache folder; None if neither serves."""
+    named, user = os.environ.get("NUMBA_CACHE_DIR"), user_cache_path("stereo-seecolor", appauthor=False)
+    places = [Path(named).absolute() / f"stereo-seecolor-{_user()}"] if named else []
+    installation = hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
+    for place in [*places, user / "kernels"]:
+        folder = place / installation
+        if place.is_absolute() and _private(place) and _make(folder):
+            return folder
+    return None
 
 
-def _installation() -> Path:
-    """The name of an installation's folder among those of others."""
-    return Path("stereo-seecolor") / hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
+def _user() -> int:
+    return os.geteuid() if hasattr(os, "geteuid") else 0
 
 
-def _made(folder: Path) -> bool:
+def _private(folder: Path) -> bool:
+    """Make a folder where there is none. True for one of this user, no link, that nobody else may write into."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
     except OSError:
         return False
-    return os.access(folder, os.R_OK | os.W_OK | os.X_OK)
+    if os.name == "nt":  # the folders of a user are theirs alone there
+        return True
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == _user() and not found.st_mode & 0o022
 
 
-def _user_cache() -> Path | None:
-    named = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME")
-    usual = named or os.path.expanduser("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")  # noqa: PTH111  # never raises
-    return Path(usual) if Path(usual).is_absolute() else None
+def _make(folder: Path) -> bool:
+    """Make an installation's folder with its tag where there is none, and remove those that were not used for longest."""
+    with contextlib.suppress(OSError):  # of a read-only disk: what is there can be loaded
+        if not folder.is_dir():
+            folder.mkdir()
+            (folder / TAG).write_bytes(TAG_CONTENT)
+            _remove_oldest(folder.parent)
+        os.utime(folder / TAG)
+    return folder.is_dir()
 
 
-def _remove_oldest(folder: Path) -> None:
-    installations = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)
-    for path in installations[:-INSTALLATIONS_KEPT]:
-        shutil.rmtree(path, ignore_errors=True)
+def _remove_oldest(place: Path) -> None:
+    """Keep INSTALLATIONS_KEPT folders. Of those that this program tagged, its own files go, and the folder if that empties it."""
+    tags = [tag for tag in place.glob(f"*/{TAG}") if not tag.parent.is_symlink() and tag.read_bytes() == TAG_CONTENT]
+    for tag in sorted(tags, key=lambda tag: tag.stat().st_mtime)[:-INSTALLATIONS_KEPT]:
+        for file in tag.parent.iterdir():
+            if OWN_FILES.search(file.name):
+                file.unlink()
+        tag.unlink()
+        with contextlib.suppress(OSError):  # it holds files of others
+            tag.parent.rmdir()

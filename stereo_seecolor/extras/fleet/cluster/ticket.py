@@ -11,7 +11,6 @@ from typing import Any
 
 from stereo_seecolor.compute.allocator import keep_freed_memory
 from stereo_seecolor.compute.garbage import collect_seldom
-from stereo_seecolor.compute.kernel_cache import keep_on_this_machine
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.worker_log import log_below
@@ -44,17 +43,16 @@ class Probe:
 
 @dataclass(frozen=True)
 class Ticket:
-    """Facts of the client. versions: see ``versions``. folder: its working folder, for relative paths. host: its machine."""
+    """Facts of the client. versions: see ``versions``. folder: its working folder, for relative paths."""
 
     versions: tuple[tuple[str, str], ...]
     folder: Path
-    host: str
     probes: tuple[Probe, ...] = ()
 
     @classmethod
     def mine(cls, probes: tuple[Probe, ...] = ()) -> "Ticket":
         """The ticket of this process."""
-        return cls(versions(), Path.cwd(), platform.node(), probes)
+        return cls(versions(), Path.cwd(), probes)
 
 
 @lru_cache(maxsize=8)
@@ -76,8 +74,6 @@ def admit(ticket: Ticket) -> None:
         _look(here, probe)
     if ticket.probes:
         log_below(ticket.probes[-1].file.parent)
-    if here != ticket.host:
-        keep_on_this_machine()
     keep_freed_memory()
     collect_seldom()
     _one_core()
