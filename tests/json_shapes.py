@@ -127,7 +127,8 @@ SHAPES: dict[str, Shape] = {
         "measures": [
             {
                 **keys(str, "measure frame kind label"),
-                **keys(UNKNOWN, "value std surface surface_std x_m y_m z_m"),
+                **keys(UNKNOWN, "value std surface surface_std x_m y_m z_m known"),
+                "note": str,
             }
         ],
     },
@@ -135,7 +136,9 @@ SHAPES: dict[str, Shape] = {
     "metrics": {
         "out": str,
         "structure": [{"edge_m": float, "squares": int, **keys(STRUCTURE, "mean standard_error between_squares")}],
-        "colonies": [{**keys(str, "name label"), **keys(MEASURED, "measured standard_error"), **keys(float, "unseen views")}],
+        "colonies": [
+            {**keys(str, "name label"), **keys(MEASURED, "measured standard_error"), **keys(float, "unseen views counted")}
+        ],
         "cover": [
             {
                 **{"label": str, "outlines": int},

@@ -14,7 +14,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.commands.measure import measure, surface_of
+from stereo_seecolor.extras.reef.commands.measure import Wanted, measure, measured, surface_of
 from stereo_seecolor.extras.reef.measuring.measures import (
     along_surface,
     planar_area,
@@ -164,7 +164,7 @@ def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
     assert planar_area(corners).value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-5)
     area = terrain.area(corners)
     assert area
-    assert area.value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-4)
+    assert area[0].value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-4) and area[1] == pytest.approx(1, abs=0.05)
 
 
 def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
@@ -251,6 +251,50 @@ def test_200_known_lengths_are_found_and_their_intervals_hold(reef: FinishedRun)
     assert 0.93 <= inside.mean() <= 0.97
 
 
+def test_of_an_outline_half_off_the_surface_the_known_part_is_measured() -> None:
+    """A wall at 2 m of which the right half is not known; corners on the known side and beyond."""
+    pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+    range_m = (2 * pair.ray_length).astype(np.float32)
+    range_m[:, 160:] = np.nan
+    surface = Surface(pair, range_m, np.full((60, 80), 0.004, np.float32))
+    corners = ((100, 80), (220, 80), (220, 160), (100, 160))
+    (wanted,) = [Wanted("a", "0", "area", "", corners)]
+    found = measured(surface, wanted, 0.0)
+    assert found.value is None and "place 2: no surface is known there" in found.note
+    assert found.known == pytest.approx(0.5, abs=0.05)
+    assert found.surface == pytest.approx(60 * 80 * (2 / 500) ** 2, abs=2 * found.surface_std)
+    assert f"{found.known:.0%} of the outline" in found.note
+
+
+def test_an_unknown_part_of_an_outline_is_in_its_standard_error() -> None:
+    pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+    depth_m = np.tile(np.linspace(1.5, 2.5, 320), (240, 1))
+    range_m = (depth_m * pair.ray_length).astype(np.float32)
+    corners = ((60, 60), (260, 60), (260, 180), (60, 180))
+    stds = []
+    for unknown in (slice(0, 0), slice(90, 230)):
+        holed = range_m.copy()
+        holed[:, unknown] = np.nan
+        found = measured(Surface(pair, holed, np.full((60, 80), 0.004, np.float32)), Wanted("a", "0", "area", "", corners), 0.0)
+        assert found.surface is not None and found.surface_std is not None
+        stds.append(found.surface_std / found.surface)
+    assert found.known == pytest.approx(0.33, abs=0.06)
+    assert stds[1] > 5 * stds[0] and stds[1] > 0.1
+
+
+def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
+    """A plate at 1.5 m before a bottom at 3 m, whose ranges end four pixels before its edge, as they do there."""
+    pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+    depth_m = np.full((240, 320), 3.0)
+    depth_m[100:140, 100:200] = 1.5
+    depth_m[100:140, 196:200] = np.nan
+    surface = Surface(pair, (depth_m * pair.ray_length).astype(np.float32), np.full((60, 80), 0.004, np.float32))
+    within, edge, far = (measured(surface, Wanted("a", "0", "length", "", ((104, 120), (x, 120))), 0.0) for x in (194, 201, 260))
+    assert within.value == pytest.approx(90 * 1.5 / 500, rel=0.01) and within.note == ""
+    assert edge.value is None and "place 2 lies at a step, 3.00 m away beside something 1.50 m away" in edge.note
+    assert far.value is not None and far.note == ""
+
+
 # The command
 
 
@@ -296,6 +340,7 @@ def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None
         (["a,0009,point,,50,50"], r"holds no finished frame '0009'"),
         (["a,,point,,,"], r"x_m is '': give a number"),
         (["a,0000,point,,inf,2"], r"line 2: x_px is 'inf': give a number"),
+        ([f"a,0000,area,,{place}" for place in ("60,60", "100,90", "100,60", "60,90")], r"measure 'a': the outline crosses itself"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_named(out: Path, tmp_path: Path, rows: list[str], message: str) -> None:

@@ -149,6 +149,41 @@ def test_cover_is_of_the_surface_and_not_of_its_plan() -> None:
     assert sand.of_surface_std == pytest.approx(coral.of_surface_std)
 
 
+def half_seen(height: Callable[[Array, Array], Array]) -> SiteMesh:
+    """A surface of which the part beyond x = 0 was not seen."""
+    mesh = mesh_of(height)
+    seen = (mesh.points_m[mesh.triangles][:, :, 0] <= 1e-9).all(axis=1)
+    return SiteMesh(mesh.points_m, mesh.normals, mesh.color, mesh.triangles[seen])
+
+
+def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
+    """A dome shifted to the seen side: the rest is flat, which the half that was seen does not tell."""
+
+    def beside(x: Array, y: Array) -> Array:
+        return dome(x + 0.05, y, 0.1)
+
+    true, seen = mesh_of(beside), half_seen(beside)
+    truth, found = (measure_outlines([circle(RIM_M)], mesh, *site(mesh))[0] for mesh in (true, seen))
+    assert truth is not None and found is not None
+    assert found.unseen == pytest.approx(0.5, abs=0.05)
+    for name in ("surface_m2", "volume_l"):
+        error, std = abs(vars(found.measured)[name] - vars(truth.measured)[name]), vars(found.standard_error)[name]
+        assert error < 2.5 * std, name
+        assert std > 3 * vars(truth.standard_error)[name], name
+    flat = half_seen(lambda x, y: 0 * x)
+    (level,) = measure_outlines([circle(RIM_M)], flat, *site(flat))
+    assert level is not None and level.standard_error.surface_m2 < 0.2 * level.measured.surface_m2
+
+
+def test_outlines_that_overlap_count_what_they_share_once() -> None:
+    mesh = mesh_of(lambda x, y: 0 * x)
+    outlines = [circle(RIM_M, name, "coral") for name in "ab"]
+    twice = [each for each in measure_outlines(outlines, mesh, *site(mesh)) if each]
+    assert cover(twice)[0].surface_m2 == pytest.approx(twice[0].measured.surface_m2)
+    inner = [each for each in measure_outlines([circle(RIM_M, "", "rock"), circle(0.1, "", "coral")], mesh, *site(mesh)) if each]
+    assert sum(each.planar_m2 for each in cover(inner)) == pytest.approx(inner[0].measured.planar_m2)
+
+
 def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:
     nothing = float("nan")
     error = Measured(0, std_m2, nothing, nothing, nothing)

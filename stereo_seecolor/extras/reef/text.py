@@ -18,9 +18,24 @@ def metrics_text(result: "SiteMetrics") -> str:
     head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
     parts = [lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"), _structure(result)]
     if result.colonies:
-        parts += [_outlines(result), _cover(result)]
+        parts += [_outlines(result), _cover(result), lines(*_doubts(result))]
     parts += [lines(*(f"not seen: {name}" for name in result.unseen)), lines(*(f"  {path}" for path in result.files))]
     return "\n".join(part for part in parts if part)
+
+
+SAID_FROM = 0.05
+"""Parts of an outline that were not seen, or that others share, are said from this fraction on."""
+
+
+def _doubts(result: "SiteMetrics") -> list[str]:
+    unseen = [
+        f"partly seen: {each.name}: {each.unseen:.0%} of it is taken to be like the rest, which the standard error holds"
+        for each in result.colonies
+        if each.unseen > SAID_FROM
+    ]
+    shared = [each.name for each in result.colonies if each.counted < 1 - SAID_FROM]
+    overlap = [f"overlapping: {', '.join(shared)}: the cover counts what they share once, divided among them"] if shared else []
+    return unseen + overlap
 
 
 def comparison_text(found: "Comparison") -> str:

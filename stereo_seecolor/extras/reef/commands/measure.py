@@ -12,12 +12,14 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.measuring.measures import (
     Measured,
     along_surface,
+    crosses_itself,
+    known_area,
     planar_area,
     range_of,
     straight_length,
     surface_area,
 )
-from stereo_seecolor.extras.reef.measuring.picking import Pick, Surface
+from stereo_seecolor.extras.reef.measuring.picking import STEP_PX, Pick, Surface
 from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
 from stereo_seecolor.files import csv_table
 from stereo_seecolor.geometry import estimated_range_std_m
@@ -55,11 +57,13 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measurement with standard errors; None where the surface is not known at one of the places.
+    """A measurement with standard errors; None where the surface is not known at one of the places, or lies at a step.
 
     value, std: straight length, planar area, or of a point its range (on the map its height); meters or square meters.
     surface, surface_std: length or area along the surface; None for a point, and where the map does not show it from above.
     x_m, y_m, z_m: of a point, in the axes of the rectified left camera; on the map, in the map's.
+    known: of an area, the fraction of the outline in which the surface is known: the rest counts as that does, with a standard
+    error. Where corners are not known, surface is that of the known part alone. note: what is not known, and why.
     """
 
     measure: str
@@ -73,6 +77,8 @@ class Measurement:
     x_m: float | None = None
     y_m: float | None = None
     z_m: float | None = None
+    known: float | None = None
+    note: str = ""
 
 
 def measure(out: Path, points: Path) -> list[Measurement]:
@@ -132,45 +138,63 @@ def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measu
         click_std_m = CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m
         spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_std_m)
         if spot is None:
-            return Measurement(*about, None, None)
+            part = ground.known_area([each[:2] for each in wanted.spots], click_std_m) if wanted.kind == "area" else None
+            return _partly_known(about, part, len(spots) + 1, calibration)
         spots.append(spot)
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in spots[0].point_m)
         return Measurement(*about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m)
     straight = straight_length(spots) if wanted.kind == "length" else planar_area(spots)
     measurement = Measurement(*about, straight.value, straight.total_std(calibration))
-    on_ground = _on_ground(ground, wanted.kind, spots)
+    on_ground, known = _on_ground(ground, wanted.kind, spots)
     if on_ground is None:
         return measurement
-    return replace(measurement, surface=on_ground.value, surface_std=on_ground.total_std(calibration))
+    return replace(measurement, surface=on_ground.value, surface_std=on_ground.total_std(calibration), known=known)
 
 
-def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | None:
+def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> tuple[Measured | None, float | None]:
     if kind == "area":
-        return ground.area(spots)
+        return ground.area(spots) or (None, None)
     line = ground.along(spots)
-    return straight_length(line) if line else None
+    return (straight_length(line) if line else None), None
+
+
+def _partly_known(
+    about: tuple[str, str, Kind, str], part: tuple[Measured, float] | None, number: int, calibration: float
+) -> Measurement:
+    """A measurement of which place ``number`` is not known; part: the area of the outline's known part, and the fraction it is."""
+    what = f"place {number}: no surface is known there"
+    if part is None or part[1] == 0:
+        return Measurement(*about, None, None, note=what)
+    area, known = part
+    note = f"{what}; surface is that of the known part, {known:.0%} of the outline"
+    return Measurement(*about, None, None, area.value, area.total_std(calibration), known=known, note=note)
 
 
 def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
     """Measure one thing in a frame. calibration: relative standard error of a length by the calibration."""
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     picks: list[Pick] = []
-    for x_px, y_px in wanted.places:
+    for number, (x_px, y_px) in enumerate(wanted.places, 1):
         pick = surface.pick(x_px, y_px)
         if pick is None:
-            return Measurement(*about, None, None)
+            part = known_area(surface, wanted.places) if wanted.kind == "area" else None
+            return _partly_known(about, part, number, calibration)
+        if near_m := surface.nearer_m(pick):
+            step = f"place {number} lies at a step, {pick.point_m[2]:.2f} m away beside something {near_m:.2f} m away"
+            return Measurement(*about, None, None, note=f"{step}: click inside the near thing, or over {STEP_PX} pixels beside it")
         picks.append(pick)
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in picks[0].point_m)
         value = range_of(picks[0])
         return Measurement(*about, value.value, value.total_std(calibration), x_m=x_m, y_m=y_m, z_m=z_m)
+    known: float | None = None
     if wanted.kind == "length":
         straight, on_surface = straight_length(picks), straight_length(along_surface(surface, picks))
     else:
-        straight, on_surface = planar_area(picks), surface_area(surface, picks)[0]
-    on_surface_std = on_surface.total_std(calibration)
-    return Measurement(*about, straight.value, straight.total_std(calibration), on_surface.value, on_surface_std)
+        straight, (on_surface, known) = planar_area(picks), surface_area(surface, picks)
+    stds = straight.total_std(calibration), on_surface.total_std(calibration)
+    return Measurement(*about, straight.value, stds[0], on_surface.value, stds[1], known=known)
 
 
 def read_wanted(path: Path) -> list[Wanted]:
@@ -187,6 +211,8 @@ def read_wanted(path: Path) -> list[Wanted]:
     for each in found.values():
         if len(each.places) + len(each.spots) < LEAST_POINTS[each.kind]:
             raise InputError(f"{path}: measure {each.measure!r}: {each.kind} needs at least {LEAST_POINTS[each.kind]} places")
+        if each.kind == "area" and crosses_itself(np.array(each.places or [spot[:2] for spot in each.spots])):
+            raise InputError(f"{path}: measure {each.measure!r}: the outline crosses itself: give its corners in order around it")
     return list(found.values())
 
 

@@ -106,26 +106,67 @@ def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, flo
     It is the mean area that a pixel sees, at nodes inside the outline, times the outline's area in pixels. The area that a pixel
     sees is depth^3 |k| / focal^2, where 1 / depth = k . (x / z, y / z, 1) is the fitted plane.
     """
-    g, step = surface.geometry, LIMITS.area_step_px
     outline = np.array([(pick.x_px, pick.y_px) for pick in picks])
+    nodes = _nodes(surface, outline)
+    if not nodes.areas_m2.size:
+        return UNKNOWN, 0.0
+    planar = planar_area(picks)
+    by_outline = planar.std / planar.value if planar.value > 0 else float("nan")
+    area_m2 = float(nodes.areas_m2.mean()) * polygon_area(outline)
+    relative = np.linalg.norm([by_outline, nodes.relative_std, unseen_std(nodes.areas_m2, nodes.known)])
+    return Measured(area_m2, area_m2 * float(relative), 2), nodes.known
+
+
+def known_area(surface: Surface, places: Sequence[tuple[float, float]]) -> tuple[Measured, float]:
+    """Area of the part of an outline in which the surface is known, and the fraction that it is; for corners that are not known."""
+    outline = np.array(places)
+    nodes = _nodes(surface, outline)
+    if not nodes.areas_m2.size:
+        return UNKNOWN, 0.0
+    area_m2 = float(nodes.areas_m2.mean()) * polygon_area(outline) * nodes.known
+    around_px = float(np.hypot(*(outline - np.roll(outline, 1, axis=0)).T).sum())
+    border_px = LIMITS.area_step_px / 2  # to which the edge of what is known is found
+    border = border_px * around_px / np.sqrt(len(outline)) / (polygon_area(outline) * nodes.known)
+    return Measured(area_m2, area_m2 * float(np.hypot(border, nodes.relative_std)), 2), nodes.known
+
+
+def unseen_std(values: Array, known: float) -> float:
+    """Relative standard error of a mean of values (N,), all positive, of which a part was not seen.
+
+    The mean of that part may differ from that of the rest by the standard deviation of what was seen.
+    """
+    return float((1 - known) * values.std() / values.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """areas_m2: (n,) what a pixel sees, at nodes inside an outline that are known. known: fraction of the nodes that are.
+
+    relative_std: of their mean, by the errors of ranges.
+    """
+
+    areas_m2: Array
+    known: float
+    relative_std: float
+
+
+def _nodes(surface: Surface, outline: Array) -> _Nodes:
+    g, step = surface.geometry, LIMITS.area_step_px
     low, high = np.ceil(outline.min(axis=0) / step) * step, outline.max(axis=0)
-    total, known, areas_m2, relative = 0, 0, 0.0, 0.0
+    total, relative = 0, 0.0
+    areas_m2: list[float] = []
     for y_px in np.arange(low[1], high[1] + 1e-9, step):
         for x_px in np.arange(low[0], high[0] + 1e-9, step):
             if inside(outline, x_px, y_px):
                 total += 1
                 pick = surface.pick(x_px, y_px)
                 if pick is not None:
-                    known += 1
-                    areas_m2 += _pixel_area_m2(pick, g.focal_px, g.cx_left_px, g.cy_px)
+                    areas_m2.append(_pixel_area_m2(pick, g.focal_px, g.cx_left_px, g.cy_px))
                     relative += pick.range_std_m / pick.range_m
-    if known == 0:
-        return UNKNOWN, 0.0
-    area_m2 = areas_m2 / known * polygon_area(outline)
-    planar = planar_area(picks)
-    by_outline = planar.std / planar.value if planar.value > 0 else float("nan")
-    by_range = 2 * relative / known / np.sqrt(max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2))
-    return Measured(area_m2, area_m2 * float(np.hypot(by_outline, by_range)), 2), known / total
+    known = len(areas_m2)
+    independent = max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2)
+    by_range = 2 * relative / max(known, 1) / np.sqrt(independent)
+    return _Nodes(np.array(areas_m2), known / max(total, 1), float(by_range))
 
 
 def _pixel_area_m2(pick: Pick, focal_px: float, cx_px: float, cy_px: float) -> float:
@@ -148,3 +189,21 @@ def inside(outline: Array, x_px: float, y_px: float) -> bool:
         if (ay > y_px) != (by > y_px) and x_px < (bx - ax) * (y_px - ay) / (by - ay) + ax:
             found = not found
     return found
+
+
+def crosses_itself(outline: Array) -> bool:
+    """Tell whether two sides of a polygon (N, 2) that share no corner cross."""
+    ends = np.roll(outline, -1, axis=0)
+    for i in range(len(outline)):
+        for j in range(i + 2, len(outline) - (i == 0)):
+            if _cross(outline[i], ends[i], outline[j], ends[j]):
+                return True
+    return False
+
+
+def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+    return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
+
+
+def _side(a: Array, b: Array, point: Array) -> float:
+    return float((b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]))

@@ -11,6 +11,10 @@ from stereo_seecolor.records import Map
 from stereo_seecolor.report.measuring_limits import LIMITS
 
 Array = NDArray[np.float64]
+STEP_PX = 8
+"""Ranges of an edge before water or a far bottom end up to 5 pixels before it (a plate at 1.5 m before a bottom at 3 m)."""
+STEP = 0.1
+"""Relative step in depth that matters to a length across it; a slope has no step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +68,23 @@ class Surface:
         value, slope = _plane(dx[layer], dy[layer], inverse[layer])
         return self._point(x_px, y_px, value, slope, relative_std) if value > 0 else None
 
-    def _window(self, x_px: float, y_px: float) -> tuple[Array, Array, Array, float] | None:
+    def nearer_m(self, pick: Pick) -> float | None:
+        """Depth of a nearer surface that lies within STEP_PX of a point, as beside a fish or a coral; None where there is none.
+
+        Ranges end some pixels before the edge of what is near, so a click on the edge finds what lies behind it.
+        """
+        window = self._window(pick.x_px, pick.y_px, STEP_PX)
+        if window is None:
+            return None
+        dx, dy, inverse, relative_std = window
+        expected = 1 / pick.point_m[2] + pick.slope[0] * dx + pick.slope[1] * dy
+        nearer = inverse - expected > max(STEP, LIMITS.layer_gap_stds * relative_std) * expected
+        return float(1 / np.median(inverse[nearer])) if nearer.sum() >= LIMITS.least_pixels else None
+
+    def _window(self, x_px: float, y_px: float, half: int = LIMITS.half_window_px) -> tuple[Array, Array, Array, float] | None:
         """Offsets from the click, 1 / depth, and the relative standard error of a range, of the known pixels around a click."""
         height, width = self.range_m.shape
-        column, row, half = int(np.floor(x_px + 0.5)), int(np.floor(y_px + 0.5)), LIMITS.half_window_px
+        column, row = int(np.floor(x_px + 0.5)), int(np.floor(y_px + 0.5))
         if not (0 <= column < width and 0 <= row < height):
             return None
         y, x = np.mgrid[max(row - half, 0) : min(row + half + 1, height), max(column - half, 0) : min(column + half + 1, width)]

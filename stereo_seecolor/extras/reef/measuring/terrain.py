@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.measuring.measures import Measured, inside, planar_area, polygon_area
+from stereo_seecolor.extras.reef.measuring.measures import Measured, inside, planar_area, polygon_area, unseen_std
 from stereo_seecolor.extras.reef.measuring.picking import Placed
 from stereo_seecolor.records import Map
 
@@ -114,20 +114,41 @@ class Ground:
         ground = self.pick(float(spot.point_m[0]), float(spot.point_m[1]), None, 0.0)
         return ground is not None and bool(abs(ground.point_m[2] - spot.point_m[2]) <= self.gap_m)
 
-    def area(self, spots: Sequence[Spot]) -> Measured | None:
-        """Area of the ground inside an outline; None where that stands too steep to be seen from above, or nothing is known."""
+    def area(self, spots: Sequence[Spot]) -> tuple[Measured, float] | None:
+        """Area of the ground inside an outline, and the fraction that is known; what is not, counts as the rest.
+
+        None where the outline stands too steep to be seen from above, or nothing is known.
+        """
         outline = np.array([self.cell(*spot.point_m[:2]) for spot in spots])
         level_m2 = polygon_area(outline) * self.cell_m**2
         planar = planar_area(spots)
         if not level_m2 >= TERRAIN.steepest * planar.value or not all(self._is_on(spot) for spot in spots):
             return None
+        steepness, known = self._inside(outline)
+        if not steepness.size:
+            return None
+        area_m2 = float(steepness.mean()) * level_m2
+        return Measured(area_m2, area_m2 * float(np.hypot(planar.std / planar.value, unseen_std(steepness, known))), 2), known
+
+    def known_area(self, places: Sequence[tuple[float, float]], click_m: float) -> tuple[Measured, float] | None:
+        """Area of the ground in the part of an outline that is known, and the fraction that it is; for corners off the map."""
+        outline = np.array([self.cell(*place) for place in places])
+        steepness, known = self._inside(outline)
+        if not steepness.size:
+            return None
+        area_m2 = float(steepness.mean()) * polygon_area(outline) * self.cell_m**2 * known
+        around_m = float(np.hypot(*(outline - np.roll(outline, 1, axis=0)).T).sum()) * self.cell_m
+        return Measured(area_m2, click_m * around_m / float(np.sqrt(len(outline))), 2), known
+
+    def _inside(self, outline: Array) -> tuple[Array, float]:
+        """(n,) area over level area of the known cells inside an outline, in cells; and the fraction that is known."""
+        size = np.array(self.heights_m.shape[::-1])
         low, high = np.ceil(outline.min(axis=0)).astype(int), np.floor(outline.max(axis=0)).astype(int)
+        total = max(polygon_area(outline), 1.0)
+        low, high = np.maximum(low, 0), np.minimum(high, size - 1)
         places = [(c, r) for r in range(low[1], high[1] + 1) for c in range(low[0], high[0] + 1) if inside(outline, c, r)]
         found = [spot for spot in (self.pick(*self.center(*place), None, 0.0) for place in places) if spot is not None]
-        if not found:
-            return None
-        area_m2 = float(np.mean([np.hypot(1.0, np.hypot(*spot.slope)) for spot in found])) * level_m2
-        return Measured(area_m2, area_m2 * planar.std / planar.value, 2)
+        return np.array([np.hypot(1.0, np.hypot(*spot.slope)) for spot in found]), min(1.0, len(found) / total)
 
 
 def _plane(cells: Array) -> tuple[float, float, float]:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.reef.measuring.measures import unseen_std
 from stereo_seecolor.extras.reef.metrics.outlines import Outline
 from stereo_seecolor.extras.reef.metrics.redraw import spread_of
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh
@@ -41,7 +42,8 @@ class Measured:
 class Colony:
     """The measures of an outline, with standard errors from the range errors; unseen: fraction of its cells without a surface.
 
-    views: mean number of frames behind a cell.
+    views: mean number of frames behind a cell. counted: mean, over its cells, of 1 over the outlines that hold the cell, so that
+    outlines that overlap count their common cells once together.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Colony:
     standard_error: Measured
     unseen: float
     views: float
+    counted: float = 1.0
 
 
 def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[Colony | None]:
@@ -59,6 +62,7 @@ def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terra
     if not seen:
         return [None] * len(outlines)
     windows = {i: _window(masks[i]) for i in seen}
+    holders = np.asarray(sum(mask.astype(np.int32) for mask in masks))
 
     def by_terrain(heights: Array) -> Array:
         each = [_by_terrain(heights[windows[i]], masks[i][windows[i]], terrain.grid.cell_m) for i in seen]
@@ -73,9 +77,30 @@ def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terra
         measured = replace(Measured(*value), surface_m2=surface_m2, rugosity=surface_m2 / value[0])
         views = float(errors.views[known].mean())
         ground = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
-        own = Measured(*np.hypot(error, ground))
-        colonies[i] = Colony(outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views)
+        unseen = _unseen_error(terrain, mesh, masks[i], windows[i], measured)
+        own = Measured(*np.linalg.norm([error, ground, unseen], axis=0))
+        counted = float((1 / holders[masks[i]]).mean())
+        colonies[i] = Colony(outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted)
     return colonies
+
+
+def _unseen_error(terrain: Terrain, mesh: SiteMesh, inside: Mask, window: tuple[slice, slice], measured: Measured) -> Array:
+    """(5,) standard errors as of a Measured, from the part that was not seen and is taken to be like the rest.
+
+    Its mean may differ from that of the rest by the standard deviation of what was seen.
+    """
+    known = inside & terrain.known
+    if known.sum() == inside.sum():
+        return np.zeros(5)
+    row, column, triangle_m2 = terrain.triangles_of(mesh)
+    of_cell = np.zeros(inside.shape)
+    np.add.at(of_cell, (row, column), triangle_m2)
+    surface_m2 = unseen_std(of_cell[known], float(known.sum() / inside.sum())) * measured.surface_m2
+    heights, own = terrain.height_m[window], inside[window]
+    above = (heights - _plane(heights, _rim(heights, own)))[own]
+    spread_m = float(np.std(above[np.isfinite(above)])) if np.isfinite(above).any() else np.nan
+    volume_l = 1000 * spread_m * float((inside & ~terrain.known).sum()) * terrain.grid.cell_m**2
+    return np.array([0, surface_m2, 0, volume_l, surface_m2 / measured.planar_m2])
 
 
 def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:

@@ -26,23 +26,31 @@ class Cover:
 
 
 def cover(colonies: Sequence[Colony]) -> list[Cover]:
-    """A row for each label, the largest surface first."""
+    """A row for each label, the largest surface first. Cells of several outlines are divided among them."""
     groups: dict[str, list[Colony]] = defaultdict(list)
     for colony in colonies:
         groups[colony.label or UNLABELED].append(colony)
-    total = sum(colony.measured.surface_m2 for colony in colonies)
-    planar = sum(colony.measured.planar_m2 for colony in colonies)
+    total = sum(_surface_m2(colony) for colony in colonies)
+    planar = sum(_planar_m2(colony) for colony in colonies)
     variance = _variance(colonies)
     rows = []
     for label, members in groups.items():
-        surface, own = sum(each.measured.surface_m2 for each in members), _variance(members)
+        surface, own = sum(map(_surface_m2, members)), _variance(members)
         fraction = surface / total
         error = ((1 - fraction) ** 2 * own + fraction**2 * (variance - own)) ** 0.5 / total
-        planar_m2 = sum(each.measured.planar_m2 for each in members)
+        planar_m2 = sum(map(_planar_m2, members))
         rows.append(Cover(label, len(members), surface, own**0.5, planar_m2, fraction, error, planar_m2 / planar))
     return sorted(rows, key=lambda row: -row.surface_m2)
 
 
+def _surface_m2(colony: Colony) -> float:
+    return colony.counted * colony.measured.surface_m2
+
+
+def _planar_m2(colony: Colony) -> float:
+    return colony.counted * colony.measured.planar_m2
+
+
 def _variance(colonies: Sequence[Colony]) -> float:
     """Of the summed surface; errors of different outlines are independent."""
-    return float(sum(each.standard_error.surface_m2**2 for each in colonies))
+    return float(sum((each.counted * each.standard_error.surface_m2) ** 2 for each in colonies))

@@ -53,7 +53,7 @@ def _scale(scale: StructureAtScale) -> Row:
 def _outline(colony: Colony) -> Row:
     head: Row = {"name": colony.name, "label": colony.label}
     body = _with_errors(asdict(colony.measured), {"std": asdict(colony.standard_error)})
-    return head | body | {"unseen": colony.unseen, "views": colony.views}
+    return head | body | {"unseen": colony.unseen, "views": colony.views, "overlap": 1 - colony.counted}
 
 
 def _with_errors(values: Row, others: dict[str, Row]) -> Row:
