@@ -14,6 +14,13 @@ def rigid(R: Array, translation: Array) -> Array:
     return T
 
 
+def rotation_of_quaternion(xyzw: Array) -> Array:
+    """The rotation (3, 3) of a quaternion, w last, of any length; NaN for one of length zero."""
+    x, y, z, w = xyzw / (np.linalg.norm(xyzw) or np.nan)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + 2 * (w * cross + cross @ cross))
+
+
 def inverse_transform(T: Array) -> Array:
     """The inverse of a rigid transform (4, 4)."""
     return rigid(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])

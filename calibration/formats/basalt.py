@@ -14,7 +14,7 @@ from calibration.formats.lens_models import Plane, double_sphere, extended_unifi
 from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse_transform, rigid
+from calibration.transforms import inverse_transform, rigid, rotation_of_quaternion
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
     "pinhole": ("pinhole", ()),
@@ -70,10 +70,8 @@ def _camera(section: Section, size: tuple[int, int]) -> Camera:
 
 def _pose(section: Section) -> NDArray[np.float64]:
     """Camera to IMU, (4, 4)."""
-    x, y, z, w = quaternion = np.array([section.number(f"q{axis}") for axis in "xyzw"])
+    quaternion = np.array([section.number(f"q{axis}") for axis in "xyzw"])
     length2 = float(quaternion @ quaternion)
     if not 0.9 < length2 < 1.1:
         raise CalibrationError(f"{section.where}: a quaternion of length {np.sqrt(length2):.3g} is no rotation")
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    R = np.eye(3) + 2 / length2 * (w * cross + cross @ cross)
-    return rigid(R, np.array([section.number(f"p{axis}") for axis in "xyz"]))
+    return rigid(rotation_of_quaternion(quaternion), np.array([section.number(f"p{axis}") for axis in "xyz"]))

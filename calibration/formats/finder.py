@@ -19,7 +19,7 @@ EMPTY = {"matrix", "mat", "data", "value", "values", "val", "array", "vector", "
 IGNORED = {
     "board", "boards", "chessboard", "checkerboard", "charuco", "aruco", "pattern", "square", "squares", "target", "grid", "marker",
     "markers", "views", "frames", "rvecs", "tvecs", "points", "corners", "roi", "imu", "std", "stds", "stdev", "error", "errors",
-    "err", "covariance", "sigma", "uncertainty", "guess", "initial", "sensor", "pixel", "cell",
+    "err", "covariance", "sigma", "uncertainty", "guess", "initial", "sensor", "pixel", "cell", "world", "map", "vehicle", "robot",
 }  # fmt: skip
 """Words of what is no part of the rig: the target, its poses, the errors of the numbers."""
 OF_RECTIFIED = {"new", "optimal", "opt", "rectified", "undistorted", "ideal", "rect"}
@@ -45,8 +45,8 @@ class Parts:
     many: int = 0
 
     def get(self, role: Role, side: Side = "") -> Leaf | None:
-        """The leaf of a role, the outermost where there are more; None without one."""
-        return min(self.table.get((role, side), []), key=lambda leaf: len(leaf.path), default=None)
+        """The leaf of a role, where there are more one that is named so, the outermost; None without one."""
+        return min(self.table.get((role, side), []), key=lambda leaf: (not _is_named(role, leaf), len(leaf.path)), default=None)
 
     def pair(self, role: Role) -> tuple[Leaf, Leaf] | None:
         """The left and the right leaf of a role; None without either."""
@@ -127,8 +127,8 @@ def _role_by(said: set[str], numbers: Numbers) -> Role | None:
     if count == 9:
         return _role_of_nine(said, numbers, of_rotation)
     if count == 3:
-        if said & PLACE_WORDS:
-            return "place"
+        if said & PLACE_WORDS or "shape" in said:
+            return "size" if "shape" in said else "place"  # rows, columns, channels
         return "R" if of_rotation and not said & T_WORDS else "T" if said & T_WORDS or _starts(said, "trans") else None
     if count == 12 and (said & P_WORDS or _starts(said, "projection")):
         return "P"
@@ -142,14 +142,22 @@ def _role_by(said: set[str], numbers: Numbers) -> Role | None:
     return "K" if count == 4 and said & K_WORDS and not said & D_WORDS else None
 
 
+def _is_named(role: Role, leaf: Leaf) -> bool:
+    """Tell whether a word says that a leaf is a rotation; true for other roles."""
+    said = {word for key in leaf.path for word in words(key)}
+    return role != "R" or bool(said & R_WORDS) or _starts(said, "rot")
+
+
 def _role_of_nine(said: set[str], numbers: Numbers, of_rotation: bool) -> Role | None:
     if _starts(said, "rect") and not _is_lens(numbers):
         return "R"
+    if said & OF_RECTIFIED:
+        return None
     if _is_lens(numbers):
-        return None if said & OF_RECTIFIED else "K"
-    if of_rotation or is_rotation(numbers):
+        return "K"
+    if is_rotation(numbers):
         return "R"
-    return "K" if said & K_WORDS or {"camera", "matrix"} <= said else None
+    return "K" if said & K_WORDS or {"camera", "matrix"} <= said else "R" if of_rotation else None
 
 
 def _is_transform(numbers: Numbers) -> bool:

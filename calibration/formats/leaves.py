@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.transforms import rotation_of_quaternion
 
 Numbers = NDArray[np.float64]
 MAX_NUMBERS = 16
@@ -31,8 +32,10 @@ CANONICAL = {
     }.items()
     for spelling in spellings.split()
 }
-PAIRS = {"focal": ("fx", "fy"), "principal": ("cx", "cy"), "center": ("cx", "cy")}
+PAIRS = {"focal": ("fx", "fy"), "principal": ("cx", "cy"), "center": ("cx", "cy"), "tangential": ("p1", "p2")}
 """Words of two numbers: ``focal_length: [fx, fy]``."""
+RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
+SIZES = (("width", "height"), ("cols", "rows"), ("columns", "rows"))
 FISHEYE, PINHOLE = ("k1", "k2", "k3", "k4"), ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 SIDES = {
     **dict.fromkeys(("left", "l", "lft", "port"), "left"),
@@ -57,8 +60,8 @@ class Leaf:
 
 
 def words(key: str) -> tuple[str, ...]:
-    """``cameraMatrixL`` as camera, matrix, l; ``K_2`` as k, 2."""
-    return tuple(word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key))
+    """``cameraMatrixL`` as camera, matrix, l; ``K_2`` as k, 2; ``KL`` as k, l."""
+    return tuple(word.lower() for word in re.findall(r"\b[KMDRTP](?=[LR]\b)|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key))
 
 
 def side_marks(said: tuple[str, ...]) -> tuple[str, ...]:
@@ -74,14 +77,16 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
     if side_marks(words(name)):
         path = (*path, name)
     few: dict[str, Numbers] = {}
-    for key, value in content.items():
+    for key, value in _nested(content).items():
         here = (*path, str(key))
         if isinstance(value, Mapping) and "data" not in value:
             yield from leaves(value, here)
         elif isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
             yield from leaves({str(i): one for i, one in enumerate(value)}, here)
+        elif _is_stacked(value):
+            yield from leaves({"0": value[0], "1": value[1]}, here)
         elif (numbers := _numbers(value["data"] if isinstance(value, Mapping) else value)) is not None:
-            if numbers.size <= 2:
+            if numbers.size <= len(RADIAL):
                 few[str(key)] = numbers
             if numbers.size >= 2:
                 yield Leaf(here, numbers)
@@ -96,6 +101,29 @@ def texts(content: Mapping[Any, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
         for inner in value if isinstance(value, list) else [value]:
             if isinstance(inner, Mapping):
                 yield from texts(inner)
+
+
+def _is_stacked(value: Any) -> bool:
+    """Tell whether a list or array holds the matrices of two cameras, one after the other."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 1 and len(value) == 2 and value[0].size > 3 and value.dtype.kind in "fiu"
+    return (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(one, list) and len(list(islice(_flat(one), 4))) > 3 for one in value)
+    )
+
+
+def _nested(content: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    """With ``left.fx: 500`` and ``left/fx: 500`` as ``left: {fx: 500}``."""
+    nested: dict[Any, Any] = {}
+    for key, value in content.items():
+        outer, mark, inner = re.sub("/", ".", str(key)).partition(".")
+        if mark and outer and inner and not isinstance(value, Mapping) and isinstance(nested.setdefault(outer, {}), dict):
+            nested[outer][inner] = value
+        else:
+            nested[key] = value
+    return nested
 
 
 def _joined_side(word: str) -> str | None:
@@ -136,7 +164,9 @@ def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Le
         own = groups.setdefault((*path, *side), {})
         if numbers.size == 1:
             own[CANONICAL.get(name.replace("_", ""), name)] = float(numbers[0])
-        elif pair := next((pair for word, pair in PAIRS.items() if word in name), None):
+        elif "radial" in name:
+            own.update(zip(RADIAL, numbers.tolist(), strict=False))
+        elif numbers.size == 2 and (pair := next((pair for word, pair in PAIRS.items() if word in name), None)):
             own.update(zip(pair, numbers.tolist(), strict=True))
     for place, own in groups.items():
         yield from (Leaf((*place, key), np.array(numbers)) for key, numbers in _of_numbers(own))
@@ -158,11 +188,14 @@ def _of_numbers(own: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
     if {"k1", "k2"} <= own.keys():
         names = FISHEYE if "k4" in own and "p1" not in own else PINHOLE if "k4" in own else PINHOLE[:5]
         yield "D", [own.get(name, 0.0) for name in names]
+    if turn := next((turn for turn in (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w")) if own.keys() >= set(turn)), None):
+        yield "R", rotation_of_quaternion(np.array([own[name] for name in turn])).ravel().tolist()
     for key, three in (("T", ("tx", "ty", "tz")), ("R", ("rx", "ry", "rz")), ("vector", ("x", "y", "z"))):
-        if own.keys() >= set(three):
+        if own.keys() >= set(three) and not (key == "vector" and "w" in own):
             yield key, [own[name] for name in three]
     yield from ((name, [number]) for name, number in own.items() if "baseline" in name)
     for width in own:
-        height = {"w": "h", "nx": "ny"}.get(width) or width.replace("width", "height")
-        if height != width and height in own:
+        end = re.sub(r"(^|_)w$", r"\1h", width)
+        heights = [{"nx": "ny"}.get(width, end), *(width.replace(*pair) for pair in SIZES)]
+        for height in [one for one in heights if one != width and one in own][:1]:
             yield f"size_{width}", [own[width], own[height]]

@@ -119,9 +119,9 @@ def write(rig: StereoRig, path: Path) -> None:
 def size_of(document: Section, parts: Parts, side: Side, K: np.ndarray, image_size: Size | None) -> Size:
     """Of the camera, of both, or as given. Exchanged where it is (rows, columns), which the principal point tells."""
     for leaf in (parts.get("size", one) for one in (side, "", "left")):
-        if leaf is None or leaf.numbers.min() < LEAST_SIDE_PX:
+        if leaf is None or leaf.numbers[:2].min() < LEAST_SIDE_PX:
             continue
-        numbers = leaf.finite(document.where)
+        numbers = leaf.finite(document.where)[:2]
         if (numbers != np.round(numbers)).any():
             raise CalibrationError(
                 f"{document.where}: {'.'.join(leaf.path)}: expected whole numbers of pixels, got {numbers.tolist()}"

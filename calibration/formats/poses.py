@@ -96,12 +96,12 @@ def _of_cameras(where: str, parts: Parts) -> Iterator[tuple[str, Array, Array]]:
 
 
 def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
-    """The one leaf of a role, by the sides that it names; None for none, and for one on either side."""
+    """The one leaf of a role, by the sides that it names; None for none, one on either side, and the left one's alone."""
     if parts.pair(role) and not parts.get(role):
         return next(((leaf, side) for side in ("both", "reversed") if (leaf := parts.get(role, side))), None)
-    sides: tuple[Side, ...] = ("", "both", "reversed", "right", "left")
+    sides: tuple[Side, ...] = ("", "both", "reversed", "right")  # the left camera's own place is no transform to the right one
     found = next(((leaf, side) for side in sides if (leaf := parts.get(role, side))), None)
-    return (found[0], "") if found and found[1] in ("right", "left") else found
+    return (found[0], "") if found and found[1] == "right" else found
 
 
 def _with_sense(pose: Pose, side: Side) -> Pose:
