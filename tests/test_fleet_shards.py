@@ -105,7 +105,7 @@ def test_parts_that_do_not_belong_together_are_refused(make_dive, tmp_path) -> N
 
 
 def _fitted(part: Path, tmp_path: Path) -> Path:
-    merge([part], tmp_path / "fitted", fit_only=True)
+    merge([part], tmp_path / "fitted", fit_only=True, partial=True)
     return tmp_path / "fitted/water.json"
 
 
@@ -205,3 +205,49 @@ def test_a_killed_run_is_told_from_one_under_way(make_dive, tmp_path) -> None:
     manifest = out / ".state/manifest.json"
     manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "state": "running"}))
     assert replace(status(out), remaining_s=None).state == "killed"
+
+
+@pytest.mark.slow
+def test_a_merge_names_the_shards_that_it_lacks(make_dive, tmp_path, cli) -> None:
+    dive, out = make_dive(4), tmp_path / "merged"
+    one, _, three = sharded(dive, tmp_path, 3)
+    code, _, said = cli("merge", one, three, "--out", out)
+    assert code == 1
+    assert "shard 2/3 is missing: run it and give all 3; --partial" in said
+    assert not out.exists()
+
+    code, printed, _ = cli("merge", one, three, "--out", out, "--partial")
+    assert code == 3
+    assert "a part of the dive only: shard 2/3 is missing" in printed
+    assert json.loads((out / "run.json").read_text())["totals"]["missing_shards"] == ["2/3"]
+    page = (out / "index.html").read_text()
+    assert "shard 2/3 are missing" in page
+    assert "Good: nothing stands out" not in page
+
+
+@pytest.mark.slow
+def test_a_merge_takes_shards_of_one_cut_each_once(make_dive, tmp_path, cli) -> None:
+    dive = make_dive(4)
+    one, two = sharded(dive, tmp_path)
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    run(*sides, tmp_path / "third", options=RunOptions(shard=Shard(3, 3)))
+    for parts, message in (
+        ([one, one, two], f"{one}: is given twice"),
+        ([one, tmp_path / "third"], "is shard 1/2, and .*third is shard 3/3: merge shards of one cut"),
+    ):
+        with pytest.raises(InputError, match=message):
+            merge(parts, tmp_path / "merged", partial=True)
+    assert not (tmp_path / "merged").exists()
+
+
+@pytest.mark.slow
+def test_a_png_with_a_jpeg_of_one_name_is_named_once_in_a_merge(make_dive, tmp_path, cli) -> None:
+    dive = make_dive(4)
+    (dive.root / "L/0000.jpg").write_bytes((dive.root / "L/0000.png").read_bytes())
+    code, printed, _ = cli("merge", *sharded(dive, tmp_path), "--out", tmp_path / "merged")
+    assert code == 3
+    (line,) = [line for line in printed.splitlines() if line.startswith("unpaired: ") and "0000.jpg: " in line]
+    assert line.endswith(
+        "0000.jpg: several files are called '0000' (0000.jpg, 0000.png): keep one of them, or name a pattern such as 'left/*.png'"
+    )
+    assert line.count(f"{dive.root / 'L/0000.jpg'}: ") == 1

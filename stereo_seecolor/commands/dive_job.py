@@ -82,7 +82,7 @@ class Job:
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.owned.set_aside]
         notes = (*self.pairing.notes, *dive.notes, *aside, *folder.dive.removed, *self._misfit_notes(dive.table))
-        return RunSummary(FinalRows(dive.table, current.done, unpaired), notes)
+        return RunSummary(FinalRows(dive.table, current.done, unpaired), notes, missing_shards=self.pairing.missing_shards)
 
     def _misfit_notes(self, table: FrameTable) -> tuple[str, ...]:
         rectification = self.description.rectification

@@ -77,12 +77,14 @@ class DivePairs(Lazy[Pair]):
 class Pairing:
     """All pairs of two folders, by time where every name holds one, else in natural order; and every file without a partner.
 
-    notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
+    notes: what a person should know of the pairing as a whole, such as two clocks that drift apart. missing_shards: shards of the
+    dive whose pairs are not among these.
     """
 
     pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
+    missing_shards: tuple[str, ...] = ()
 
     @property
     def names(self) -> Iterator[str]:
@@ -111,7 +113,8 @@ class _Matching:
                 name = lefts[0].stem if lefts[0].stem == rights[0].stem else key
                 self.add(name, lefts[0], rights[0])
             else:
-                reason = f"several files are called {key!r}: which one is meant?"
+                names = ", ".join(sorted(path.name for path in max(lefts, rights, key=len)))
+                reason = f"several files are called {key!r} ({names}): keep one of them, or name a pattern such as 'left/*.png'"
                 self.unpaired += [Unpaired(path, reason) for path in (*lefts, *rights)]
         self.drop_settled()
 

@@ -36,10 +36,15 @@ def judge_so_far(facts: RowFacts) -> Verdict:
 
 def judge(facts: DiveFacts) -> Verdict:
     """The verdict on a finished run."""
-    reasons = (*_of_pairs(facts), *_of_pixels(facts), *_of_map(facts))
+    reasons = (*_of_shards(facts), *_of_pairs(facts), *_of_pixels(facts), *_of_map(facts))
     if not facts.run.frames:
         return Verdict(False, phrase("verdict.nothing"), reasons)
     return Verdict(not reasons, phrase("verdict.look" if reasons else "verdict.good"), reasons)
+
+
+def _of_shards(facts: DiveFacts) -> list[str]:
+    missing = facts.run.totals.get("missing_shards", [])
+    return [phrase("verdict.shards", shards=", ".join(missing))] if missing else []
 
 
 def _of_pairs(facts: RowFacts) -> list[str]:

@@ -61,6 +61,7 @@ class RunSummary:
 
     notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
+    missing_shards: of the dive, which were not merged.
     """
 
     rows: Sequence[FrameRow]
@@ -69,11 +70,12 @@ class RunSummary:
     stopped: bool = False
     products: tuple[ProductSummary, ...] = ()
     plan: Compared | None = None
+    missing_shards: tuple[str, ...] = ()
 
     @property
     def all_done(self) -> bool:
-        """Tell whether every file found its partner and every pair went through."""
-        return not self.stopped and self.count("ok") == len(self.rows)
+        """Tell whether every file of the whole dive found its partner and every pair went through."""
+        return not self.stopped and not self.missing_shards and self.count("ok") == len(self.rows)
 
     def count(self, status: Status) -> int:
         """The number of rows of that status."""
@@ -107,6 +109,7 @@ class RunSummary:
             "wall_seconds": round(self.wall_seconds, 3),
             "stage_seconds": {stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()},
             "notes": list(self.notes),
+            **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),
         }
 

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from calibration.wording import counted
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -35,6 +36,12 @@ class Part:
             left = f"not done: {counted(len(pending), 'pair')} ({pending[0]})" if pending else f"it is {run.state}"
             raise InputError(f"{root}: did not come to its end, {left}: run its line again first")
         return cls(root, run, rows)
+
+    @cached_property
+    def shard(self) -> Shard | None:
+        """The shard of the dive that was run; None where the run was of all pairs that it was given."""
+        kind = Manifest(self.root).dive().identity.get("kind", "")
+        return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
 
     @cached_property
     def settings(self) -> str:

@@ -24,6 +24,9 @@ def merge(
     fit_only: Annotated[
         bool, opt.flag("--fit-only", "Stop after fitting water.json, which run --shard --water then uses on all machines.")
     ] = False,
+    partial: Annotated[
+        bool, opt.flag("--partial", "Merge although shards are missing; summary, run.json and page name them, exit code 3.")
+    ] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     cluster: opt.ClusterName = "",
     overwrite: opt.Overwrite = False,
@@ -35,7 +38,7 @@ def merge(
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
         options = replace(opt.Execution(overwrite).options(workers, None, listener), cluster=compute)
-        summary = join(parts, out, options, fit_only=fit_only)
+        summary = join(parts, out, options, fit_only=fit_only, partial=partial)
     page = "" if fit_only or summary.stopped else page_text(out / INDEX)
     report.end(run_content(summary, out), run_text(summary, out) + page, run_exit_code(summary))
 

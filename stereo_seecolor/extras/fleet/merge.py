@@ -7,6 +7,7 @@ from calibration.formats import load_rig
 from stereo_seecolor.commands.dive_job import claim
 from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with
 from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
@@ -21,16 +22,23 @@ from stereo_seecolor.run_folder.part import Part
 from stereo_seecolor.run_folder.water_file import waters_content
 
 
-def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *, fit_only: bool = False) -> RunSummary:
+def merge(
+    parts: Sequence[Path], out: Path, options: RunOptions | None = None, *, fit_only: bool = False, partial: bool = False
+) -> RunSummary:
     """Merge the results of runs over parts of a dive into ``out``, as those of one run; correct frames that are not corrected yet.
 
     Files are hard links in ``out`` where the file system has them, else copies; the parts stay as they are. The water is that of
     the parts, or fitted to all of them. fit_only: stop when water.json is written.
-    Raises InputError where the parts do not belong together; SeeColorError, CalibrationError as ``run`` does.
+    partial: merge although shards of the dive are missing, and name them.
+    Raises InputError where the parts do not belong together or are not all; SeeColorError, CalibrationError as ``run`` does.
     """
     options = options or RunOptions()
+    twice = next((part for number, part in enumerate(parts) if part.resolve() in {one.resolve() for one in parts[:number]}), None)
+    if twice:
+        raise InputError(f"{twice}: is given twice: give each part once")
     opened_parts = [Part.open(part) for part in parts]
-    opened, inputs = _opened(opened_parts), named_inputs(opened_parts[0].run.inputs)
+    missing = _missing_shards(opened_parts, partial)
+    opened, inputs = _opened(opened_parts, missing), named_inputs(opened_parts[0].run.inputs)
     pairs, waters = opened.pairing.pairs, _waters(opened_parts)
 
     def passes(dive: Dive, folder: RunFolder, pairing: Pairing) -> None:
@@ -53,7 +61,31 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
             return command.conduct(opened, folder, passes)
 
 
-def _opened(parts: Sequence[Part]) -> Opened:
+def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
+    """Name the shards of the dive that are not among the parts. Raises InputError where some are, unless ``partial``, and where the
+    parts are not of one cut.
+    """
+    given: dict[Shard, Part] = {}
+    for part in parts:
+        if part.shard is None:
+            continue
+        given.setdefault(part.shard, part)
+        first = next(iter(given))
+        if part.shard.of != first.of:
+            raise InputError(
+                f"{given[first].root} is shard {first}, and {part.root} is shard {part.shard}: merge shards of one cut: "
+                "those of two hold pairs twice or leave some out"
+            )
+    of = max((shard.of for shard in given), default=0)
+    missing = tuple(str(shard) for shard in (Shard(number, of) for number in range(1, of + 1)) if shard not in given)
+    if missing and not partial:
+        raise InputError(
+            f"shard {', '.join(missing)} is missing: run it and give all {of}; --partial merges the others and says what is missing"
+        )
+    return missing
+
+
+def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
     """All pairs of the parts and the pipeline of their rig. Raises InputError where settings, rig or version differ."""
     first = parts[0]
     for part in parts[1:]:
@@ -65,8 +97,14 @@ def _opened(parts: Sequence[Part]) -> Opened:
     pipeline = Pipeline(load_rig(str(first.rig)), first.run.config)
     if pipeline.settings != first.settings:
         raise InputError(f"{first.root}: was made by another version of the program: run its line again first")
-    unpaired = {row.left: Unpaired(Path(row.left), row.error) for part in parts for row in part.rows if row.status == "unpaired"}
-    return Opened(Pairing(tuple(in_dive_order(_pairs(parts))), tuple(unpaired.values())), pipeline)
+    unpaired = {
+        row.left: Unpaired(Path(row.left), row.error.removeprefix(f"{row.left}: "))
+        for part in parts
+        for row in part.rows
+        if row.status == "unpaired"
+    }
+    notes = (f"a part of the dive only: shard {', '.join(missing)} is missing",) if missing else ()
+    return Opened(Pairing(tuple(in_dive_order(_pairs(parts))), tuple(unpaired.values()), notes, missing), pipeline)
 
 
 def _pairs(parts: Sequence[Part]) -> list[Pair]:
