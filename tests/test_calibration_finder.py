@@ -303,6 +303,8 @@ def content_of(**other: Any) -> dict[str, Any]:
 WRONG = {
     "the size of the images": (content_of(), r"\(--size WIDTHxHEIGHT\)"),
     "one camera matrix": ({k: v for k, v in content_of().items() if k != "K2"}, "one camera matrix alone, K1"),
+    "one distortion": ({k: v for k, v in content_of().items() if k != "D1"}, "one distortion alone, D2"),
+    "R without T": ({k: v for k, v in content_of().items() if k != "T"}, "holds R and no T"),
     "a NaN": (content_of(T=[float("nan"), 0, 0]), "T: nan is not a finite number"),
     "a negative focal length": (
         content_of(K2=RIG.right.K * [[1], [-1], [1]], size=[640, 480]),

@@ -17,6 +17,7 @@ from calibration.formats import load_rig, write_rig
 from calibration.resizing import resized_rig
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands.inspect import inspect
+from stereo_seecolor.commands.inspect_rig import refused_calibrations
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.sides import find_sides
 
@@ -244,3 +245,10 @@ def test_trajectories_are_named(make_dive, cli) -> None:
     ]
     _, printed = cli("inspect", str(dive.root))
     assert "nav.csv (table of navigation): 3 poses, for 2 of 3 pairs by name" in printed
+
+
+def test_an_archive_beside_the_images_is_named_where_no_calibration_is(tmp_path: Path) -> None:
+    (tmp_path / "c.zip").write_bytes(b"PK\x03\x04")
+    assert refused_calibrations([tmp_path], (640, 480)) == (
+        f"{tmp_path / 'c.zip'}: is an archive: unpack it, if it holds the calibration",
+    )

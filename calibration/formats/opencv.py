@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats.finder import Parts, Side, find
+from calibration.formats.finder import Parts, Role, Side, find
 from calibration.formats.leaves import texts, words
 from calibration.formats.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.ros import make_camera
@@ -61,15 +61,14 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     if parts.many:
         raise CalibrationError(f"{document.where}: holds {parts.many} cameras: keep the two of the stereo pair")
     if not (parts.pair("K") or parts.pair("P")):
-        one = next((leaf for side in SIDES if (leaf := parts.get("K", side))), None)
-        if one:
-            raise CalibrationError(
-                f"{document.where}: holds one camera matrix alone, {'.'.join(one.path)}, and not the other camera's"
-            )
+        if one := _alone(parts, "K"):
+            raise CalibrationError(f"{document.where}: holds one camera matrix alone, {one}: the other camera's is missing")
         raise CalibrationError(
             f"{document.where}: holds no camera matrices (K1, K2): give the intrinsics file too, with a comma between"
         )
     pose = pose_in_meters(document, parts)
+    if pose is None and bool(R := _alone(parts, "R")) != bool(T := _alone(parts, "T")):
+        raise CalibrationError(f"{document.where}: holds {R or T} and no {'T' if R else 'R'}: between the cameras both are needed")
     if pose is None:
         raise CalibrationError(
             f"{document.where}: holds no R and T between the cameras: give the extrinsics file too, with a comma between "
@@ -79,11 +78,17 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     rigs = []
     for text, model in _models(document, parts, pose):
         left, right = _cameras(document, parts, model, image_size)
-        for reading, T in _senses(pose):
+        for reading, T_right_left in _senses(pose):
             with naming(document.where):
                 said = ", ".join(filter(None, (text, reading)))
-                rigs.append(StereoRig(left, right, T, rms_px=rms_px, doubts=pose.doubts, reading=said))
+                rigs.append(StereoRig(left, right, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said))
     return rigs[0].with_alternatives(rigs[1:])
+
+
+def _alone(parts: Parts, role: Role) -> str:
+    """The key of the one leaf of a role; "" for none, and for one on either side."""
+    found = [leaf for side in SIDES if (leaf := parts.get(role, side))]
+    return ".".join(found[0].path) if len(found) == 1 else ""
 
 
 def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
@@ -148,9 +153,9 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
     distortions = parts.pair("D") if parts.pair("K") else None
     if distortions is None:
         if parts.pair("K") and not np.array_equal(pose.T[:3, :3], np.eye(3)):
-            raise CalibrationError(
-                f"{document.where}: no 'D1' and 'D2' (nor distCoeffs1 ...): the file is incomplete or of another kind"
-            )
+            one = _alone(parts, "D")
+            what = f"holds one distortion alone, {one}" if one else "no 'D1' and 'D2' (nor distCoeffs1 ...)"
+            raise CalibrationError(f"{document.where}: {what}: the file is incomplete or of another kind")
         return [("", "pinhole")]
     said_so = any(text is True and "fisheye" in said for said, text in texts(document.content))
     if named & FISHEYE_NAMES or said_so or any("fe" in words(leaf.path[-1]) for leaf in distortions):

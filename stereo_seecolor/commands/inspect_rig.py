@@ -15,6 +15,8 @@ EXTENSIONS = frozenset(
     {".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".calib", ".txt", ".cfg", ".conf", ".toml", ".krtd", ".npy", ".csv"}
 )
 
+ARCHIVES = frozenset({".zip", ".gz", ".tgz", ".7z", ".rar"})
+
 LARGEST_BYTES = 20_000_000
 """A calibration is smaller: MATLAB objects with all their corners have a few hundred kilobytes."""
 
@@ -42,7 +44,11 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
 
 def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple[str, ...]:
     """A line for each file that is a calibration by its content but cannot be used, with the reason."""
-    refused = []
+    refused = [
+        f"{path}: is an archive: unpack it, if it holds the calibration"
+        for path in sorted(candidates(places, ARCHIVES, LARGEST_BYTES))
+        if path.suffix.lower() in ARCHIVES
+    ]
     for path in _all_candidates(places):
         with suppress(CalibrationError):
             kind = format_name(path)
