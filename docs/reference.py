@@ -1,4 +1,5 @@
-"""Write docs/commands.md and docs/configuration.md from the program itself: python docs/reference.py [--check].
+"""Write docs/commands.md, docs/configuration.md and a table of docs/output-folder.md from the program itself:
+python docs/reference.py [--check].
 
 --check writes nothing and ends with exit code 1 where a page differs from what the program says.
 """
@@ -19,10 +20,13 @@ from pydantic.fields import FieldInfo
 
 from stereo_seecolor.cli.app import every_command, program
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.run_folder import replaced
 
 HERE = Path(__file__).parent
 BOUNDS = {Gt: "above", Ge: "from", Lt: "below", Le: "to"}
 KINDS = {bool: "true, false", int: "integer", float: "number", str: "text", Path: "path"}
+
+REPLACED_BEGIN, REPLACED_END = "<!-- replaced: written by docs/reference.py -->", "<!-- end of replaced -->"
 
 COMMANDS_HEAD = """# Commands
 
@@ -239,10 +243,17 @@ def paragraph(text: str) -> str:
     return linked("\n".join(line.strip() for line in text.strip().splitlines()))
 
 
+def output_folder_page() -> str:
+    """The page as it is, with the table of what each command may delete or replace written anew."""
+    head, begin, rest = (HERE / "output-folder.md").read_text(encoding="utf-8").partition(REPLACED_BEGIN)
+    return f"{head}{begin}\n{replaced.table()}{REPLACED_END}{rest.partition(REPLACED_END)[2]}"
+
+
 def main(check: bool) -> int:
-    """Write both pages, or compare them; returns the exit code."""
+    """Write the pages, or compare them; returns the exit code."""
     stale = 0
-    for path, text in ((HERE / "commands.md", commands_page()), (HERE / "configuration.md", configuration_page())):
+    pages = {"commands.md": commands_page, "configuration.md": configuration_page, "output-folder.md": output_folder_page}
+    for path, text in ((HERE / name, page()) for name, page in pages.items()):
         if check and path.read_text(encoding="utf-8") != text:
             print(f"{path}: differs from the program; run python docs/reference.py", file=sys.stderr)
             stale = 1

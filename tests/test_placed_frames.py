@@ -69,7 +69,7 @@ def test_frames_of_a_map_on_earth_hold_their_place(tmp_path: Path) -> None:
     description = json.loads((out / "map" / "map.json").read_bytes())
     description["origin"] = {"latitude_deg": ORIGIN.latitude_deg, "longitude_deg": ORIGIN.longitude_deg}
     (out / "map" / "map.json").write_text(json.dumps(description))
-    with RunFolder.existing(out) as folder:
+    with RunFolder.existing(out, "fuse") as folder:
         describe_frames(folder)
         assert folder.frames.finished("corrected", "f2", "key"), "the manifest knows the new files"
     with (out / "map" / "poses.csv").open() as file:

@@ -68,12 +68,12 @@ def run(
             loaded = settings.load(refine)
             if out_mcap:
                 load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite)
+            chosen = execution.options(workers, settings.config, listener)
             if fuse:
                 from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
-                check_fusion(poses, loaded)
-            chosen = execution.options(workers, settings.config, listener)
+                chosen = replace(chosen, also_read=check_fusion(poses, loaded))
             when: PageTime = "live" if page else "none" if fuse else "end"
             options = replace(chosen, shard=part, cluster=compute, water=water, page=when, notice=report.notice)
             summary = _run(left, right, calib, bag, topics)(out, loaded, options)

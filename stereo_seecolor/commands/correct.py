@@ -28,7 +28,7 @@ def correct(
     owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
     job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, options.water))
-    with RunFolder(out, claim(owner, options, [*folders_of(images), *folders_of(ranges), options.water])) as folder:
+    with RunFolder(out, claim(owner, config, options, [*folders_of(images), *folders_of(ranges)])) as folder:
         return job.conduct(folder, options)
 
 

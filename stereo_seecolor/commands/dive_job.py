@@ -23,7 +23,7 @@ from stereo_seecolor.run_folder.current_frames import CurrentFrames
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary
-from stereo_seecolor.run_folder.layout import Stage
+from stereo_seecolor.run_folder.layout import RIG, RUN, WATER, Stage
 from stereo_seecolor.run_folder.reports import FinalRows, RunDescription, close_run, products, write_reports
 
 
@@ -100,10 +100,13 @@ def earlier_config(folder: RunFolder) -> RunConfig | None:
         return None
 
 
-def claim(owner: Owner, options: RunOptions, inputs: Sequence[Path | None]) -> Claim:
-    """The claim of a command on OUT, in which its inputs and its configuration file are protected from deletion."""
-    given = (*inputs, options.config_file)
-    return Claim(owner, options.overwrite, tuple(path for path in given if path is not None))
+def claim(owner: Owner, config: RunConfig, options: RunOptions, inputs: Sequence[Path], ranges: str = "") -> Claim:
+    """The claim of a command on OUT, in which all that it reads is protected from deletion: its inputs, and what its settings and
+    options name. ranges: as in Claim.
+    """
+    given = (*inputs, *config.files, options.config_file, options.water, *options.also_read)
+    unchanged = () if options.overwrite else (WATER, RUN) if config.input.refine else (WATER, RUN, RIG)
+    return Claim(owner, options.overwrite, tuple(path for path in given if path is not None), unchanged, ranges)
 
 
 def describe(

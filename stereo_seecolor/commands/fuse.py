@@ -30,14 +30,15 @@ if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
 
 
-def check_fusion(poses: Path | None, config: RunConfig) -> None:
-    """Check libraries and trajectory before the first frame is measured.
+def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
+    """Check libraries and trajectory before the first frame is measured. Returns the files that a fusion reads.
 
     Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for a bad trajectory.
     """
     from stereo_seecolor.mapping.survey_map import check
 
     check(config.mapping, given_trajectory(poses, config.mapping, np.eye(4)))
+    return (*config.files, *(trajectory_file(path) for path in (poses, config.mapping.fixes) if path))
 
 
 def fuse(
@@ -59,10 +60,9 @@ def fuse(
 
     run = open_run(out)
     config, compute = config or run.config, compute or Threads(cores())
-    check_fusion(poses, config)
+    read = check_fusion(poses, config)
     SurveyFrames(run)  # refuses a run that cannot be fused before anything is written into it
-    inputs = [trajectory_file(path) for path in (poses, config.mapping.fixes) if path]
-    with RunFolder.existing(out, inputs) as folder:
+    with RunFolder.existing(out, "fuse", read) as folder:
         run = open_run(out)
         stalled = set(run.stalled)
         frames = SurveyFrames(run, frames=[frame for frame in run.frames if frame.name not in stalled])

@@ -30,7 +30,7 @@ def rectify(
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)
     before = inputs.open_first(config)
-    with RunFolder(out, claim(inputs.owner("rectify", before), options, inputs.paths)) as folder:
+    with RunFolder(out, claim(inputs.owner("rectify", before), config, options, inputs.paths)) as folder:
         opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pairing, pipeline = opened.pairing, opened.pipeline
         description = describe(inputs.names, pipeline.config, pairing, "rectified", options, pipeline.rectification)

@@ -21,7 +21,7 @@ def report(out: Path, listener: Listener | None = None, *, brief: bool = False, 
     """
     open_run(out)  # refuses another folder before anything is written into it
     listener = listener or Silence()
-    with RunFolder.existing(out) as folder:
+    with RunFolder.existing(out, "report") as folder:
         run = open_run(out)
         if charts:
             load("page_parts", "charts")(folder, run, listener)

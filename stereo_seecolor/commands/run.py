@@ -88,7 +88,8 @@ class StereoCommand:
         inputs, shard = self.inputs, self.options.shard
         before = inputs.open_first(self.config)
         owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
-        with RunFolder(out, claim(owner, self.options, [*inputs.paths, self.options.water])) as folder:
+        ranges = before.pipeline.settings if before and not self.config.input.refine else ""
+        with RunFolder(out, claim(owner, self.config, self.options, inputs.paths, ranges)) as folder:
             opened = before or inputs.open_in(folder, self.config)
             options = self.options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
             with options.compute.sharing(state(folder.root), inputs.paths):

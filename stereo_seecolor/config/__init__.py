@@ -1,5 +1,8 @@
 """All settings: a frozen model for each stage, with the reason for each default in its description."""
 
+from collections.abc import Iterator
+from pathlib import Path
+
 from stereo_seecolor.config.color import ColorConfig, PaperAdamConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.input import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
@@ -33,3 +36,16 @@ class RunConfig(StageConfig):
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
     measuring: MeasuringConfig = MeasuringConfig()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that settings name."""
+        return tuple(_paths(self))
+
+
+def _paths(settings: StageConfig) -> Iterator[Path]:
+    for _, value in settings:
+        if isinstance(value, StageConfig):
+            yield from _paths(value)
+        elif isinstance(value, Path):
+            yield value

@@ -26,7 +26,8 @@ class RunOptions:
     listener: told of progress; by default the log. notice: called with each line that a user should read before the work begins;
     by default it goes to the log. shard: the part of the dive's pairs to work on.
     cluster: runs the work in place of this machine's threads.
-    water: a water.json whose waters are used in place of a fit.
+    water: a water.json whose waters are used in place of a fit. also_read: files that a later step of the same command reads, such
+    as the poses for its map; no input may lie in what a run deletes or replaces.
     page: when OUT/index.html is written: never, at the end, or also while the run works.
     """
 
@@ -40,6 +41,7 @@ class RunOptions:
     shard: Shard = WHOLE
     cluster: Compute | None = None
     water: Path | None = None
+    also_read: tuple[Path, ...] = ()
     page: PageTime = "end"
     notice: Callable[[str], None] = log.info
 

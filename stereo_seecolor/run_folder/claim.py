@@ -1,6 +1,6 @@
 """Checks whether a run may use a folder: whose results it holds, what else lies in it, and what --overwrite may delete."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from stereo_seecolor.run_folder.layout import (
     LEASE,
     LOCK,
     MAP,
+    MEASURED_WATER,
     ORIGINAL,
     PAGE,
     PAGE_PRODUCTS,
@@ -22,6 +23,7 @@ from stereo_seecolor.run_folder.layout import (
 )
 from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
+from stereo_seecolor.run_folder.replaced import refuse_inputs
 
 NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 """What file managers leave in every folder that is opened; hidden files are ignored too."""
@@ -58,30 +60,33 @@ class Claim:
     """How a run takes OUT.
 
     owner: the dive and command. overwrite: delete earlier results first. inputs: files and folders that the run reads, never to be
-    deleted.
+    deleted. unchanged: names in OUT that it leaves as they are, or writes again with the content that it reads. ranges: hash of the
+    settings that it makes range maps with, "" if not known yet: a water measured in others is stale then.
     """
 
     owner: Owner
     overwrite: bool = False
     inputs: tuple[Path, ...] = ()
+    unchanged: tuple[str, ...] = ()
+    ranges: str = ""
 
 
-def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Sequence[Path]) -> None:
-    """Refuse a folder that is not this dive's, or that holds files of others in a product's place; nothing is changed.
-
-    inputs: files and folders that the run reads. Raises OutputError.
+def check_claim(manifest: Manifest, claim: Claim) -> None:
+    """Refuse a folder that is not this dive's, or that holds files of others in a product's place, or the run's inputs; nothing is
+    changed. Raises OutputError.
     """
     root = manifest.root
     refuse_links(root)
     if not manifest.exists():
         refuse_used(root)
         return
-    if overwrite:
-        refuse_inputs(root, deleted_by_overwrite(manifest), inputs)
-    elif _holds_results(manifest) and not owner.owns(manifest.dive().identity):
+    dive = manifest.dive()
+    if not claim.overwrite and _holds_results(manifest) and not claim.owner.owns(dive.identity):
         raise OutputError(
             f"{root}: holds the results of another dive or command: choose another --out, or delete them with --overwrite"
         )
+    measured = not claim.overwrite and claim.ranges in ("", dive.settings.get("range"))
+    refuse_inputs("run", root, claim.inputs, (*claim.unchanged, *([MEASURED_WATER] if measured else [])))
     refuse_foreign(manifest)
 
 
@@ -129,26 +134,6 @@ def _refuse_foreign_originals(manifest: Manifest) -> None:
     for path in found:
         if path.relative_to(manifest.root).as_posix() not in known:
             raise _foreign(path)
-
-
-def refuse_inputs(root: Path, deleted: Iterable[Path], inputs: Sequence[Path]) -> None:
-    """Raise OutputError where a file that the run reads, or one in a folder that it reads, would be deleted."""
-    read = {path.resolve(): path for path in inputs}
-    read.pop(root.resolve(), None)
-    for path in deleted:
-        lost = read.get(path.resolve()) or read.get(path.resolve().parent)
-        if lost is not None:
-            raise OutputError(
-                f"{lost}: is an input of this run, and lies in what would be deleted in {root}: copy it elsewhere first, "
-                "or choose another --out; nothing was touched"
-            )
-
-
-def deleted_by_overwrite(manifest: Manifest) -> Iterator[Path]:
-    """List all files that the manifest names."""
-    for frame in manifest.frames():
-        yield from (manifest.root / path for path in frame.files)
-    yield from (manifest.root / path for path in manifest.dive().files)
 
 
 def _names(folder: Path) -> list[str]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-from stereo_seecolor.run_folder.claim import Claim, Owner, check_claim, refuse_foreign, refuse_inputs, refuse_used
+from stereo_seecolor.run_folder.claim import Claim, Owner, check_claim, refuse_foreign, refuse_used
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
@@ -15,6 +15,7 @@ from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders
+from stereo_seecolor.run_folder.replaced import refuse_inputs
 
 
 class RunFolder:
@@ -43,13 +44,17 @@ class RunFolder:
         folder.frames.token = token
         return folder
 
+    def reads(self, name: str) -> bool:
+        """Tell whether a file of OUT is an input of this run."""
+        return (self.root / name).resolve() in {path.resolve() for path in self._claim.inputs}
+
     def __enter__(self) -> Self:
         refuse_links(self.root)
         if not self.manifest.exists():
             refuse_used(self.root)
         with ExitStack() as hold:
             self.frames.token = hold.enter_context(held(self.root)).token
-            check_claim(self.manifest, self._claim.owner, self._claim.overwrite, self._claim.inputs)
+            check_claim(self.manifest, self._claim)
             self._begin()
             self._hold = hold.pop_all()
         return self
@@ -60,17 +65,17 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def existing(cls, root: Path, inputs: Sequence[Path] = ()) -> Iterator[Self]:
-        """Lock a finished run's folder to add a map or another file of the whole dive.
+    def existing(cls, root: Path, command: str, inputs: Sequence[Path] = ()) -> Iterator[Self]:
+        """Lock a finished run's folder for a command that adds a map or another file of the whole dive.
 
         inputs: files that the command reads, which are not to be replaced. Raises OutputError.
         """
+        refuse_inputs(command, root, inputs)
         refuse_links(root)
         with held(root) as holder:
             folder = cls.on_worker(root, holder.token)
             folder.dive.record = folder.manifest.dive()
             refuse_foreign(folder.manifest)
-            refuse_inputs(root, (root / path for path in folder.dive.record.files), inputs)
             yield folder
 
     def _begin(self) -> None:

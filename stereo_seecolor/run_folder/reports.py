@@ -84,7 +84,8 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: C
     if complete:
         folder.owned.remove_leftovers()  # of workers that were lost; not before, as a new worker looks for the cluster's own file
         sources = dict.fromkeys((MAP, FIRST_LOOK, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
-        stale = [name for name, source in sources.items() if folder.dive.record.made_from.get(name, source) != source]
+        made_from = folder.dive.record.made_from
+        stale = [name for name, source in sources.items() if made_from.get(name, source) != source and not folder.reads(name)]
         if stale:
             folder.dive.remove(*stale)
     folder.dive.update(replace(folder.dive.record, state="complete" if complete else "stopped"))

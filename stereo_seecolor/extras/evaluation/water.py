@@ -20,7 +20,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
 from stereo_seecolor.extras.evaluation.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
 from stereo_seecolor.extras.evaluation.targets import read_targets, targets_of
-from stereo_seecolor.inputs.trajectories import rectified_trajectory
+from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_file
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.records import Water
@@ -84,7 +84,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
     sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
-    with RunFolder.existing(out, (poses,)) as folder:
+    with RunFolder.existing(out, "water", (trajectory_file(poses),)) as folder:
         folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
     return MeasuredWater(out / MEASURED_WATER, water)
 
@@ -111,7 +111,7 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
     matrix = camera_matrix([chart for chart in charts if chart])
     if isinstance(matrix, CameraMatrix):
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
-    with RunFolder.existing(out, (targets,) if targets else ()) as folder:
+    with RunFolder.existing(out, "water", (targets,) if targets else ()) as folder:
         folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
     return MeasuredWater(
         path=out / MEASURED_WATER,

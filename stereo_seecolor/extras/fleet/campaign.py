@@ -11,7 +11,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration import CalibrationError
-from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.fuse import check_fusion, fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
@@ -100,7 +100,7 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
     Raises InputError for a file that cannot be used, OutputError where the table cannot be written.
     """
     plan = _Campaign(CampaignFile.read(file), file.parent)
-    options = options or RunOptions()
+    options = replace(options or RunOptions(), also_read=(file,))
     earlier = load_states(plan.root)
     begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in plan.dives}
     states = {**begun, **earlier}
@@ -202,11 +202,13 @@ def _process(plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunO
     try:
         config = plan.config(dive)
         page = "none" if mapped else options.page  # the page is written when the map is there
-        inputs = plan.inputs(dive)
-        summary = run(inputs.left, inputs.right, inputs.calib, out, config, replace(options, water=water, page=page))
+        inputs, poses = plan.inputs(dive), plan.folder / dive.poses if dive.poses else None
+        read = check_fusion(poses, config) if mapped else ()
+        chosen = replace(options, water=water, page=page, also_read=(*options.also_read, *read))
+        summary = run(inputs.left, inputs.right, inputs.calib, out, config, chosen)
         state = replace(state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed"))
         if mapped and not summary.stopped:
-            fuse(out, plan.folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
+            fuse(out, poses, config, options.listener, options.cluster)
             report(out, options.listener, brief=True)
     except KeyboardInterrupt:  # between two passes, or in the map
         state = replace(state, state="stopped")

@@ -17,7 +17,7 @@ from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import WATER, state
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, WATER, state
 from stereo_seecolor.run_folder.part import Part
 from stereo_seecolor.run_folder.water_file import waters_content
 
@@ -52,7 +52,8 @@ def merge(
         else:
             color_with(dive, folder, pairing, known)
 
-    with RunFolder(out, claim(inputs.owner(KIND, opened), options, [*inputs.paths, *parts])) as folder:
+    read = [*inputs.paths, *(part.root / FRAMES_TABLE for part in opened_parts)]
+    with RunFolder(out, claim(inputs.owner(KIND, opened), opened.pipeline.config, options, read)) as folder:
         for part in opened_parts:
             for frame in part.frames():
                 folder.frames.adopt(part.root, frame)

@@ -163,5 +163,5 @@ def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> R
     """Run the opened pairs into ``out``, one after the other."""
     options = RunOptions(workers=1, listener=clock)
     command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
-    with RunFolder(out, claim(inputs.owner(KIND, opened), options, inputs.paths)) as folder:
+    with RunFolder(out, claim(inputs.owner(KIND, opened), command.config, options, inputs.paths)) as folder:
         return command.conduct(opened, folder, lambda dive, held, pairing: color(dive, held, pairing, None))
