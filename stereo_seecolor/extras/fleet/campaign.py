@@ -11,7 +11,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration import CalibrationError
-from stereo_seecolor.commands.fuse import check_fusion, fuse
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
@@ -203,8 +203,7 @@ def _process(plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunO
         config = plan.config(dive)
         page = "none" if mapped else options.page  # the page is written when the map is there
         inputs, poses = plan.inputs(dive), plan.folder / dive.poses if dive.poses else None
-        read = check_fusion(poses, config) if mapped else ()
-        chosen = replace(options, water=water, page=page, also_read=(*options.also_read, *read))
+        chosen = replace(options, water=water, page=page, also_read=(*options.also_read, *([poses] if poses else [])))
         summary = run(inputs.left, inputs.right, inputs.calib, out, config, chosen)
         state = replace(state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed"))
         if mapped and not summary.stopped:
