@@ -10,10 +10,12 @@ import pytest
 import yaml
 from calibration_binaries import SIZE, small_rig, stereo_objects, write_mat5
 from calibration_boards import rendered
+from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.formats import load_rig, write_rig
+from calibration.formats.ros import rectified_rig, transform_of_projections
 from calibration.readings import settle_reading
 
 RIG = small_rig()
@@ -271,3 +273,24 @@ def test_an_archive_is_named(tmp_path: Path) -> None:
     (tmp_path / "calibrationdata.tar.gz").write_bytes(b"\x1f\x8b\x08\x00" + bytes(20))
     with pytest.raises(CalibrationError, match="is an archive: unpack it"):
         load_rig(tmp_path / "calibrationdata.tar.gz")
+
+
+@pytest.mark.parametrize("turned", [(True, True), (True, False), (False, True)])
+def test_negative_focal_lengths_in_axes_turned_by_180_degrees_are_the_same_rig(turned: tuple[bool, bool]) -> None:
+    """As stereoRectify writes them for some rigs: the same pixels of the same rays."""
+    rotations = [Rotation.from_rotvec(v).as_matrix() for v in ([0.01, -0.02, 0.03], [-0.01, 0.02, 0.01])]
+    projections = [np.array([[500.0, 0, 320, t], [0, 500, 240, 0], [0, 0, 1, 0]]) for t in (0.0, -60.0)]
+    given = transform_of_projections(rotations, projections)
+    flip = np.diag([-1.0, -1.0, 1.0])
+    for i in np.flatnonzero(turned):
+        rotations[i], projections[i] = flip @ rotations[i], np.column_stack([projections[i][:, :3] @ flip, projections[i][:, 3]])
+    np.testing.assert_allclose(transform_of_projections(rotations, projections), given, atol=1e-12)
+    if all(turned):
+        T = rectified_rig("file", projections, (640, 480)).T_right_left
+        np.testing.assert_allclose(T[:3], [[1, 0, 0, -0.12], [0, 1, 0, 0], [0, 0, 1, 0]], atol=1e-12)
+
+
+def test_a_focal_length_that_is_negative_across_alone_is_no_camera() -> None:
+    P = np.array([[-500.0, 0, 320, 60], [0, 500, 240, 0], [0, 0, 1, 0]])
+    with pytest.raises(CalibrationError, match="of another sign across than down"):
+        transform_of_projections([np.eye(3)] * 2, [P * [1, 1, 1, 0], P])

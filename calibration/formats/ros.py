@@ -73,11 +73,26 @@ def make_camera(
         return Camera(K, distortion, size, model)
 
 
+TURNED = np.diag([-1.0, -1.0, 1.0])
+
+
+def upright(P: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A projection (3, 4) with positive focal lengths, in axes that are turned by 180 degrees where they were negative.
+
+    OpenCV's stereoRectify writes negative ones where it turns the axes: both stand for the same pixels.
+    """
+    return np.column_stack([P[:, :3] @ TURNED, P[:, 3]]) if P[0, 0] < 0 and P[1, 1] < 0 else P
+
+
 def transform_of_projections(rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """The transform (4, 4) from left to right axes behind two rectifying rotations (3, 3) and projections (3, 4), in their unit."""
-    centers = [np.linalg.solve(P[:, :3], P[:, 3]) if P[0, 0] > 0 and P[1, 1] > 0 else None for P in projections]
-    if centers[0] is None or centers[1] is None:
-        raise CalibrationError("a projection matrix has no focal length: calibrate the two cameras as a stereo pair")
+    if not all(P[0, 0] * P[1, 1] > 0 for P in projections):
+        raise CalibrationError(
+            "a projection matrix has no focal length, or one of another sign across than down: calibrate the two cameras as a "
+            "stereo pair"
+        )
+    rotations = [(TURNED @ R if P[0, 0] < 0 else R) for R, P in zip(rotations, projections, strict=True)]
+    centers = [np.linalg.solve(P[:, :3], P[:, 3]) for P in map(upright, projections)]
     offset = centers[1] - centers[0]
     if not offset.any():
         raise CalibrationError(
@@ -96,6 +111,7 @@ def rig_from_projections(
 
 def rectified_rig(where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]) -> StereoRig:
     """The rig of images that are rectified already, from their projections (3, 4), left first. where: the file, for messages."""
+    projections = [upright(P) for P in projections]
     left, right = (make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections)
     with naming(where):
         return rig_from_projections(left, right, [np.eye(3), np.eye(3)], projections)
