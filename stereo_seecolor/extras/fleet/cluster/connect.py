@@ -19,6 +19,7 @@ from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.extras.fleet.cluster.local_workers import CAN_FORK, Orders, starter
+from stereo_seecolor.extras.fleet.cluster.run_keys import WITHOUT_PAGES, in_files, run_keys, workers_part
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
@@ -110,13 +111,15 @@ def _local(workers: int) -> Iterator[OpenedCluster]:
     remove_abandoned()
     with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch, ExitStack() as ends:
         if not CAN_FORK:
-            started = ends.enter_context(_scheduler(workers, scratch))
+            started = ends.enter_context(_scheduler(workers, scratch, run_keys(f"local:{workers}")))
             yield OpenedCluster(started, revive=lambda: started.scale(workers))
             return
         start = ends.enter_context(starter())  # before the scheduler, whose threads it must not copy
-        started = _scheduler(0, scratch)
+        keys = run_keys(f"local:{workers}")
+        started = _scheduler(0, scratch, keys)
         ends.callback(started.close)
-        start(Orders(started.scheduler_address, workers, int(MEMORY_FRACTION * _memory_bytes() / workers), scratch))
+        memory_bytes = int(MEMORY_FRACTION * _memory_bytes() / workers)
+        start(Orders(started.scheduler_address, workers, memory_bytes, scratch, workers_part(keys)))
         yield OpenedCluster(started)
 
 
@@ -130,8 +133,8 @@ def remove_abandoned() -> None:
             shutil.rmtree(folder, ignore_errors=True)  # of another user it stays
 
 
-def _scheduler(workers: int, scratch: str) -> Any:
-    """A scheduler in this process, with ``workers`` workers started by Dask."""
+def _scheduler(workers: int, scratch: str, keys: Any) -> Any:
+    """A scheduler in this process, with ``workers`` workers started by Dask, which serve those alone who have the keys."""
     from distributed import LocalCluster
 
     return LocalCluster(  # type: ignore[no-untyped-call]
@@ -139,7 +142,9 @@ def _scheduler(workers: int, scratch: str) -> Any:
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # any free port: two runs on one machine must not meet
+        security=keys,
+        dashboard_address=WITHOUT_PAGES["dashboard_address"],  # or two runs on one machine meet
+        scheduler_kwargs=WITHOUT_PAGES,
         worker_dashboard_address=None,
         local_directory=scratch,
         silence_logs=50,
@@ -168,15 +173,27 @@ def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
         import dask_jobqueue
     except ImportError as error:
         raise ClusterError(f"{kind}:{file}: needs dask-jobqueue: pip install 'stereo-seecolor[cluster]'") from error
-    try:
-        started = getattr(dask_jobqueue, JOB_CLASSES[kind])(**content.arguments())
-    except (TypeError, ValueError) as error:
-        raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
-    with started:
+    with _key_folder(Path(content.log_directory)) as folder, ExitStack() as ends:
+        arguments = {**content.arguments(), "security": in_files(run_keys(f"{kind}:{file}"), Path(folder))}
+        arguments["scheduler_options"] = {**WITHOUT_PAGES, **arguments.get("scheduler_options", {})}
+        try:
+            started = getattr(dask_jobqueue, JOB_CLASSES[kind])(**arguments)
+        except (TypeError, ValueError) as error:
+            raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
+        ends.enter_context(started)
         with _hushed("tornado.application", "asyncio"):  # who tell of a refused job at length, before it is said in one line
             _submit(started, content, f"{kind}:{file}")
         revive = (lambda: None) if content.adaptive else lambda: started.scale(jobs=content.jobs)
         yield OpenedCluster(started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory)))
+
+
+def _key_folder(logs: Path) -> "tempfile.TemporaryDirectory[str]":
+    """A folder beside the jobs' logs, which the nodes see and this user alone can read: the run's keys lie in it while it lasts."""
+    try:
+        logs.mkdir(parents=True, exist_ok=True)
+        return tempfile.TemporaryDirectory(prefix=".keys-", dir=logs.absolute())
+    except OSError as error:
+        raise ClusterError(f"log_directory: {logs}: cannot be written: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from calibration.bounded_text import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
+from stereo_seecolor.extras.fleet.cluster.run_keys import of_worker
 
 IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive.passes")
 """Modules that all workers need, by name, since they lie in higher layers than this one."""
@@ -45,13 +46,14 @@ log = logging.getLogger(__name__)
 class Orders:
     """The workers to start: number and scheduler's address. memory_bytes: a worker that takes more is ended.
 
-    scratch: a folder for their files.
+    scratch: a folder for their files. keys: their part of the run's keys, which goes through the pipe alone.
     """
 
     address: str
     workers: int
     memory_bytes: int
     scratch: str
+    keys: dict[str, str]
 
 
 @contextmanager
@@ -201,6 +203,7 @@ def _work(orders: Orders) -> None:
             memory_limit=0,  # the starter looks after it
             local_directory=orders.scratch,
             death_timeout=60,
+            security=of_worker(orders.keys),
         )
         async with worker:
             await worker.finished()
