@@ -57,6 +57,15 @@ class Firefox:
         assert found["type"] == "success", found
         return found["result"].get("value")
 
+    def click(self, *places: tuple[float, float]) -> None:
+        """Click places of the window with the mouse, one after the other; twice the same place is a double click."""
+        actions: list[dict[str, Any]] = []
+        for x, y in places:
+            actions += [{"type": "pointerMove", "x": round(x), "y": round(y)}]
+            actions += [{"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]
+        mouse = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}
+        self.send("input.performActions", context=self.tab, actions=[mouse])
+
     def until(self, condition: str, seconds: float = 30.0) -> None:
         """Wait until an expression is true."""
         end_s = time.monotonic() + seconds

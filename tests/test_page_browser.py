@@ -180,6 +180,86 @@ def test_measures_in_the_browser_are_those_of_the_command_line(opened: Callable[
         assert mine["std"] == pytest.approx(theirs.std, rel=0.03)
 
 
+def measuring(page: Page) -> Callable[[float, float], tuple[float, float]]:
+    """Open the picture to measure in. Returns where a place of it, in pixels, is in the window."""
+    page.get_by_role("button", name="Measure").click()
+    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
+    page.wait_for_timeout(500)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        box = page.locator(".overlay").bounding_box()
+        assert box
+        return box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128
+
+    return at
+
+
+def test_a_double_click_ends_a_line_and_adds_no_point(opened: Callable[[str], Page]) -> None:
+    page = opened("frames/0000")
+    at = measuring(page)
+    page.mouse.click(*at(60, 40))
+    page.mouse.dblclick(*at(120, 50))
+    expect(page.locator(".measures tbody tr")).to_have_count(1)
+    (line,) = stored(page)
+    np.testing.assert_allclose(line["places"], [(60, 40), (120, 50)], atol=0.3)
+    page.get_by_role("button", name="Area", exact=True).click()
+    page.mouse.click(*at(61, 79))
+    page.mouse.click(*at(121, 82))
+    page.mouse.dblclick(*at(110, 111))
+    expect(page.locator(".measures tbody tr")).to_have_count(2)
+    assert [len(each["places"]) for each in stored(page)] == [2, 3]
+    assert page.evaluate("getSelection().toString()") == ""
+
+
+def test_a_double_tap_ends_a_line_on_a_phone_and_nothing_is_wider_than_it(browser: Browser, out: Path) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
+    at = measuring(page)
+    page.locator(".overlay").scroll_into_view_if_needed()
+    page.touchscreen.tap(*at(60, 40))
+    page.touchscreen.tap(*at(120, 50))
+    page.touchscreen.tap(*at(120, 50))
+    expect(page.locator(".measures tbody tr")).to_have_count(1)
+    assert len(stored(page)[0]["places"]) == 2
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()
+
+
+def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(opened: Callable[[str], Page]) -> None:
+    page = opened("frames/0000")
+    at = measuring(page)
+    width = page.locator(".overlay").bounding_box()["width"]  # type: ignore[index]
+    spot = at(60, 40)
+    page.mouse.move(*spot)
+    page.mouse.wheel(0, -600)
+    until(page, f"document.querySelector('.overlay').getBoundingClientRect().width > {2 * width}")
+    np.testing.assert_allclose(at(60, 40), spot, atol=2)  # stays under the pointer, to a whole pixel times the zoom
+    spot = at(60, 40)
+    page.mouse.click(*spot)
+    page.mouse.move(spot[0] + 80, spot[1] + 60)
+    page.mouse.down()
+    page.mouse.move(spot[0] + 40, spot[1] + 20, steps=4)
+    page.mouse.up()
+    np.testing.assert_allclose(at(60, 40), (spot[0] - 40, spot[1] - 40), atol=1)  # dragging moves it, and sets no point
+    page.mouse.click(*at(75, 50))
+    page.get_by_role("button", name="Finish").click()
+    np.testing.assert_allclose(stored(page)[0]["places"], [(60, 40), (75, 50)], atol=0.2)
+
+
+def test_the_tools_for_measuring_stand_above_the_fold(browser: Browser, out: Path) -> None:
+    context = browser.new_context(viewport={"width": 1400, "height": 900})
+    page = context.new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
+    measuring(page)
+    for name in ("Finish", "Undo"):
+        box = page.get_by_role("button", name=name).bounding_box()
+        assert box and box["y"] + box["height"] < 900
+    box = page.locator(".overlay").bounding_box()
+    assert box and box["y"] + box["height"] <= 900
+    context.close()
+
+
 def test_a_point_that_is_dragged_is_measured_anew(opened: Callable[[str], Page], out: Path, tmp_path: Path) -> None:
     page = opened("frames/0000")
     page.get_by_role("button", name="Measure").click()
@@ -414,6 +494,25 @@ def test_frames_are_looked_for_at_the_height_of_the_terrain(mapped: Path, browse
     height_m = float(re.findall(r"-?[0-9.]+(?= m\))", found.inner_text())[0])
     page.close()
     assert about["terrain"]["low_m"] - 0.01 < height_m < about["terrain"]["high_m"] + 0.01
+
+
+@pytest.mark.parametrize("view", ["In three dimensions", "Mosaic"])
+def test_a_double_click_ends_a_line_on_the_map(on_map: Page, view: str) -> None:
+    on_map.get_by_role("button", name=view).click()
+    for _ in range(50):
+        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
+            break
+        on_map.wait_for_timeout(200)
+    box = on_map.locator(".map-stage").bounding_box()
+    assert box
+    places = [(box["x"] + box["width"] * x, box["y"] + 0.45 * box["height"]) for x in (0.46, 0.54)]
+    on_map.get_by_role("button", name="Length", exact=True).click()
+    on_map.mouse.click(*places[0])
+    expect(on_map.locator(".map-overlay .dot:not([data-id])")).to_have_count(1)
+    on_map.mouse.dblclick(*places[1])
+    expect(on_map.locator("#map .measures tbody tr")).to_have_count(1)
+    (line,) = stored(on_map)
+    assert len(line["points"]) == 2
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,7 +35,14 @@ def test_the_page_works_in_firefox(make_dive: Callable[..., Dive], tmp_path: Pat
         browser.ask("[...document.querySelectorAll('#frames .choice button')].find(each => each.textContent === 'Range').click()")
         browser.until("document.querySelector('.stage canvas')?.width > 0")
         browser.ask("[...document.querySelectorAll('#frames .choice button')].find(each => each.textContent === 'Measure').click()")
-        browser.until("document.querySelector('.overlay') !== null")
+        browser.until("document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
+        browser.ask("document.querySelector('.overlay').scrollIntoView()")
+        time.sleep(1)  # ranges are read
+        place = "(r => [r.left + 0.4 * r.width, r.left + 0.6 * r.width, r.top + 0.4 * r.height])"
+        x1, x2, y = (item["value"] for item in browser.ask(f"{place}(document.querySelector('.overlay').getBoundingClientRect())"))
+        browser.click((x1, y), (x2, y), (x2, y))
+        browser.until("document.querySelectorAll('.measures tbody tr').length === 1")
+        assert browser.ask("JSON.parse(Object.values(localStorage)[0])[0].places.length") == 2
         browser.ask("location.hash = '#plots'")
         browser.until("document.querySelectorAll('.plot canvas').length > 2")
         assert browser.complaints == []

@@ -45,6 +45,23 @@ export class Choice {
   }
 }
 
+const DOUBLE_MS = 400;
+const DOUBLE_PX = 8;
+
+/** Tells the second press of a double click or double tap: browsers send no dblclick where what lies under the pointer was redrawn. */
+export class DoublePress {
+  private last: [number, number, number] = [-Infinity, 0, 0];
+
+  /** Whether a press at a place, in pixels of the screen, is the second at this place. */
+  again(x: number, y: number): boolean {
+    const [time, lastX, lastY] = this.last;
+    const now = performance.now();
+    const second = now - time < DOUBLE_MS && Math.hypot(x - lastX, y - lastY) < DOUBLE_PX;
+    this.last = [second ? -Infinity : now, x, y];
+    return second;
+  }
+}
+
 /** A labelled list to choose from. */
 export function select(label: string, options: [string, string][], chosen: (value: string) => void): HTMLLabelElement {
   const list = element("select", {}, ...options.map(([value, text]) => element("option", { value }, text)));

@@ -1,6 +1,6 @@
 // Measuring on the map, in three dimensions and from above: spots are clicked, dragged, and measured on the terrain at full precision.
 
-import { button, Choice, element } from "./elements";
+import { button, Choice, DoublePress, element } from "./elements";
 import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
@@ -45,6 +45,8 @@ export class MapMeasuring {
   private readonly undo: HTMLButtonElement;
   private kind: Kind | "look" = "look";
   private open: Placed[] = [];
+  private readonly press = new DoublePress();
+  private adding: Promise<void> = Promise.resolve();
   private dragged: { id: number; vertex: number } | null = null;
   private charted = "";
 
@@ -89,8 +91,15 @@ export class MapMeasuring {
     return this.ground.pick(x_m, y_m, null, 0)?.point_m[2] ?? NaN;
   }
 
-  /** A spot of the map was clicked. */
-  async add(clicked: Clicked): Promise<void> {
+  /** A spot of the map was clicked; the second click of a double click ends the measure. */
+  add(clicked: Clicked): Promise<void> {
+    const [x, y] = clicked.spot_m.map((value) => value / clicked.pixel_m);
+    const again = this.press.again(x, y);
+    this.adding = this.adding.then(() => (again ? this.end() : this.addSpot(clicked)));
+    return this.adding;
+  }
+
+  private async addSpot(clicked: Clicked): Promise<void> {
     const placed = await this.placed(clicked);
     this.said.textContent = placed ? this.where(placed.point_m) : this.text("measure.no_ground");
     if (!placed) return;

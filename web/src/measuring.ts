@@ -1,7 +1,7 @@
 // Measuring in a frame: points are clicked on the picture, dragged, and listed with what they measure.
 
 import type { Dive, Text } from "./dive";
-import { button, Choice, element } from "./elements";
+import { button, Choice, DoublePress, element } from "./elements";
 import { alongSurface, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
 import type { Kind, Measure, Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
@@ -10,9 +10,14 @@ import { ranges, type Ranges } from "./ranges";
 
 const SVG = "http://www.w3.org/2000/svg";
 const NEAR_PX = 12;
+const MOVED_PX = 5;
+const MOST_ZOOM = 16;
 const LEAST: Record<Kind, number> = { point: 1, length: 2, area: 3 };
 
 export class Measuring {
+  /** The tools, which stand above the picture. */
+  readonly tools = element("div", { class: "measuring" });
+  /** What stands below it. */
   readonly root = element("div", { class: "measuring" });
   private readonly overlay = document.createElementNS(SVG, "svg");
   private readonly said = element("output", { class: "readout" });
@@ -23,6 +28,11 @@ export class Measuring {
   private kind: Kind = "length";
   private places: [number, number][] = [];
   private dragged: { id: number; vertex: number } | null = null;
+  private readonly sheet = element("div", { class: "sheet" });
+  private readonly press = new DoublePress();
+  private readonly touching = new Map<number, [number, number]>();
+  private pressed: { x: number; y: number; moved: boolean } | null = null;
+  private zoomed: { scale: number; x: number; y: number } = { scale: 1, x: 0, y: 0 };
   private cursor: [number, number] = [0, 0];
   private frame = "";
   private data: Ranges | null = null;
@@ -41,11 +51,14 @@ export class Measuring {
     tool.show(this.kind);
     this.finish = button(text("measure.finish"), () => this.end());
     this.undo = button(text("measure.undo"), () => (this.places.length ? this.stepBack() : this.measures.undo()));
-    this.root.append(
-      element("div", { class: "toolbar" }, tool.root, this.finish, this.undo, this.said),
-      element("p", { class: "hint" }, text("measure.hint")),
-      this.chart,
+    const zoom = element(
+      "span",
+      { class: "pair" },
+      button("+", () => this.zoom(1.5), { "aria-label": text("map.closer") }),
+      button("−", () => this.zoom(1 / 1.5), { "aria-label": text("map.farther") }),
     );
+    this.tools.append(element("div", { class: "toolbar" }, tool.root, this.finish, this.undo, zoom, this.said));
+    this.root.append(element("p", { class: "hint" }, text("measure.hint")), this.chart);
     table.watch(() => this.draw());
     this.overlay.setAttribute("class", "overlay");
     this.overlay.setAttribute("tabindex", "0");
@@ -53,8 +66,9 @@ export class Measuring {
     this.overlay.setAttribute("aria-label", text("measure.overlay"));
     this.overlay.addEventListener("pointerdown", (event) => this.down(event));
     this.overlay.addEventListener("pointermove", (event) => this.move(event));
-    this.overlay.addEventListener("pointerup", () => (this.dragged = null));
-    this.overlay.addEventListener("dblclick", () => this.end());
+    this.overlay.addEventListener("pointerup", (event) => this.up(event));
+    this.overlay.addEventListener("pointercancel", (event) => this.leave(event));
+    this.overlay.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.overlay.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -67,7 +81,9 @@ export class Measuring {
     const [width, height] = this.dive.geometry?.image_size ?? [1, 1];
     this.cursor = [Math.round(width / 2), Math.round(height / 2)];
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    stage.replaceChildren(element("img", { src: source, alt: name, draggable: "false" }), this.overlay);
+    this.sheet.replaceChildren(element("img", { src: source, alt: name, draggable: "false" }), this.overlay);
+    stage.replaceChildren(this.sheet);
+    this.look(1, 0, 0);
     this.draw();
     const data = await ranges(name);
     if (this.frame === name) this.data = data;
@@ -87,20 +103,78 @@ export class Measuring {
 
   private down(event: PointerEvent): void {
     this.overlay.focus();
+    this.overlay.setPointerCapture(event.pointerId);
+    this.touching.set(event.pointerId, [event.clientX, event.clientY]);
     const place = this.place(event);
     const near = (NEAR_PX * this.geometry.image_size[0]) / this.overlay.getBoundingClientRect().width;
     for (const each of this.measures.list.filter((measure) => measure.frame === this.frame)) {
       const vertex = each.places.findIndex(([x, y]) => Math.hypot(x - place[0], y - place[1]) < near);
       if (vertex >= 0 && !this.places.length) {
         this.dragged = { id: each.id, vertex };
-        this.overlay.setPointerCapture(event.pointerId);
         return;
       }
     }
-    if (event.detail < 2) this.add(place);
+    this.pressed = this.touching.size > 1 ? null : { x: event.clientX, y: event.clientY, moved: false };
+  }
+
+  private up(event: PointerEvent): void {
+    const { pressed } = this;
+    this.leave(event);
+    if (!pressed || pressed.moved) return;
+    if (this.press.again(event.clientX, event.clientY)) this.end();
+    else this.add(this.place(event));
+  }
+
+  private leave(event: PointerEvent): void {
+    this.touching.delete(event.pointerId);
+    this.dragged = this.pressed = null;
+  }
+
+  private wheel(event: WheelEvent): void {
+    event.preventDefault();
+    this.zoom(Math.exp(-event.deltaY / 500), [event.clientX, event.clientY]);
+  }
+
+  /** Zoom by a factor around a place of the window, or the middle of the picture. */
+  private zoom(factor: number, around?: [number, number]): void {
+    const box = this.sheet.getBoundingClientRect();
+    const view = (this.sheet.parentElement ?? this.sheet).getBoundingClientRect();
+    const [x, y] = around ?? [view.left + view.width / 2, view.top + view.height / 2];
+    const scale = Math.min(Math.max(this.zoomed.scale * factor, 1), MOST_ZOOM);
+    const ratio = scale / this.zoomed.scale;
+    this.look(scale, x - (x - box.left) * ratio - view.left, y - (y - box.top) * ratio - view.top);
+  }
+
+  /** Show the picture enlarged, its corner at a place of the stage: the stage stays full. */
+  private look(scale: number, x: number, y: number): void {
+    const { clientWidth: width, clientHeight: height } = this.sheet;
+    const within = (value: number, size: number) => Math.min(Math.max(value, size * (1 - scale)), 0);
+    this.zoomed = { scale, x: within(x, width), y: within(y, height) };
+    this.sheet.style.transform = `translate(${this.zoomed.x}px, ${this.zoomed.y}px) scale(${scale})`;
+    this.draw();
+  }
+
+  /** Two fingers zoom, one pans. */
+  private pinch(event: PointerEvent): boolean {
+    const before = this.touching.get(event.pointerId);
+    if (!before) return false;
+    const other = [...this.touching].find(([id]) => id !== event.pointerId)?.[1];
+    this.touching.set(event.pointerId, [event.clientX, event.clientY]);
+    if (other) {
+      const far = ([x, y]: [number, number]) => Math.max(Math.hypot(x - other[0], y - other[1]), 1);
+      this.zoom(far([event.clientX, event.clientY]) / far(before), other);
+      return true;
+    }
+    const { pressed } = this;
+    if (!pressed) return false;
+    pressed.moved ||= Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) > MOVED_PX;
+    if (!pressed.moved) return false;
+    this.look(this.zoomed.scale, this.zoomed.x + event.clientX - before[0], this.zoomed.y + event.clientY - before[1]);
+    return true;
   }
 
   private move(event: PointerEvent): void {
+    if (!this.dragged && this.pinch(event)) return;
     const place = this.place(event);
     if (this.dragged && this.data) {
       const old = this.measures.list.find((each) => each.id === this.dragged?.id);
@@ -135,6 +209,8 @@ export class Measuring {
     else if (event.key === "Enter") this.end();
     else if (event.key === "Escape") this.drop();
     else if (event.key === "Backspace") this.stepBack();
+    else if (event.key === "+") this.zoom(1.5);
+    else if (event.key === "-") this.zoom(1 / 1.5);
     else if (event.key === "z" && (event.ctrlKey || event.metaKey)) this.measures.undo();
     else return;
     event.preventDefault();
@@ -202,8 +278,10 @@ export class Measuring {
     const dots = places.map((place) => this.cross(place, "dot"));
     const number = document.createElementNS(SVG, "text");
     if (id !== null && places.length) {
-      number.setAttribute("x", String(places[0][0] + 8));
-      number.setAttribute("y", String(places[0][1] - 6));
+      const { scale } = this.zoomed;
+      number.setAttribute("x", String(places[0][0] + 8 / scale));
+      number.setAttribute("y", String(places[0][1] - 6 / scale));
+      number.setAttribute("style", `font-size: ${14 / scale}px; stroke-width: ${3 / scale}px`);
       number.textContent = String(id);
     }
     return [line, ...dots, number];
@@ -213,7 +291,7 @@ export class Measuring {
     const dot = document.createElementNS(SVG, "circle");
     dot.setAttribute("cx", String(x + 0.5));
     dot.setAttribute("cy", String(y + 0.5));
-    dot.setAttribute("r", name === "cursor" ? "7" : "4");
+    dot.setAttribute("r", String((name === "cursor" ? 7 : 4) / this.zoomed.scale));
     dot.setAttribute("class", name);
     return dot;
   }

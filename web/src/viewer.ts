@@ -34,8 +34,8 @@ export class Viewer {
       this.draw();
     });
     this.choice.show(this.view);
-    this.root = element("div", { class: "viewer" }, this.stage, this.legend, this.readout, this.measuring.root);
-    this.measuring.root.hidden = true;
+    this.root = element("div", { class: "viewer" }, this.measuring.tools, this.stage, this.legend, this.readout, this.measuring.root);
+    this.measuring.root.hidden = this.measuring.tools.hidden = true;
   }
 
   /** The buttons that choose what is shown. */
@@ -60,7 +60,9 @@ export class Viewer {
 
   private draw(): void {
     this.readout.textContent = "";
-    this.measuring.root.hidden = this.view !== "measure" || !has(this.dive, this.name, "ranges");
+    const isMeasured = this.view === "measure" && has(this.dive, this.name, "ranges");
+    this.measuring.root.hidden = this.measuring.tools.hidden = !isMeasured;
+    this.root.classList.toggle("is-measured", isMeasured);
     if (!this.picture) return;
     if (this.view === "compare") {
       this.legend.replaceChildren();
@@ -70,7 +72,7 @@ export class Viewer {
         this.stage.replaceChildren(element("img", { src: this.picture, alt: this.name }));
         this.legend.textContent = this.text(has(this.dive, this.name, "after") ? "view.no_before" : "view.brief");
       }
-    } else if (this.view === "measure" && has(this.dive, this.name, "ranges")) {
+    } else if (isMeasured) {
       this.legend.replaceChildren();
       void this.measuring.show(this.stage, this.name, this.picture);
     } else void this.drawLayer(this.view, this.name);
