@@ -66,7 +66,10 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     if document.has(RIGS):
         doubts = (f"{MODEL_SCALE}: its baseline of {1000 * np.linalg.norm(T[:3, 3]):.1f} mm is of the model", *doubts[1:])
     with naming(document.where):
-        return StereoRig(lenses[0], lenses[1], T, doubts=doubts)
+        try:
+            return StereoRig(lenses[0], lenses[1], T, doubts=doubts)
+        except CalibrationError as error:
+            raise CalibrationError(f"{MODEL_SCALE}: {error}" if document.has(RIGS) else str(error)) from error
 
 
 def _configured(document: Section) -> list[Section]:
