@@ -57,7 +57,7 @@ def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merg
 
     lost = tmp_path / "large/range/00001/0002.tiff"
     lost.unlink()
-    (lost.parent / ".writing-0").write_bytes(b"half")
+    (lost.parent / ".writing-c3104a26564-9-0.png").write_bytes(b"half")
     assert run(*sides, tmp_path / "large").kept == 4
     assert contents(tmp_path / "large") == large
     parts = [tmp_path / "part1", tmp_path / "part2"]

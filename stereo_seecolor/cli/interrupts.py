@@ -1,4 +1,8 @@
-"""Ctrl-C: the first lets a command finish the pairs under way, the second ends it at once; the exit code is 130 both times."""
+"""Ctrl-C, and what else asks a program to end: SIGTERM (a batch system's time is up) and SIGHUP (a terminal was closed).
+
+The first lets a command finish the pairs under way and give OUT back. A second Ctrl-C ends it at once; the other signals come twice
+by themselves, and SIGKILL follows. The exit code is always 130: what is done is kept, and the same line goes on.
+"""
 
 import contextlib
 import os
@@ -10,6 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
 FIRST = "\nstereo-seecolor: stopping when the pairs under way are finished; Ctrl-C again stops at once\n"
 SECOND = "\nstereo-seecolor: stopped at once\n"
@@ -17,32 +22,36 @@ SECOND = "\nstereo-seecolor: stopped at once\n"
 
 @contextmanager
 def interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt at the first Ctrl-C; end the process at the second.
+    """Raise KeyboardInterrupt at the first signal; end the process at a second Ctrl-C.
 
-    Output files are complete even then, because each is written under another name first. Does nothing outside the main thread, or
-    where Ctrl-C is ignored, as in a program that a shell script runs in the background.
+    Output files are complete even then, because each is written under another name first. Does nothing outside the main thread, nor
+    for a signal that is ignored, as Ctrl-C is in the background of a shell script, and SIGHUP below nohup.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
+    before = {number: signal.getsignal(number) for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN}
     interrupted = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal interrupted
         if interrupted:
+            if number != signal.SIGINT:
+                return
             _tell(SECOND + (SHOW_CURSOR if sys.stderr.isatty() else ""))
             os._exit(EXIT_INTERRUPTED)
         interrupted = True
         _tell(FIRST)
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, interrupt)
+    for number in before:
+        signal.signal(number, interrupt)
     try:
         yield
     finally:
         if not interrupted:  # else a second Ctrl-C may still come while the interpreter waits for threads
-            signal.signal(signal.SIGINT, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 def _tell(text: str) -> None:

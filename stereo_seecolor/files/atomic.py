@@ -6,6 +6,7 @@ Content goes to a temporary file beside its destination, is flushed to disk, and
 import contextlib
 import itertools
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterable, Iterator
@@ -15,6 +16,8 @@ from pathlib import Path
 from stereo_seecolor.errors import OutputError
 
 TEMPORARY_PREFIX = ".writing-"
+_OWN = re.compile(r"\.writing-(?:[0-9a-f]{6}\d+-\d+-.+|(?:probe|work)-[0-9a-f]{8,}|[0-9a-f]{32,}\.npy)", re.S)
+"""Names of temporary files: of ``temporary_path``, and of files that several processes find by their names. A user's differ."""
 
 _numbers = itertools.count()
 _process = secrets.token_hex(3)
@@ -119,6 +122,13 @@ def temporary_path(path: Path) -> Path:
     return path.with_name(f"{TEMPORARY_PREFIX}{_process}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}")
 
 
+def temporaries_of(path: Path) -> list[Path]:
+    """Temporary files and folders that were begun for ``path``, by this process or another; no links."""
+    ending = f"-{path.name[-40:]}"
+    found = path.parent.glob(f"{TEMPORARY_PREFIX}*") if path.parent.is_dir() else ()
+    return [one for one in found if one.name.endswith(ending) and _OWN.fullmatch(one.name) and not one.is_symlink()]
+
+
 def flush_file(temporary: Path) -> None:
     """Flush a written file to disk; it is removed where that fails. Raises OSError."""
     try:
@@ -149,7 +159,8 @@ def remove_leftovers(folder: Path) -> None:
     if not folder.is_dir() or folder.is_symlink():
         return
     for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-        remove(leftover)
+        if _OWN.fullmatch(leftover.name):
+            remove(leftover)
 
 
 def remove_leftovers_below(folder: Path) -> None:

@@ -120,7 +120,8 @@ def _end_with(work: Callable[[], object]) -> NoReturn:
 
 def serve(pipe: BinaryIO) -> None:
     """Keep the number of workers that was ordered through the pipe, until it closes; then end them and delete their files."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the client decides what it means
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # of the terminal or the batch system: the client decides what they mean
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
     _load()
