@@ -30,6 +30,7 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
+from stereo_seecolor.report.texts import digits
 from stereo_seecolor.run_folder.finished_run import open_run
 
 STATIC = Path(__file__).resolve().parents[1] / "stereo_seecolor/report/static"
@@ -510,3 +511,11 @@ def test_the_built_program_is_that_of_its_sources(tmp_path: Path) -> None:
     subprocess.run(["node", "build.mjs", str(tmp_path / "built")], cwd=work, check=True)
     for name in BUILT:
         assert (tmp_path / "built" / name).read_bytes() == (STATIC / name).read_bytes(), f"{name}: run npm run build in web/"
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.0, "0"), (5.67e-17, "0"), (0.00001364, "0.000014"), (0.0123456, "0.0123"), (12345.6, "12346")],
+)
+def test_numbers_of_the_page_have_no_powers_of_ten(value: float, shown: str) -> None:
+    assert digits(value) == shown

@@ -22,7 +22,9 @@ def phrase(key: str, **values: Any) -> str:
 
 
 def digits(value: float, count: int = 3) -> str:
-    """A number with ``count`` significant digits, never in powers of ten."""
+    """A number with ``count`` significant digits, never in powers of ten; what is below a millionth is 0."""
+    if abs(value) < 1e-6:
+        return "0"
     text = f"{value:.{count}g}"
     return f"{value:.0f}" if "e" in text and abs(value) >= 1 else f"{value:.6f}".rstrip("0") if "e" in text else text
 

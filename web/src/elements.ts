@@ -45,6 +45,13 @@ export class Choice {
   }
 }
 
+/** A number with some significant digits, never in powers of ten; what is below a millionth is 0. */
+export function readable(value: number, digits = 3): string {
+  if (Math.abs(value) < 1e-6) return "0";
+  const short = String(+value.toPrecision(digits));
+  return short.includes("e") ? value.toFixed(Math.abs(value) < 1 ? 6 : 0).replace(/(\.\d*?)0+$/, "$1") : short;
+}
+
 const DOUBLE_MS = 400;
 const DOUBLE_PX = 8;
 

@@ -1,10 +1,12 @@
 // The frames of the dive: filters, one frame large, and the strip of all.
 
 import { address, fullSize, has, type Dive, type Text } from "./dive";
-import { button, element, select } from "./elements";
+import { button, element, readable, select } from "./elements";
 import type { MeasureTable } from "./measuretable";
 import { Strip } from "./strip";
 import { Viewer } from "./viewer";
+
+const LEAST_SHOWN = 0.001;
 
 export class Frames {
   private readonly strip: Strip;
@@ -57,7 +59,7 @@ export class Frames {
       const value = values.length === 1 ? values[0][this.current] : null;
       return value === null || value === undefined
         ? []
-        : [element("div", {}, element("dt", {}, this.text(`plots.${plot}`)), element("dd", {}, String(+value.toPrecision(4))))];
+        : [element("div", {}, element("dt", {}, this.text(`plots.${plot}`)), element("dd", {}, Math.abs(value) < LEAST_SHOWN && value !== 0 ? `< ${LEAST_SHOWN}` : readable(value, 4)))];
     });
     this.about.replaceChildren();
     if (lines.length) this.about.append(element("ul", { class: "said" }, ...lines));

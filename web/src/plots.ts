@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 import type { Column, Dive, Text } from "./dive";
-import { element } from "./elements";
+import { element, readable } from "./elements";
 
 const HEIGHT_PX = 132;
 const CHANNELS: Record<string, string> = { red: "--red", green: "--green", blue: "--blue" };
@@ -40,7 +40,7 @@ function drawPlot(section: HTMLElement, key: string, dive: Dive, text: Text, cho
     ],
     axes: [
       { stroke: color("--soft"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, size: 24, font: "12px system-ui" },
-      { stroke: color("--soft"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, size: 64, font: "12px system-ui", values: (_, marks) => marks.map((mark) => (mark === null ? "" : String(+mark.toPrecision(3)))) },
+      { stroke: color("--soft"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, size: 64, font: "12px system-ui", values: (_, marks) => marks.map((mark) => (mark === null ? "" : readable(mark))) },
     ],
   };
   const title = text(`plots.${key}`);
@@ -69,5 +69,5 @@ function summary(columns: Column[]): string {
     if (value < low) low = value;
     if (value > high) high = value;
   }
-  return known.length ? `${+low.toPrecision(3)} – ${+high.toPrecision(3)}` : "";
+  return known.length ? `${readable(low)} – ${readable(high)}` : "";
 }

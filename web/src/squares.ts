@@ -2,6 +2,7 @@
 
 import type { Squares } from "./about";
 import { css } from "./colors";
+import { readable } from "./elements";
 
 const ALPHA = 0.5;
 const LEAST_TEXT_PX = 44;
@@ -32,7 +33,7 @@ export function drawSquares(canvas: HTMLCanvasElement, squares: Squares, metric:
     context.lineWidth = 3;
     context.strokeStyle = "rgb(0 0 0 / 65%)";
     context.fillStyle = "#fff";
-    const text = String(+value.toPrecision(3));
+    const text = readable(value);
     context.strokeText(text, from[0] + size[0] / 2, from[1] + size[1] / 2);
     context.fillText(text, from[0] + size[0] / 2, from[1] + size[1] / 2);
   }
