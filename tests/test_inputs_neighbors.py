@@ -90,3 +90,22 @@ def test_where_a_slip_begins_is_named(make_dive, lost: str, short: str) -> None:
     (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
     assert f"from {pairs[3].name} to {pairs[-1].name} (5 pairs that failed) left and right are 1 image out of step" in note
     assert f"{short} lacks 1 image before {pairs[3].name}" in note
+
+
+@pytest.mark.slow
+def test_parts_that_are_out_of_step_are_named_where_both_sides_lost_images(make_dive) -> None:
+    dive = make_dive(14)
+    for side, lost in (("L", (2, 8)), ("R", (5, 11))):
+        images = sorted((dive.root / side).iterdir())
+        kept = [image for number, image in enumerate(images) if number not in lost]
+        for image, place in zip(kept, images, strict=False):
+            image.replace(place)
+        for image in images[len(kept) :]:
+            image.unlink(missing_ok=True)
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    failed = {pairs[number].name for number in (2, 3, 4, 7, 8, 9)}
+    (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
+    assert "out of step in several parts" in note
+    assert f"{pairs[2].name} to {pairs[4].name} by +1 ({pairs[3].left.name} fits {pairs[4].right.name}" in note
+    assert f"{pairs[7].name} to {pairs[9].name} by +1" in note

@@ -18,6 +18,8 @@ from stereo_seecolor.records import Image
 
 NOTED_MISFITS = 3
 """Failed pairs of a dive that are compared with their neighbors, which takes as long as matching some pairs."""
+NOTED_PARTS = 5
+"""Parts of a dive that are out of step of which each is compared with its neighbors."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class _Limits:
     points: int = 40  # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
     slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
+    part_pairs: int = 2  # the least of a part that is out of step: one alone may be dark, or of another moment
     slip_fraction: float = 0.8  # of the pairs from the first to the last failed one: a few may lack texture, or fit by chance
 
 
@@ -100,9 +103,9 @@ def _same_picture(left: Image, right: Image) -> bool:
 def misfit_notes(
     pairs: Sequence[Pair], failed: Collection[str], rectification: Rectification, config: InputConfig
 ) -> tuple[str, ...]:
-    """Report where the pairs of the names ``failed`` begin to be out of step; else a line for each of the first few."""
+    """Report where the pairs of the names ``failed`` are out of step, and by how much; else a line for each of the first few."""
     misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
-    if slip := _slip(misfits, pairs, rectification, config):
+    if slip := _slip(misfits, pairs, rectification, config) or _slips(misfits, pairs, rectification, config):
         return (slip,)
     return tuple(
         f"{_fits(pair, other)}: are the sides numbered alike?"
@@ -132,6 +135,31 @@ def _slip(
         f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are {images} out of step: "
         f"{_fits(pair, other)}; {short} lacks {images} before {first}, or {long} holds too many: number both sides alike from "
         "there on"
+    )
+
+
+def _slips(
+    misfits: Sequence[tuple[int, Pair]], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+) -> str | None:
+    """The parts of a dive that are out of step, as where both sides lost images of their own; None for less than two parts."""
+    parts: list[list[tuple[int, Pair]]] = []
+    for place, pair in misfits:
+        if parts and place == parts[-1][-1][0] + 1:
+            parts[-1].append((place, pair))
+        else:
+            parts.append([(place, pair)])
+    parts = [part for part in parts if len(part) >= _LIMITS.part_pairs]
+    found = []
+    for part in parts[:NOTED_PARTS]:
+        place, pair = part[len(part) // 2]
+        if other := _fitting(pair, pairs, rectification, config):
+            found.append(f"{part[0][1].name} to {part[-1][1].name} by {pairs.index(other) - place:+d} ({_fits(pair, other)})")
+    if len(found) < 2:
+        return None
+    more = f", and {counted(len(parts) - NOTED_PARTS, 'part')} more" if len(parts) > NOTED_PARTS else ""
+    return (
+        f"left and right are out of step in several parts, as where each side lost images of its own: {', '.join(found)}{more}: "
+        "number both sides alike from the first of these on, or name the files by their times"
     )
 
 
