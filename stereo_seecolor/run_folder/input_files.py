@@ -8,7 +8,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import contained
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.run_folder.manifest import InputRecord
-from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.run_folder.stamp import DIGEST_BYTES, Stamp
 
 
 def input_record(path: Path, known: InputRecord | None) -> InputRecord:
@@ -22,6 +22,6 @@ def input_record(path: Path, known: InputRecord | None) -> InputRecord:
         if known and same_name and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns):
             return replace(known, path=str(path))
         sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
-        return InputRecord(str(path), Stamp.of(path), sha256)
+        return InputRecord(str(path), Stamp(status.st_size, status.st_mtime_ns, sha256[: 2 * DIGEST_BYTES]), sha256)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

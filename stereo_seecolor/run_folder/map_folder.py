@@ -76,7 +76,7 @@ def _remove_old(folder: RunFolder) -> None:
         return
     for path in list(files_below(old)):
         name = f"{MAP}/{path.relative_to(old).as_posix()}"
-        if any(stamp.matches(path) for stamp in folder.dive.record.files.get(name, ())):
+        if any(stamp.is_of(path) for stamp in folder.dive.record.files.get(name, ())):
             path.unlink()
         else:
             folder.owned.keep_aside(path, name)

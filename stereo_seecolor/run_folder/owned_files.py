@@ -61,7 +61,7 @@ class OwnedFiles:
         for path, temporary in temporaries.items():
             place = self.root / path
             with output_errors(place):
-                if (place.exists() or place.is_symlink()) and not is_ours(self.root, path, files):
+                if (place.exists() or place.is_symlink()) and not is_as_written(self.root, path, files):
                     self.keep_aside(place, path)
                 atomic.move_into_place(temporary, place)
         self._unflushed.update((self.root / path).parent for path in temporaries)
@@ -75,7 +75,7 @@ class OwnedFiles:
         """Delete files of the program; one that somebody changed since is moved aside instead. Raises OutputError."""
         for path in paths:
             place = self.root / path
-            if is_ours(self.root, path, files):
+            if is_as_written(self.root, path, files):
                 with output_errors(place):
                     place.unlink()
             elif place.exists() or place.is_symlink():
@@ -127,5 +127,10 @@ def remove_empty_folders(folder: Path) -> None:
 
 
 def is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    """Tell whether the file at a path of OUT is as the program wrote it. files: path -> the stamps that it may have."""
+    """Tell whether the file at a path of OUT seems to be as the program wrote it. files: path -> the stamps that it may have."""
     return any(stamp.matches(root / path) for stamp in files.get(path, ()))
+
+
+def is_as_written(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
+    """Tell whether the file at a path of OUT is as the program wrote it, to the byte: it may be deleted then."""
+    return any(stamp.is_of(root / path) for stamp in files.get(path, ()))

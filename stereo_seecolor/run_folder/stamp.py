@@ -6,13 +6,16 @@ from pathlib import Path
 
 from stereo_seecolor.files.contained import contained
 
-ENDS_BYTES = 1 << 14
-"""Bytes of a file's begin and end that go into its digest: an edited file differs there or in size; a cloud has 20 MB."""
+DIGEST_BYTES = 16
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """A file's size in bytes, time of modification in nanoseconds, and a digest of its begin and end."""
+    """A file's size in bytes, time of modification in nanoseconds, and a digest of its whole content.
+
+    Stamps of earlier versions have a digest of the file's begin and end, which equals none of these: what cannot be shown to be
+    ours is kept for the user.
+    """
 
     size: int
     mtime_ns: int
@@ -25,24 +28,32 @@ class Stamp:
         """
         if inner := contained(path):
             status = inner.outer.stat()
-            return cls(status.st_size, status.st_mtime_ns, hashlib.blake2b(inner.name.encode(), digest_size=8).hexdigest())
+            return cls(
+                status.st_size, status.st_mtime_ns, hashlib.blake2b(inner.name.encode(), digest_size=DIGEST_BYTES).hexdigest()
+            )
         status = path.stat()
-        return cls(status.st_size, status.st_mtime_ns, _digest(path, status.st_size))
+        return cls(status.st_size, status.st_mtime_ns, _digest(path))
 
     def matches(self, path: Path) -> bool:
-        """Tell whether ``path`` is a regular file, no link, that is still the one stamped; a copy with another time is."""
+        """Tell whether ``path`` is a regular file, no link, that seems to be the one stamped: its time is not changed, or its
+        content is the same. Enough to skip work, not to delete or replace it.
+        """
         try:
-            status = path.lstat()
-            if path.is_symlink() or status.st_size != self.size:
-                return False
-            return status.st_mtime_ns == self.mtime_ns or _digest(path, self.size) == self.digest
+            return self._size_matches(path) and (path.lstat().st_mtime_ns == self.mtime_ns or _digest(path) == self.digest)
         except OSError:
             return False
 
+    def is_of(self, path: Path) -> bool:
+        """Tell whether ``path`` is a regular file, no link, with exactly the stamped content; all of it is read."""
+        try:
+            return self._size_matches(path) and _digest(path) == self.digest
+        except OSError:
+            return False
 
-def _digest(path: Path, size: int) -> str:
+    def _size_matches(self, path: Path) -> bool:
+        return not path.is_symlink() and path.lstat().st_size == self.size
+
+
+def _digest(path: Path) -> str:
     with path.open("rb") as file:
-        ends = file.read(ENDS_BYTES)
-        file.seek(max(size - ENDS_BYTES, 0))
-        ends += file.read(ENDS_BYTES)
-    return hashlib.blake2b(ends, digest_size=8).hexdigest()
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=DIGEST_BYTES)).hexdigest()
