@@ -25,7 +25,9 @@ def correct(
     """
     config, options = _unrelated(config or RunConfig()), options or RunOptions()
     pairing = pair_by_stem(images, ranges)
-    owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
+    owner = Owner(
+        "ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left), pairing.pairs
+    )
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
     job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, options.water))
     with RunFolder(out, claim(owner, config, options, [*folders_of(images), *folders_of(ranges)])) as folder:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, spread
@@ -31,7 +31,7 @@ STORAGE_PAIRS = 6
 """Pairs that are examined for how images store their pixels: one dark frame must not decide."""
 
 SAMPLE_BYTES = 1 << 20
-"""Bytes at the beginning of a video that tell it from others."""
+"""Bytes at the beginning, in the middle and at the end of a video that tell it from others."""
 
 
 class DiveInputs(Protocol):
@@ -84,7 +84,8 @@ class StereoInputs:
         opened: None for videos.
         """
         paths = {"left": str(self.left.resolve()), "right": str(self.right.resolve())}
-        return Owner(kind, paths, sample(opened.pairing.pairs[0].left if opened else self.left))
+        pairs = opened.pairing.pairs if opened else ()
+        return Owner(kind, paths, sample(pairs[0].left if pairs else self.left), pairs)
 
     def open_first(self, config: RunConfig) -> "Opened | None":
         """``open`` for images, before the output folder is touched; None for videos, which ``open_in`` opens."""
@@ -179,7 +180,7 @@ def _refuse_equal_names(pairing: Pairing) -> None:
 
 
 def sample(path: Path) -> str:
-    """Hash of a dive's first image, or of the beginning of its video, by which a dive is recognized in another folder.
+    """Hash of a dive's first image, or of pieces of its video, by which a dive is recognized in another folder.
 
     Raises InputError where the file cannot be read.
     """
@@ -188,7 +189,13 @@ def sample(path: Path) -> str:
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a video")
+        size = path.stat().st_size
         with path.open("rb") as file:
-            return content_key(file.read(SAMPLE_BYTES), path.stat().st_size)
+            return content_key(size, *(_piece(file, place) for place in (0, size // 2, max(size - SAMPLE_BYTES, 0))))
     except OSError as error:
         raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error
+
+
+def _piece(file: BinaryIO, place: int) -> bytes:
+    file.seek(place)
+    return file.read(SAMPLE_BYTES)

@@ -1,11 +1,15 @@
 """Checks whether a run may use a folder: whose results it holds, what else lies in it, and what --overwrite may delete."""
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     INDEX,
@@ -21,7 +25,7 @@ from stereo_seecolor.run_folder.layout import (
     STATE,
     state,
 )
-from stereo_seecolor.run_folder.manifest import Manifest
+from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
 from stereo_seecolor.run_folder.replaced import refuse_inputs
 
@@ -29,30 +33,67 @@ NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 """What file managers leave in every folder that is opened; hidden files are ignored too."""
 
 
+COMPARED_FRAMES = 5
+"""Frames whose files are compared to recognize a dive that was moved: the first, the last and three between."""
+
+
+class Files(Protocol):
+    """A pair's name, and the files that it is made of."""
+
+    @property
+    def name(self) -> str:
+        """Its name in OUT."""
+
+    @property
+    def left(self) -> Path:
+        """The left image."""
+
+    @property
+    def right(self) -> Path:
+        """The right image, or a range map."""
+
+
 @dataclass(frozen=True)
 class Owner:
     """The owner of a folder's results.
 
-    kind: the command that made it. inputs: what was given, by name. sample: hash of the content of the dive's first file, by which
-    a dive is recognized that was moved.
+    kind: the command that made it. inputs: what was given, by name. sample: hash of the content of the dive's first file. pairs: of
+    the dive; none for videos, which are opened later. By both a dive is recognized that was moved.
     """
 
     kind: str
     inputs: Mapping[str, str]
     sample: str = ""
+    pairs: Sequence[Files] = ()
 
     def identity(self) -> dict[str, str]:
         """The owner as the manifest stores it."""
         return {"kind": self.kind, "sample": self.sample, **self.inputs}
 
-    def owns(self, identity: Mapping[str, str]) -> bool:
-        """Tell whether a folder of that identity is this dive's: made by the same command from the same paths, or from the same
-        first file.
-        """
+    def owns(self, manifest: Manifest) -> bool:
+        """Tell whether a folder is this dive's: made by the same command from the same paths, or from the same files elsewhere."""
+        identity = manifest.dive().identity
         if identity.get("kind") != self.kind:
             return False
-        same_paths = {**identity, "sample": ""} == {**self.identity(), "sample": ""}
-        return same_paths or (bool(self.sample) and identity.get("sample") == self.sample)
+        if {**identity, "sample": ""} == {**self.identity(), "sample": ""}:
+            return True
+        return self._same_frames(manifest) if self.pairs else bool(self.sample) and identity.get("sample") == self.sample
+
+    def _same_frames(self, manifest: Manifest) -> bool:
+        """Tell whether frames have been added to the dive, or taken from it, and the others are the same, as far as some show."""
+        recorded = Names(manifest.names())
+        common = [number for number, pair in enumerate(self.pairs) if pair.name in recorded]
+        if len(common) < max(min(len(recorded), len(self.pairs)), 1):
+            return False
+        steps = range(min(COMPARED_FRAMES, len(common)))
+        compared = {common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps}
+        return all(_same_files(self.pairs[number], manifest.frame(self.pairs[number].name)) for number in compared)
+
+
+def _same_files(pair: Files, record: FrameRecord | None) -> bool:
+    """True also for a record that is damaged: its frame is made again."""
+    known = {file.sha256 for file in record.inputs.values()} if record else set()
+    return known <= {hashlib.sha256(read_bytes(path)).hexdigest() for path in (pair.left, pair.right)}
 
 
 @dataclass(frozen=True)
@@ -81,7 +122,7 @@ def check_claim(manifest: Manifest, claim: Claim) -> None:
         refuse_used(root)
         return
     dive = manifest.dive()
-    if not claim.overwrite and _holds_results(manifest) and not claim.owner.owns(dive.identity):
+    if not claim.overwrite and _holds_results(manifest) and not claim.owner.owns(manifest):
         raise OutputError(
             f"{root}: holds the results of another dive or command: choose another --out, or delete them with --overwrite"
         )

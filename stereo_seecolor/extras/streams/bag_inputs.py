@@ -38,7 +38,8 @@ class BagInputs:
     def owner(self, kind: str, opened: Opened | None) -> Owner:
         """The owner of an output folder with results of this bag: recognized by its path, or by the first image's content."""
         assert opened  # by open_first
-        return Owner(kind, {"bag": str(self.bag.resolve()), "topics": self.topics}, sample(opened.pairing.pairs[0].left))
+        pairs = opened.pairing.pairs
+        return Owner(kind, {"bag": str(self.bag.resolve()), "topics": self.topics}, sample(pairs[0].left), pairs)
 
     def open(self, config: RunConfig) -> Opened:
         """The pairs of the bag, and the pipeline for their rig. Raises InputError, CalibrationError, DeviceError."""

@@ -1,0 +1,100 @@
+"""Two dives that look alike at first: neither takes the other's OUT without being asked; a dive that grew or moved goes on."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import Dive, contents
+
+from stereo_seecolor.commands.correct import correct
+from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import OutputError
+
+
+@pytest.fixture
+def dive(make_dive: Callable[..., Dive], tmp_path: Path) -> Dive:
+    made = make_dive(4)
+    made.root.rename(tmp_path / "monday")
+    return replace(made, root=tmp_path / "monday")
+
+
+def go(dive: Dive, out: Path, command: Callable[..., object] = run, **options: object) -> object:
+    chosen = replace(RunOptions(), **options)
+    return command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=chosen)
+
+
+def copied(dive: Dive, name: str) -> Dive:
+    shutil.copytree(dive.root, dive.root.parent / name)
+    return replace(dive, root=dive.root.parent / name)
+
+
+def exchange(dive: Dive, first: str, second: str) -> None:
+    """Another dive with frames of the same names."""
+    for side in "LR":
+        one, two = dive.root / side / f"{first}.png", dive.root / side / f"{second}.png"
+        held = one.read_bytes()
+        one.write_bytes(two.read_bytes())
+        two.write_bytes(held)
+
+
+@pytest.mark.parametrize("command", [run, range_maps])
+@pytest.mark.parametrize("frames", [("0001", "0002"), ("0002", "0003")])
+def test_dives_that_begin_with_the_same_frame_are_two(
+    dive: Dive, tmp_path: Path, command: Callable[..., object], frames: tuple[str, str]
+) -> None:
+    out, other = tmp_path / "out", copied(dive, "tuesday")
+    exchange(other, *frames)
+    go(dive, out)
+    before = contents(out)
+    with pytest.raises(OutputError, match="holds the results of another dive"):
+        go(other, out, command)
+    assert contents(out) == before
+    assert go(other, out, command, overwrite=True).all_done
+
+
+def test_a_dive_with_other_names_and_the_same_first_frame_is_another(dive: Dive, tmp_path: Path) -> None:
+    out, other = tmp_path / "out", copied(dive, "tuesday")
+    for side in "LR":
+        for name in ("0001", "0002", "0003"):
+            (other.root / side / f"{name}.png").rename(other.root / side / f"1{name}.png")
+    go(dive, out)
+    with pytest.raises(OutputError, match="holds the results of another dive"):
+        go(other, out)
+
+
+def test_a_correction_of_another_dives_images_is_refused(dive: Dive, tmp_path: Path) -> None:
+    go(dive, tmp_path / "ranges")
+    for place in ("a", "b"):
+        shutil.copytree(tmp_path / "ranges/corrected", tmp_path / place / "images")
+        shutil.copytree(tmp_path / "ranges/range", tmp_path / place / "range")
+    images = tmp_path / "b/images"
+    (images / "0002.png").write_bytes((images / "0003.png").read_bytes())
+    correct(tmp_path / "a/images", tmp_path / "a/range", tmp_path / "out")
+    with pytest.raises(OutputError, match="holds the results of another dive"):
+        correct(images, tmp_path / "b/range", tmp_path / "out")
+
+
+@pytest.mark.parametrize("change", ["nothing", "grew", "grew before", "lost the first", "lost the last"])
+def test_a_dive_that_moved_and_changed_goes_on(dive: Dive, tmp_path: Path, change: str) -> None:
+    out, moved = tmp_path / "out", copied(dive, "moved")
+    for side in "LR":
+        if change == "grew":
+            (dive.root / side / "0003.png").unlink()
+        elif change == "grew before":
+            (dive.root / side / "0000.png").unlink()
+        elif change.startswith("lost"):
+            (moved.root / side / ("0000.png" if "first" in change else "0003.png")).unlink()
+    go(dive, out)
+    summary = go(moved, out)
+    assert summary.all_done and len(list((out / "range").iterdir())) == (3 if "lost" in change else 4)
+
+
+def test_a_stopped_run_of_a_dive_that_moved_goes_on(dive: Dive, tmp_path: Path) -> None:
+    from conftest import AtPair
+
+    out = tmp_path / "out"
+    go(dive, out, workers=1, listener=AtPair(2, KeyboardInterrupt))
+    assert go(copied(dive, "moved"), out).all_done
