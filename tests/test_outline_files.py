@@ -10,6 +10,7 @@ import pytest
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
 
 RING = [[0.5, 0.2], [1.2, 0.2], [1.2, 0.8], [0.5, 0.2]]
@@ -56,6 +57,7 @@ def test_polygons_of_another_place_are_far_off_or_refused_and_never_warn(tmp_pat
         assert "its crs does not take to the map" in str(error)
     else:
         assert np.linalg.norm(outline.rings[0], axis=1).min() > 1e6
+        assert not outline.mask(Grid(0.0, 1.0, 0.01, (100, 100))).any()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 Ring = NDArray[np.float64]
 SUBCELL_BITS = 4
 """Corners are drawn to a sixteenth of a cell."""
+FARTHEST_CELLS = 1e6
+"""Corners farther off, of another continent, are drawn there: in sixteenths they would not fit into 32 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,8 @@ class Outline:
     def mask(self, grid: Grid) -> NDArray[np.bool_]:
         """Compute which cells have their centers inside: (H, W) bool; a ring within a ring is a hole."""
         mask = np.zeros(grid.shape, np.uint8)
-        corners = [np.rint(grid.pixels(ring) * 2**SUBCELL_BITS).astype(np.int32) for ring in self.rings]
+        near = [np.clip(grid.pixels(ring), -FARTHEST_CELLS, FARTHEST_CELLS) for ring in self.rings]
+        corners = [np.rint(pixels * 2**SUBCELL_BITS).astype(np.int32) for pixels in near]
         cv2.fillPoly(mask, corners, 1, shift=SUBCELL_BITS)
         edge = np.zeros_like(mask)
         cv2.polylines(edge, corners, True, 1, shift=SUBCELL_BITS)
