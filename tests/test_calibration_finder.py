@@ -353,5 +353,5 @@ def test_the_rig_of_a_colmap_model_has_the_models_scale(tmp_path: Path) -> None:
     for path in (f"{tmp_path}/rigs.txt,{tmp_path}/cameras.txt", str(tmp_path)):
         assert any("has the scale of the model" in doubt and "162.0 mm" in doubt for doubt in load_rig(path).doubts)
     (tmp_path / "rigs.txt").write_text("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.0016 0 0\n")
-    with pytest.raises(CalibrationError, match="has the scale of the model.*a baseline of 0.0016 m cannot be"):
+    with pytest.raises(CalibrationError, match=r"has the scale of the model.*a baseline of 0.0016 m cannot be"):
         load_rig(tmp_path)
