@@ -10,6 +10,7 @@ from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.files.atomic import Content, output_errors
 from stereo_seecolor.run_folder.layout import MAP, PAGE, PAGE_PRODUCTS, PRODUCTS, SET_ASIDE, state
+from stereo_seecolor.run_folder.replaced import ALL_RESULTS
 from stereo_seecolor.run_folder.stamp import Stamp
 
 
@@ -132,5 +133,7 @@ def is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool
 
 
 def is_as_written(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    """Tell whether the file at a path of OUT is as the program wrote it, to the byte: it may be deleted then."""
-    return any(stamp.is_of(root / path) for stamp in files.get(path, ()))
+    """Tell whether the file at a path of OUT is as the program wrote it, to the byte: it may be deleted then. A path where the
+    program writes nothing is never ours, whatever records say.
+    """
+    return ALL_RESULTS.includes(path) and any(stamp.is_of(root / path) for stamp in files.get(path, ()))

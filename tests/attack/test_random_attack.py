@@ -1,0 +1,261 @@
+"""Random sequences of all commands that write, with inputs inside OUT, edits in place, files of the user's and hostile records.
+
+The model knows what is the user's: all files of the dives, every file that was put into OUT or beside it, and every result that was
+edited. After each step, each of them is where it was, or in OUT/set_aside, to the byte. A command ends well or with an error of
+the program's own, and one that says that nothing was touched has touched nothing.
+
+STEREO_SEECOLOR_ATTACK_MINUTES=30 attacks for so long; by default for some seconds.
+"""
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+from conftest import AtPair, Dive
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+
+from calibration import CalibrationError
+from stereo_seecolor.commands.correct import correct
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.rectify import rectify
+from stereo_seecolor.commands.report import report
+from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.extras.evaluation.water import measure_water
+from stereo_seecolor.extras.export.command import export
+from stereo_seecolor.extras.fleet.campaign import campaign
+from stereo_seecolor.extras.fleet.merge import merge
+from stereo_seecolor.extras.fleet.plan import plan
+from stereo_seecolor.extras.reef.commands.metrics import metrics
+from stereo_seecolor.run_folder.stamp import Stamp
+
+MINUTES = float(os.environ.get("STEREO_SEECOLOR_ATTACK_MINUTES", "0"))
+OWN = (
+    *(
+        "rig.yaml",
+        "water.json",
+        "water_measured.json",
+        "run.json",
+        "frames.csv",
+        "map/trajectory.tum",
+        "map/mine.tum",
+        "index.html",
+    ),
+    *("poses.tum", ".state/manifest.json", "set_aside/water.json", "corrected", "range", "map", "."),
+)
+"""What a user may give as an input of a command into OUT: results, own files, folders, OUT itself."""
+PLACES = (
+    *(
+        "notes.txt",
+        "poses.tum",
+        "map/mine.tum",
+        "corrected/notes.txt",
+        ".writing-mine",
+        "corrected/.writing-mine",
+        "page/.writing-x",
+    ),
+    *("map.json", "annotations/0000.json", "corrected/0000.jpg", "set_aside/range/0000.tiff", "../campaign.json", ".state/mine"),
+    *("water_measured.json", "map_preview.png", "rectified_left/0000.png", "original/corrected/0000.png", "../notes.txt"),
+)
+POSES = "".join(f"{number} {0.1 * number} 0 0 0 0 0 1\n" for number in range(4))
+SETTINGS = ((), ("color.lock=survey",), ("output.image_format=jpg",), ("matching.min_confidence=0.5", "output.clouds=false"))
+OVERWRITE = st.booleans()
+
+
+class Kill(BaseException):
+    """Ends a command as a kill does: no handler of the program's catches it."""
+
+
+def files(folder: Path) -> dict[Path, bytes]:
+    found = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+    return {path: path.read_bytes() for path in found}
+
+
+def machine(dives: tuple[Dive, Dive], until_s: float) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rules share the dives
+    class Attack(RuleBasedStateMachine):
+        """One OUT, two dives, a campaign, and a user who puts and edits files everywhere."""
+
+        @initialize()
+        def begin(self) -> None:
+            self.root = Path(mkdtemp(dir=dives[0].root.parent))
+            self.dives = [self.root / name for name in ("monday", "tuesday")]
+            for place, dive in zip(self.dives, dives, strict=True):
+                shutil.copytree(dive.root, place)
+                (place / "poses.tum").write_text(POSES)
+            shutil.copy2(self.dives[0] / "L/0000.png", self.dives[1] / "L/0000.png")  # both begin with the same frame
+            shutil.copy2(self.dives[0] / "R/0000.png", self.dives[1] / "R/0000.png")
+            self.out = self.root / "out"
+            self.mine = files(self.root)
+
+        def attempt(self, command: Callable[[], object], *read: Path, overwrite: bool = False) -> None:
+            """Try a command; what it reads in OUT is not lost by it, but for run.json, which a run writes again."""
+            before = files(self.root)
+            kept = {
+                path: content for path, content in before.items() if path in read and path.name not in ("run.json", "manifest.json")
+            }
+            try:
+                command()
+            except (SeeColorError, CalibrationError) as error:
+                assert "\n" not in str(error)
+                if "nothing was touched" in str(error):
+                    after = files(self.root)
+                    assert {
+                        path: content for path, content in before.items() if ".state" not in path.parts
+                    }.items() <= after.items()
+            except Kill:
+                pass
+            for path, content in kept.items():
+                assert self.is_kept(path, content), f"an input was lost: {path}"
+
+        def is_kept(self, path: Path, content: bytes) -> bool:
+            if path.is_file() and path.read_bytes() == content:
+                return True
+            return content in files(self.out / "set_aside").values()
+
+        def given(self, own: str, usual: Path) -> Path:
+            return self.out / own if own else usual
+
+        def options(self, overwrite: bool, at: int = 0, **more: object) -> RunOptions:
+            listener = {"listener": AtPair(at, Kill)} if at else {}
+            return replace(RunOptions(workers=1, overwrite=overwrite), **listener, **more)
+
+        @rule(
+            dive=st.sampled_from((0, 0, 0, 1)),
+            command=st.sampled_from((run, run, range_maps, rectify)),
+            chosen=st.sampled_from(SETTINGS),
+            overwrite=OVERWRITE,
+            role=st.sampled_from(("", "", "calib", "water", "config", "poses", "left")),
+            own=st.sampled_from(OWN),
+            at=st.sampled_from((0, 0, 0, 1, 4)),
+        )
+        def over_pairs(self, dive, command, chosen, overwrite, role, own, at) -> None:  # type: ignore[no-untyped-def]
+            place, path = self.dives[dive], self.out / own
+            left, calib = path if role == "left" else place / "L", path if role == "calib" else place / "cam.yaml"
+            more = {"water": {"water": path}, "config": {"config_file": path}, "poses": {"also_read": (path,)}}.get(role, {})
+            options = self.options(overwrite, at, **more)
+            self.attempt(
+                lambda: command(left, place / "R", calib, self.out, load_config(None, chosen), options), *([path] if role else [])
+            )
+
+        @rule(overwrite=OVERWRITE, own=st.sampled_from(OWN))
+        def corrected(self, overwrite: bool, own: str) -> None:
+            images, ranges = self.out / "corrected", self.out / "range"
+            self.attempt(lambda: correct(images, ranges, self.out, options=self.options(overwrite)), images, ranges)
+            self.attempt(
+                lambda: correct(images, ranges, self.root / "other", options=self.options(overwrite, water=self.out / own))
+            )
+
+        @rule(own=st.sampled_from(("", *OWN)))
+        def fused(self, own: str) -> None:
+            poses = self.given(own, self.dives[0] / "poses.tum")
+            self.attempt(lambda: fuse(self.out, poses), poses)
+
+        @rule(own=st.sampled_from(("", *OWN)))
+        def water(self, own: str) -> None:
+            poses = self.given(own, self.dives[0] / "poses.tum")
+            self.attempt(lambda: measure_water(self.out, poses), poses)
+
+        @rule(overwrite=OVERWRITE, into=st.sampled_from(("merged", "out")))
+        def merged(self, overwrite: bool, into: str) -> None:
+            part = [path for path in self.out.rglob("*") if path.is_file() and into == "out" and ".state" not in path.parts]
+            self.attempt(lambda: merge([self.out], self.root / into, self.options(overwrite)), *part)
+
+        @rule(
+            what=st.sampled_from(("report", "plan", "export", "metrics")),
+            place=st.sampled_from(("new", "out", "out/map", "monday")),
+        )
+        def others(self, what: str, place: str) -> None:
+            left, right, calib = (self.dives[0] / name for name in ("L", "R", "cam.yaml"))
+            commands = {
+                "report": lambda: report(self.out),
+                "plan": lambda: plan(left, right, calib, out=self.root / place),
+                "export": lambda: export(self.out, "kwiver", self.root / place),
+                "metrics": lambda: metrics(self.out, None, self.root / place),
+            }
+            self.attempt(commands[what])
+
+        @rule(name=st.sampled_from(("out", "monday")), own=st.sampled_from(("", *OWN)))
+        def campaign(self, name: str, own: str) -> None:
+            dive = {"name": name, "left": "tuesday/L", "right": "tuesday/R", "calib": "tuesday/cam.yaml"}
+            file = self.root / "campaign.yaml"
+            file.write_text(json.dumps({"out": ".", "dives": [dive | ({"water": f"out/{own}"} if own else {})]}))
+            self.mine[file] = file.read_bytes()
+            self.attempt(lambda: campaign(file, self.options(False)), *([self.out / own] if own else []))
+
+        @rule(place=st.sampled_from(PLACES))
+        def the_user_puts_a_file(self, place: str) -> None:
+            path = self.out / place
+            if self.out.exists() and not path.exists() and all(not above.is_file() for above in path.parents):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(POSES if path.suffix == ".tum" else f"three years of field notes: {place}")
+                self.mine[path] = path.read_bytes()
+
+        @rule(number=st.integers(0, 10**6), same_time=st.booleans())
+        def the_user_edits_a_result(self, number: int, same_time: bool) -> None:
+            results = sorted(path for path in files(self.out) if ".state" not in path.parts and "page" not in path.parts)
+            results = [path for path in results if path not in self.mine and path.stat().st_size]
+            if not results:
+                return
+            path = results[number % len(results)]
+            status, content = path.stat(), bytearray(path.read_bytes())
+            content[len(content) // 2] ^= 255
+            path.unlink() if status.st_nlink > 1 else None  # a merged folder shares its files
+            path.write_bytes(content)
+            os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns if same_time else status.st_mtime_ns + 10**9))
+            self.mine[path] = bytes(content)
+
+        @rule(
+            number=st.integers(0, 10**6),
+            hostile=st.sampled_from(("../monday/L/0000.png", "../notes.txt", "notes.txt", "poses.tum")),
+        )
+        def a_record_names_a_file_of_the_users(self, number: int, hostile: str) -> None:
+            records = sorted((self.out / ".state").glob("**/*.json"))
+            victim = self.out / hostile
+            if not records or not victim.is_file():
+                return
+            record = records[number % len(records)]
+            content = json.loads(record.read_bytes())
+            if isinstance(content, dict) and "files" in content:
+                content["files"][hostile] = [asdict(Stamp.of(victim))]
+                record.write_text(json.dumps(content))
+
+        @rule()
+        def the_user_begins_anew(self) -> None:
+            shutil.rmtree(self.out, ignore_errors=True)
+            self.mine = {path: content for path, content in self.mine.items() if self.out not in path.parents}
+
+        @invariant()
+        def nothing_of_the_users_is_lost(self) -> None:
+            for path, content in getattr(self, "mine", {}).items():
+                assert self.is_kept(path, content), f"lost: {path}"
+
+        def teardown(self) -> None:
+            shutil.rmtree(getattr(self, "root", "/nonexistent"), ignore_errors=True)
+            if until_s and time.monotonic() > until_s:
+                raise pytest.skip.Exception("the time of the attack is over")
+
+    return Attack
+
+
+@pytest.mark.slow
+def test_no_sequence_of_commands_and_accidents_loses_a_file_of_the_users(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    one = make_dive(3)
+    one.root.rename(tmp_path / "one")
+    two = make_dive(3, seed=5)
+    dives = (replace(one, root=tmp_path / "one"), two)
+    long = settings(max_examples=10**6, stateful_step_count=20, deadline=None, derandomize=False, database=None)
+    short = settings(max_examples=4, stateful_step_count=12, deadline=None, derandomize=True)
+    run_state_machine_as_test(
+        machine(dives, time.monotonic() + 60 * MINUTES if MINUTES else 0),
+        settings=settings(long if MINUTES else short, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]),
+    )
