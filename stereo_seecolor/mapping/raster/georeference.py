@@ -124,7 +124,6 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
                 file.set_band_description(band, description)
                 if description.endswith("_m"):
                     file.set_band_unit(band, "m")
-            file.update_tags(COORDINATES=crs_name(place.origin))
         factors = [f for f in (2, 4, 8, 16, 32) if min(grid.shape) // f >= 128]
         if factors:
             with rasterio.open(temporary, "r+") as file:
