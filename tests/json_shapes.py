@@ -142,7 +142,10 @@ SHAPES: dict[str, Shape] = {
         "cover": [
             {
                 **{"label": str, "outlines": int},
-                **keys(float, "surface_m2 surface_std_m2 planar_m2 of_surface of_surface_std of_planar"),
+                **keys(
+                    float,
+                    "surface_m2 surface_std_m2 planar_m2 of_seen of_outlined_planar of_outlined_surface of_outlined_surface_std",
+                ),
             }
         ],
         **keys((float, None), "cell_m area_m2 height_std_m"),

@@ -139,14 +139,15 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
     assert 0.6 < volumes.std(ddof=1) / said.mean() < 1.6
 
 
-def test_cover_is_of_the_surface_and_not_of_its_plan() -> None:
+def test_cover_is_of_what_was_seen_and_of_what_was_outlined() -> None:
     colonies = [colony("coral", 2.0, 1.0, 0.1), colony("coral", 4.0, 2.0, 0.1), colony("", 2.0, 3.0, 0.2)]
-    coral, sand = cover(colonies)
-    assert (coral.label, coral.outlines, coral.surface_m2, coral.of_surface, coral.of_planar) == ("coral", 2, 6, 0.75, 0.5)
-    assert (sand.label, sand.of_surface) == ("unlabeled", 0.25)
+    coral, sand = cover(colonies, 30.0)
+    assert (coral.label, coral.outlines, coral.surface_m2, coral.of_outlined_surface) == ("coral", 2, 6, 0.75)
+    assert (coral.of_seen, coral.of_outlined_planar) == (0.1, 0.5)
+    assert (sand.label, sand.of_seen, sand.of_outlined_surface) == ("unlabeled", 0.1, 0.25)
     # of a / (a + b) with a = 6 +- 0.1 sqrt 2, b = 2 +- 0.2
-    assert coral.of_surface_std == pytest.approx(np.hypot(2 * 0.1 * np.sqrt(2), 6 * 0.2) / 64)
-    assert sand.of_surface_std == pytest.approx(coral.of_surface_std)
+    assert coral.of_outlined_surface_std == pytest.approx(np.hypot(2 * 0.1 * np.sqrt(2), 6 * 0.2) / 64)
+    assert sand.of_outlined_surface_std == pytest.approx(coral.of_outlined_surface_std)
 
 
 def half_seen(height: Callable[[Array, Array], Array]) -> SiteMesh:
@@ -179,9 +180,9 @@ def test_outlines_that_overlap_count_what_they_share_once() -> None:
     mesh = mesh_of(lambda x, y: 0 * x)
     outlines = [circle(RIM_M, name, "coral") for name in "ab"]
     twice = [each for each in measure_outlines(outlines, mesh, *site(mesh)) if each]
-    assert cover(twice)[0].surface_m2 == pytest.approx(twice[0].measured.surface_m2)
+    assert cover(twice, 1.0)[0].surface_m2 == pytest.approx(twice[0].measured.surface_m2)
     inner = [each for each in measure_outlines([circle(RIM_M, "", "rock"), circle(0.1, "", "coral")], mesh, *site(mesh)) if each]
-    assert sum(each.planar_m2 for each in cover(inner)) == pytest.approx(inner[0].measured.planar_m2)
+    assert sum(each.planar_m2 for each in cover(inner, 1.0)) == pytest.approx(inner[0].measured.planar_m2)
 
 
 def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:

@@ -111,12 +111,13 @@ def _cover(result: "SiteMetrics") -> str:
             each.label,
             f"{each.outlines}",
             f"{each.surface_m2:.4f} +- {each.surface_std_m2:.4f}",
-            f"{each.of_surface:.1%} +- {each.of_surface_std:.1%}",
-            f"{each.of_planar:.1%}",
+            f"{each.of_seen:.2%}",
+            f"{each.of_outlined_planar:.1%}",
+            f"{each.of_outlined_surface:.1%} +- {each.of_outlined_surface_std:.1%}",
         )
         for each in result.cover
     ]
-    return table(("label", "n", "surface m2", "of the surface", "in plan"), rows)
+    return table(("label", "n", "surface m2", "of the area seen", "of the area outlined", "of the surface outlined"), rows)
 
 
 def markers_text(found: "FoundMarkers") -> str:

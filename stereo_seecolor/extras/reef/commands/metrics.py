@@ -27,13 +27,14 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     errors = terrain_errors(site.posed, terrain)
     measured = measure_outlines(outlines, mesh, terrain, errors)
     colonies = tuple(colony for colony in measured if colony is not None)
+    seen_m2 = float(terrain.known.sum()) * terrain.grid.cell_m**2
     result = SiteMetrics(
         structure=tuple(structure(mesh, terrain, errors)),
         colonies=colonies,
-        cover=tuple(cover(colonies)),
+        cover=tuple(cover(colonies, seen_m2)),
         unseen=tuple(outline.name for outline, colony in zip(outlines, measured, strict=True) if colony is None),
         cell_m=terrain.grid.cell_m,
-        area_m2=float(terrain.known.sum()) * terrain.grid.cell_m**2,
+        area_m2=seen_m2,
         height_std_m=errors.median_m,
     )
     if folder is None:

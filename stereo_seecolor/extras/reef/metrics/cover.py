@@ -1,4 +1,4 @@
-"""Cover of the bottom by label, as fractions of the surface area and of the planar area."""
+"""Cover of the bottom by label: as a fraction of what was seen, and of what was outlined."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,8 +11,12 @@ UNLABELED = "unlabeled"
 
 @dataclass(frozen=True)
 class Cover:
-    """The cover of one label, over all its outlines. of_surface, of_planar: fractions of what all outlines cover; _std: from the
-    range errors.
+    """The cover of one label, over all its outlines.
+
+    Attributes:
+        of_seen: planar area over the planar area that the map shows: the cover that ecologists state.
+        of_outlined_planar: planar area over that of all outlines.
+        of_outlined_surface: surface over that of all outlines, with the standard error by the errors of ranges.
     """
 
     label: str
@@ -20,13 +24,19 @@ class Cover:
     surface_m2: float
     surface_std_m2: float
     planar_m2: float
-    of_surface: float
-    of_surface_std: float
-    of_planar: float
+    of_seen: float
+    of_outlined_planar: float
+    of_outlined_surface: float
+    of_outlined_surface_std: float
 
 
-def cover(colonies: Sequence[Colony]) -> list[Cover]:
-    """A row for each label, the largest surface first. Cells of several outlines are divided among them."""
+def cover(colonies: Sequence[Colony], seen_m2: float) -> list[Cover]:
+    """A row for each label, the largest surface first. Cells of several outlines are divided among them.
+
+    Args:
+        colonies: all outlines that were seen.
+        seen_m2: planar area that the map shows.
+    """
     groups: dict[str, list[Colony]] = defaultdict(list)
     for colony in colonies:
         groups[colony.label or UNLABELED].append(colony)
@@ -39,7 +49,8 @@ def cover(colonies: Sequence[Colony]) -> list[Cover]:
         fraction = surface / total
         error = ((1 - fraction) ** 2 * own + fraction**2 * (variance - own)) ** 0.5 / total
         planar_m2 = sum(map(_planar_m2, members))
-        rows.append(Cover(label, len(members), surface, own**0.5, planar_m2, fraction, error, planar_m2 / planar))
+        of_all = planar_m2 / seen_m2, planar_m2 / planar
+        rows.append(Cover(label, len(members), surface, own**0.5, planar_m2, *of_all, fraction, error))
     return sorted(rows, key=lambda row: -row.surface_m2)
 
 
