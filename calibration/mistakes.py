@@ -106,7 +106,8 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
     back = _transform(R.T, -R.T @ t)
     with suppress(CalibrationError):
         yield Mistake(EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back))
-    if rig.left.image_size == rig.right.image_size and not rig.is_rectified:
+    distorted = rig.left.distortion.any() and rig.right.distortion.any()  # else a moved camera comes to the same
+    if distorted and rig.left.image_size == rig.right.image_size:
         yield Mistake(RECTIFIED, GIVE_RECTIFIED, rectified_like(rig), most_px=LIMITS.rectified_px)
     wrong_way = "the translation between the cameras points the wrong way"
     reverse = "use -T, or -R T if it is the place of the right camera"

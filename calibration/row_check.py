@@ -109,8 +109,12 @@ class RowCheck:
 
     @property
     def rectified_already(self) -> bool:
-        """Tell whether rows agree in the images as they are, and not after rectification."""
-        agree = self.unrectified_px <= min(LIMITS.acceptable_px, LIMITS.rectified_ratio * self.row_error_px)
+        """Tell whether rows agree in the images as they are, and neither after rectification nor after a movement of a camera.
+
+        A rig without distortion that has moved a little may come to the same: refined, it is right either way.
+        """
+        explained_px = min(self.row_error_px, self.unexplained_px)
+        agree = self.unrectified_px <= min(LIMITS.acceptable_px, LIMITS.rectified_ratio * explained_px)
         return agree and self.row_error_px > LIMITS.acceptable_px
 
     @property

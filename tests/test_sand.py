@@ -1,0 +1,26 @@
+"""Sand alone in view, as in a thread of a user whose pictures turned red: nothing there is red, and nothing becomes so."""
+
+import numpy as np
+import pytest
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.files.srgb import encode_srgb
+
+SAND = np.array([0.45, 0.40, 0.33])
+LIGHT, INFINITY = np.array([0.35, 0.9, 1.0]), np.array([0.02, 0.16, 0.24])
+BEAM, BACKSCATTER = np.array([0.38, 0.09, 0.06]), np.array([0.32, 0.10, 0.08])
+
+
+@pytest.mark.parametrize("depths_m", [(4.0, 4.0), (6.0, 2.0)])
+def test_sand_alone_gets_no_red_cast(depths_m: tuple[float, float]) -> None:
+    rng = np.random.default_rng(1)
+    range_m = np.linspace(*depths_m, 180, dtype=np.float32)[:, None] * np.ones((1, 240), np.float32)
+    reflectance = SAND * (1 + 0.12 * rng.normal(0, 1, (180, 240, 1)))
+    direct = reflectance * np.exp(-BEAM * range_m[..., None]) * LIGHT
+    seen = direct + INFINITY * (1 - np.exp(-BACKSCATTER * range_m[..., None]))
+    image = np.clip(255 * encode_srgb(np.clip(seen, 0, 1)) + rng.normal(0, 1, seen.shape), 0, 255).astype(np.uint8)
+    corrector = Corrector()
+    water = corrector.fit(corrector.measure(image, range_m))
+    red, green, blue = corrector.apply(image, range_m, water).image.reshape(-1, 3).mean(axis=0)
+    assert image[..., 0].mean() < 0.5 * image[..., 1].mean()  # what the camera saw
+    assert 0.85 * green < red < 1.12 * green and blue < 1.05 * green
