@@ -67,7 +67,7 @@ def run(
             compute = both_steps.enter_context(computing(cluster, report.notice))
             loaded = settings.load(refine)
             if out_mcap:
-                load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite)
+                load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite, bag)
             chosen = execution.options(workers, settings.config, listener)
             if fuse:
                 from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs

@@ -27,6 +27,10 @@ TOPICS = {
     "/stereo/points2": "PointCloud2",
     "/tf": "TFMessage",
 }
+LIBRARY = "stereo-seecolor"
+"""Begins the name of the library in the header of a recording, by which those of this program are known."""
+HEADER_AT = 17
+"""Bytes before the header's first string: the file's signature, 8; the record's kind, 1, and its length, 8."""
 POINT_STEP_PX = 2
 """Every second pixel of every second row becomes a point: 16 bytes each, 5 MB a frame of 1280x1024."""
 
@@ -68,7 +72,7 @@ class McapRecording:
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
         self._writer = Writer(self._file, compression=CompressionType[compression.upper()])
-        self._writer.start(profile="ros2", library=f"stereo-seecolor {__version__}")
+        self._writer.start(profile="ros2", library=f"{LIBRARY} {__version__}")
         self._channels = {topic: self._channel(topic, name) for topic, name in TOPICS.items()}
 
     def add(self, pair: RecordedPair) -> None:
@@ -89,6 +93,16 @@ class McapRecording:
     def _channel(self, topic: str, name: str) -> int:
         schema = self._writer.register_schema(ros.type_name(name), "ros2msg", ros.definition(name).encode())
         return int(self._writer.register_channel(topic, "cdr", schema))
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a file was recorded by this program: by its header, the first record of an MCAP file."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        begin = file.read(256)
+    profile_end = HEADER_AT + 4 + int.from_bytes(begin[HEADER_AT : HEADER_AT + 4], "little")
+    return begin.startswith(b"\x89MCAP0\r\n\x01") and begin[profile_end + 4 :].startswith(f"{LIBRARY} ".encode())
 
 
 def messages(pair: RecordedPair, geometry: RectifiedPair) -> Iterator[tuple[str, Any]]:
