@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.files import write_atomic
 from calibration.targets import Charuco, Chessboard, Target
 
 POINTS_PER_M = 72 / 0.0254  # of PDF: 72 an inch
@@ -33,8 +34,8 @@ def print_target(target: Target, path: Path, dpi: int = 300) -> None:
         raise CalibrationError(f"{path}: a target is printed as .pdf or .png")
     content = _pdf(target) if path.suffix.lower() == ".pdf" else _png(target, dpi)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        with write_atomic(path) as temporary:
+            temporary.write_bytes(content)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be written: {error.strerror or error}") from error
 

@@ -4,10 +4,17 @@ import re
 
 _NOT_PRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
 
 def printable(text: str) -> str:
     """``text`` as valid UTF-8 on one line: control characters, and bytes of file names that are not UTF-8, become %XX."""
     return _NOT_PRINTABLE.sub(lambda match: _percent(match[0]), text)
+
+
+def printable_lines(text: str) -> str:
+    """``text`` on its lines, for a terminal: control characters, which it would obey, become %XX."""
+    return _CONTROL.sub(lambda match: _percent(match[0]), text)
 
 
 def _percent(character: str) -> str:

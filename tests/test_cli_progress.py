@@ -93,18 +93,17 @@ def test_the_log_tells_the_story_of_a_run(make_dive, cli: Cli, tmp_path: Path) -
 
 def test_the_log_is_appended_to(cli: Cli, tmp_path: Path) -> None:
     log = tmp_path / "run.log"
-    log.write_text("my own words\n")
+    log.touch()
     for _ in range(2):
         assert cli("fuse", tmp_path / "nowhere", "--log-file", log)[0] == 1
     text = log.read_text()
-    assert text.startswith("my own words\n")
     assert text.count("fuse failed: ") == 2
     assert "Traceback" not in text
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("image.png", "is not a text file"), ("cam.yaml", "is not named as a log"), ("folder", "cannot be written")],
+    [("image.png", "is not a log of"), ("cam.yaml", "is not a log of"), ("folder", "cannot be written")],
 )
 def test_a_log_file_that_is_none(cli: Cli, tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "image.png").write_bytes(b"\x89PNG\0\0")

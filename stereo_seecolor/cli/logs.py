@@ -6,19 +6,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from stereo_seecolor.errors import OutputError
+from stereo_seecolor.errors import OutputError, printable_lines
+from stereo_seecolor.files.log_form import FORM, is_log
 
-FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 LIBRARIES = ("stereo_seecolor", "calibration")
-LOG_SUFFIXES = ("", ".log", ".txt")
-"""A file with another suffix that holds something may be a calibration or a track, which lines of a log would spoil."""
+
+
+class _Formatter(logging.Formatter):
+    """Writes no control character of a file's name or content: a terminal would obey it."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable_lines(super().format(record))
 
 
 @contextmanager
 def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
     """Append the log to a file; with verbose, write it to standard error too. Does nothing if neither is asked for.
 
-    Raises OutputError if the file cannot be opened, is no text file, or is there already under a name that no log has.
+    Raises OutputError if the file cannot be opened, or is there already and no log of this program.
     """
     handlers: list[logging.Handler] = [logging.NullHandler()]  # or logging itself writes warnings and errors to standard error
     if verbose:
@@ -27,7 +32,7 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
         handlers.append(_file_handler(log_file))
     loggers = [logging.getLogger(name) for name in LIBRARIES]
     for handler in handlers:
-        handler.setFormatter(logging.Formatter(FORM))
+        handler.setFormatter(_Formatter(FORM))
         for logger in loggers:
             logger.addHandler(handler)
             logger.setLevel(logging.DEBUG if verbose else logging.INFO)
@@ -43,13 +48,8 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
 
 def _file_handler(path: Path) -> logging.Handler:
     try:
-        if path.is_file():
-            with path.open("rb") as file:
-                content = file.read(4096)
-            if b"\0" in content:
-                raise OutputError(f"--log-file {path}: is not a text file: give another name for the log")
-            if content and path.suffix.lower() not in LOG_SUFFIXES:
-                raise OutputError(f"--log-file {path}: is there already, and is not named as a log: give a name that ends in .log")
+        if path.is_file() and path.stat().st_size and not is_log(path):
+            raise OutputError(f"--log-file {path}: is there already, and is not a log of this program: give another name")
         path.parent.mkdir(parents=True, exist_ok=True)
         return logging.FileHandler(path, mode="a", encoding="utf-8", errors="backslashreplace")
     except OSError as error:

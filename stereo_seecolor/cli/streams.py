@@ -6,7 +6,7 @@ import os
 import sys
 from typing import TextIO
 
-from stereo_seecolor.errors import OutputError
+from stereo_seecolor.errors import OutputError, printable_lines
 
 
 def prepare_streams() -> None:
@@ -20,9 +20,12 @@ def prepare_streams() -> None:
 
 
 def write_out(text: str) -> None:
-    """Write to standard output at once. Raises OutputError where that fails, BrokenPipeError where the reader has closed it."""
+    """Write to standard output at once, without the control characters that names and files may hold.
+
+    Raises OutputError where that fails, BrokenPipeError where the reader has closed it.
+    """
     try:
-        sys.stdout.write(text)
+        sys.stdout.write(printable_lines(text))
         sys.stdout.flush()
     except BrokenPipeError:
         discard(sys.stdout)
@@ -37,7 +40,7 @@ def write_out(text: str) -> None:
 def write_error(text: str) -> None:
     """Write to standard error at once; errors are ignored."""
     with contextlib.suppress(OSError, ValueError):
-        sys.stderr.write(text)
+        sys.stderr.write(printable_lines(text))
         sys.stderr.flush()
 
 

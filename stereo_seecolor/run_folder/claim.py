@@ -9,6 +9,7 @@ from typing import Protocol
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.log_form import is_log
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
@@ -140,7 +141,7 @@ def refuse_used(root: Path) -> None:
     """Raise OutputError where a folder without a manifest holds anything."""
     entries = _names(root)
     own = STATE if not set(_names(state(root))) - {LOCK, LEASE, PLAN} else None
-    foreign = [name for name in entries if name != own and not _of_system(name)]
+    foreign = [name for name in entries if name != own and not _of_system(name) and not is_log(root / name)]
     if foreign:
         raise OutputError(
             f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new folder; nothing was touched"

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below, write_atomic
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.keys import content_key
@@ -52,6 +53,17 @@ class KeptPlan:
     def save(self, root: Path) -> None:
         """Write the prediction. Raises OutputError."""
         write_atomic(plan_file(root), json.dumps(asdict(self)).encode())
+
+    @staticmethod
+    def check_place(root: Path) -> None:
+        """Raise OutputError where something else lies in the place of the prediction."""
+        file = plan_file(root)
+        try:
+            as_record(KeptPlan, load_object(file))
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError) as error:
+            raise OutputError(f"{file}: is not a plan of this program: move it elsewhere, or give another --out") from error
 
     @classmethod
     def load(cls, root: Path, pairs: int, config: RunConfig) -> "KeptPlan | None":

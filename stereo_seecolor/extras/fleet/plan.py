@@ -21,6 +21,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.kept_plan import KeptPlan, settings_key
 from stereo_seecolor.run_folder.progress_file import USUAL
+from stereo_seecolor.run_folder.replaced import refuse_inputs
 
 MEASURED_PAIRS = 10
 """Spread over the dive: the times of its pairs differ by some 10 %."""
@@ -66,6 +67,9 @@ def plan(
     Raises InputError where none of them goes through; SeeColorError, CalibrationError as ``run`` does.
     """
     inputs, config = StereoInputs(left, right, calib), config or RunConfig()
+    if out:
+        refuse_inputs("plan", out, inputs.paths)
+        KeptPlan.check_place(out)
     opened = inputs.open(config)
     measured = _measured(inputs, opened, spread(opened.pairing.pairs, MEASURED_PAIRS))
     pairs, per_pair = len(opened.pairing.pairs), sum(measured.pass_seconds.values())
