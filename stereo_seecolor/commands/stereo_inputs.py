@@ -1,6 +1,6 @@
 """The stereo pairs and the calibration that a command is given, and the pipeline for them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -71,7 +71,7 @@ class StereoInputs:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Every file and folder that is read."""
-        return (*folders_of(self.left), *folders_of(self.right), *(Path(part) for part in str(self.calib).split(",")))
+        return (*folders_of(self.left), *folders_of(self.right), *calibration_files(self.calib))
 
     @property
     def is_video(self) -> bool:
@@ -177,6 +177,14 @@ def _refuse_equal_names(pairing: Pairing) -> None:
             raise InputError(
                 f"{other} and {pair.left}: would both be {other.stem} in OUT/original: rename one, or set output.geometry=rectified"
             )
+
+
+def calibration_files(calib: str | Path) -> Iterator[Path]:
+    """Every file that a calibration may be read from: those that it names, and those in a folder that it names."""
+    for place in (Path(part) for part in str(calib).split(",") if part):
+        yield place
+        if place.is_dir():
+            yield from (path for path in place.iterdir() if path.is_file())
 
 
 def sample(path: Path) -> str:

@@ -1,7 +1,7 @@
 """Checks whether a run may use a folder: whose results it holds, what else lies in it, and what --overwrite may delete."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -72,29 +72,33 @@ class Owner:
         return {"kind": self.kind, "sample": self.sample, **self.inputs}
 
     def owns(self, manifest: Manifest) -> bool:
-        """Tell whether a folder is this dive's: made by the same command from the same paths, or from the same files elsewhere."""
+        """Tell whether a folder is this dive's: made by the same command from the same paths, or from the same files elsewhere.
+
+        The same path may hold another dive's files of the same names, as a memory card does: then not one of some is the same.
+        """
         identity = manifest.dive().identity
         if identity.get("kind") != self.kind:
             return False
-        if {**identity, "sample": ""} == {**self.identity(), "sample": ""}:
-            return True
-        return self._same_frames(manifest) if self.pairs else bool(self.sample) and identity.get("sample") == self.sample
-
-    def _same_frames(self, manifest: Manifest) -> bool:
-        """Tell whether frames have been added to the dive, or taken from it, and the others are the same, as far as some show."""
         recorded = Names(manifest.names())
         common = [number for number, pair in enumerate(self.pairs) if pair.name in recorded]
-        if len(common) < max(min(len(recorded), len(self.pairs)), 1):
-            return False
+        if {**identity, "sample": ""} == {**self.identity(), "sample": ""}:
+            return len(common) < 2 or any(self._same_files(common, manifest))
+        if not self.pairs:
+            return bool(self.sample) and identity.get("sample") == self.sample
+        grew_or_shrank = len(common) >= max(min(len(recorded), len(self.pairs)), 1)
+        return grew_or_shrank and all(self._same_files(common, manifest))
+
+    def _same_files(self, common: Sequence[int], manifest: Manifest) -> Iterator[bool]:
+        """For some of the frames of these numbers, spread over them, whether their files are those that are recorded."""
         steps = range(min(COMPARED_FRAMES, len(common)))
-        compared = {common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps}
-        return all(_same_files(self.pairs[number], manifest.frame(self.pairs[number].name)) for number in compared)
+        for number in dict.fromkeys(common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps):
+            yield _same_files(self.pairs[number], manifest.frame(self.pairs[number].name))
 
 
 def _same_files(pair: Files, record: FrameRecord | None) -> bool:
     """True also for a record that is damaged: its frame is made again."""
     known = {file.sha256 for file in record.inputs.values()} if record else set()
-    return known <= {hashlib.sha256(read_bytes(path)).hexdigest() for path in (pair.left, pair.right)}
+    return not known or known <= {hashlib.sha256(read_bytes(path)).hexdigest() for path in (pair.left, pair.right)}
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,18 @@ def test_dives_that_begin_with_the_same_frame_are_two(
     assert go(other, out, command, overwrite=True).all_done
 
 
+def test_another_dive_at_the_same_path_is_another(dive: Dive, tmp_path: Path) -> None:
+    """A memory card that is used again has the same path and the same names."""
+    out = tmp_path / "out"
+    go(dive, out)
+    before = contents(out)
+    exchange(dive, "0000", "0001")
+    exchange(dive, "0002", "0003")
+    with pytest.raises(OutputError, match="holds the results of another dive"):
+        go(dive, out)
+    assert contents(out) == before
+
+
 def test_a_dive_with_other_names_and_the_same_first_frame_is_another(dive: Dive, tmp_path: Path) -> None:
     out, other = tmp_path / "out", copied(dive, "tuesday")
     for side in "LR":

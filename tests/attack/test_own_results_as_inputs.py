@@ -90,6 +90,15 @@ def test_a_folder_of_images_above_its_results_is_no_input_among_them(dive: Dive)
         assert run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=RunOptions(overwrite=overwrite)).all_done
 
 
+def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    before, rig = contents(out), (out / RIG).read_bytes()
+    with pytest.raises(OutputError, match=REFUSED):
+        go(dive, out, calib=out, overwrite=True)
+    assert (contents(out), (out / RIG).read_bytes()) == (before, rig)
+
+
 @pytest.mark.parametrize(("settings", "name"), [((), RIG), (("color.lock=survey",), WATER), (("color.lock=survey",), "run.json")])
 def test_a_run_may_read_what_it_leaves_as_it_is(dive: Dive, tmp_path: Path, settings: tuple[str, ...], name: str) -> None:
     out = tmp_path / "out"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
-from stereo_seecolor.commands.stereo_inputs import Opened, sample, settle_storage
+from stereo_seecolor.commands.stereo_inputs import Opened, calibration_files, sample, settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.pipeline import Pipeline
@@ -33,7 +33,7 @@ class BagInputs:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Every file and folder that is read."""
-        return (self.bag, *(Path(part) for part in str(self.calib).split(",") if part))
+        return (self.bag, *calibration_files(self.calib))
 
     def owner(self, kind: str, opened: Opened | None) -> Owner:
         """The owner of an output folder with results of this bag: recognized by its path, or by the first image's content."""
