@@ -286,7 +286,7 @@ def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> Non
 
 
 def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--to gaussian: is no format known here: one of colmap, "):
+    with pytest.raises(InputError, match="--to gaussian: is not a known format: one of 3d-tiles, biigle, "):
         export(fused, "gaussian", tmp_path / "to")
     out = tmp_path / "out"
     shutil.copytree(fused, out)
