@@ -16,7 +16,8 @@ def added(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group, by name, sorted.
 
     Args:
-        group: commands, exports, recordings, inputs, containers, trajectory_formats, engines, executors, or page_parts.
+        group: commands, exports, recordings, inputs, containers, trajectory_formats, engines, matching_engines, executors,
+            or page_parts.
     """
     return {entry.name: entry for entry in sorted(entry_points(group=f"stereo_seecolor.{group}"), key=lambda entry: entry.name)}
 

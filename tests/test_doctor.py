@@ -42,14 +42,14 @@ def test_open3d_without_its_system_libraries(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.delattr("os.geteuid", raising=False)  # as on Windows
     finding = next(finding for finding in doctor().findings if finding.what == "open3d")
     assert "apt-get install" in finding.fix
-    assert finding.without == "no window onto a map (view)"
+    assert finding.without == "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)"
     monkeypatch.setattr("sys.platform", "win32")
     assert not next(finding for finding in doctor().findings if finding.what == "open3d").fix
 
 
 def test_every_dependency_of_a_user_is_looked_at() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    looked_at = {library.distribution for library in (*CORE, *EXTRAS)} | {"open3d"}
+    looked_at = {library.distribution for library in (*CORE, *EXTRAS)} | {"open3d-cpu"}
     extras = {name: wanted for name, wanted in project["optional-dependencies"].items() if name not in ("dev", "docs")}
     wanted = [*project["dependencies"], *(requirement for requirements in extras.values() for requirement in requirements)]
     names = {requirement.split(">")[0].split("[")[0].strip() for requirement in wanted}

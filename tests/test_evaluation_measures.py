@@ -1,9 +1,12 @@
+import sys
+
 import numpy as np
 import pytest
 from colour.difference.delta_e import delta_E_CIE2000
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.extras.evaluation import measures
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
@@ -26,6 +29,12 @@ def test_ciede2000_gives_the_published_differences():
 
 
 @pytest.mark.slow
+def test_without_scikit_image_the_line_that_installs_it_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "skimage.color", None)
+    with pytest.raises(DeviceError, match=r"color differences need scikit-image .*: pip install 'stereo-seecolor\[evaluation\]'$"):
+        measures.ciede2000(SHARMA[:, :3], SHARMA[:, 3:6])
+
+
 def test_ciede2000_agrees_with_opencv_lab_and_color_science():
     rng = np.random.default_rng(4)
     lab = rng.uniform([0, -80, -80], [100, 80, 80], (500, 3))

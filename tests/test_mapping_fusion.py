@@ -171,7 +171,7 @@ class Counting(Sequence[SurveyFrame]):
         return self.frames[i]
 
 
-def stopped_at_tile(number: int, frames: list[SurveyFrame], folder: Path) -> None:
+def stopped_at_tile(number: int, frames: list[SurveyFrame], folder: Path, config: MappingConfig = CONFIG) -> None:
     """Make a map until so many tiles are fused."""
 
     def stop(what: str, done: int, total: int) -> None:
@@ -179,7 +179,7 @@ def stopped_at_tile(number: int, frames: list[SurveyFrame], folder: Path) -> Non
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        build_map(frames, PAIR, folder, CONFIG, track(6), Workspace(progress=stop))
+        build_map(frames, PAIR, folder, config, track(6), Workspace(progress=stop))
 
 
 @pytest.mark.slow

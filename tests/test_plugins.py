@@ -1,15 +1,28 @@
 """Packages add commands, export formats and formats of trajectories by entry points; the core loads none of its own extras."""
 
+import json
 import os
+import re
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import REEF, Cli, SampleRun
 
 from stereo_seecolor import plugins
+from stereo_seecolor.commands.doctor import CORE, EXTRAS
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.errors import PluginError
+from stereo_seecolor.files.ply import read_vertices
+from stereo_seecolor.run_folder.finished_run import open_run
+
+PROJECT_FILE = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LOADED_WHERE_NEEDED = {"torch", "rich", "threadpoolctl"}
+"""rich: on a terminal. threadpoolctl: where numpy was imported before the program. torch: for the methods of the paper."""
 
 PROJECT = """
 [build-system]
@@ -30,17 +43,27 @@ names = "reef_notes:NAMES"
 [project.entry-points."stereo_seecolor.trajectory_formats"]
 notes = "reef_notes"
 
+[project.entry-points."stereo_seecolor.engines"]
+raised = "reef_notes:fuse_raised"
+
+[project.entry-points."stereo_seecolor.matching_engines"]
+level = "reef_notes:Level"
+
 [tool.setuptools]
 py-modules = ["reef_notes"]
 """
 
 MODULE = '''
+from dataclasses import replace
+
 import numpy as np
 
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import BareReport
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.mapping.surface.fusion import fuse_tile
+from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.records import Trajectory
 
 
@@ -66,6 +89,22 @@ def read(path, mount):
     T = np.tile(np.eye(4), (len(names), 1, 1))
     T[:, 0, 3] = np.arange(len(names))
     return Trajectory(tuple(names), np.full(len(names), np.nan), T)
+
+
+def fuse_raised(tile, tiling, frames, geometry):
+    surface = fuse_tile(tile, tiling, frames, geometry)
+    return replace(surface, points_m=surface.points_m + np.float32([0, 0, 1]))
+
+
+class Level:
+    refined = True
+
+    def __init__(self, config, lowest_px, highest_px):
+        self.disparity_px = (lowest_px + highest_px) // 2
+
+    def find(self, frame, pair):
+        found = np.full(frame.left.shape[:2], self.disparity_px, np.float32)
+        return MatchedDisparity(found, found, np.full_like(found, 0.5))
 '''
 
 
@@ -120,6 +159,49 @@ def test_a_trajectory_format_of_another_package_is_read(installed: dict[str, str
     assert ended.stdout == "[0.0, 1.0, 2.0]\n", ended.stderr
 
 
+@pytest.mark.slow
+def test_an_engine_of_another_package_fuses_the_map(installed: dict[str, str], sample_run: SampleRun, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(sample_run.out, out)
+    code, _, said = program(installed, "fuse", out, "--set", "mapping.engine=raised")
+    assert code == 0, said
+    assert json.loads((out / "map/map.json").read_text())["engine"] == "raised"
+    raised, ours = (read_vertices(folder / "map/cloud.ply")["position"] for folder in (out, sample_run.out))
+    np.testing.assert_allclose(raised - ours, np.broadcast_to([0, 0, 1], ours.shape), atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_matching_engine_of_another_package_gives_the_ranges(installed: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml", "--out", out)
+    settings = ("--set", "matching.engine=level", "--set", "matching.min_confidence=0")
+    code, _, said = program(installed, "run", *sides, *settings, "--progress", "none")
+    assert code == 0, said
+    run = open_run(out)
+    range_m = run.frames[0].read("range")
+    depth_m = range_m[np.isfinite(range_m)] / run.geometry.ray_length[np.isfinite(range_m)]
+    np.testing.assert_allclose(depth_m, np.median(depth_m), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("setting", "known"), [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, onnx")], ids=["maps", "matching"]
+)
+def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(cli: Cli, setting: str, known: str) -> None:
+    code, _, said = cli("config", "--set", f"{setting}=voxblox")
+    assert code == 1
+    assert said == f"stereo-seecolor: --set: {setting}: no installed package adds this engine; known are {known} (got 'voxblox')\n"
+
+
+def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(sample_run: SampleRun, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(sample_run.out, out)
+    text = (out / "run.json").read_text()
+    (out / "run.json").write_text(text.replace('"engine": "tiles"', '"engine": "voxblox"'))
+    assert open_run(out).config.mapping.engine == "voxblox"
+    with pytest.raises(PluginError, match="voxblox: no installed package adds it to engines"):
+        fuse(out)
+
+
 def test_a_part_that_no_package_adds_is_named_with_those_that_are_known() -> None:
     with pytest.raises(PluginError, match=r"^fax: no installed package adds it to recordings \(known: mcap\)$"):
         plugins.load("recordings", "fax")
@@ -134,11 +216,17 @@ def test_a_cluster_of_an_unknown_kind_is_named(cli: Cli, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_a_run_and_an_import_load_no_extra(tmp_path: Path) -> None:
+def test_a_run_with_a_map_loads_no_extra_and_all_that_the_base_installs(tmp_path: Path) -> None:
     code = "import sys, stereo_seecolor; from stereo_seecolor.cli import main\n"
     code += "try: main()\nexcept SystemExit as end: print(end.code)\n"
-    code += "print([name for name in sys.modules if name.startswith('stereo_seecolor.extras')])"
+    code += "print([name for name in sys.modules if name.startswith('stereo_seecolor.extras')])\n"
+    code += "print(*(name for name in sys.modules if '.' not in name))"
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
     words = ("run", *map(str, sides), "--out", str(tmp_path / "out"), "--fuse", "--progress", "none")
     ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
-    assert ended.stdout.splitlines()[-2:] == ["0", "[]"], ended.stderr
+    assert ended.stdout.splitlines()[-3:-1] == ["0", "[]"], ended.stderr
+    loaded = set(ended.stdout.splitlines()[-1].split())
+    modules = {library.distribution: library.module for library in (*CORE, *EXTRAS)}
+    base = {modules[re.split(r"[\[>; ]", wanted)[0]] for wanted in PROJECT_FILE["dependencies"]}
+    assert base - loaded <= LOADED_WHERE_NEEDED
+    assert not loaded & ({*modules.values()} - base - {"lazrs"})  # which is the base's laspy[lazrs]

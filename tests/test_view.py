@@ -1,6 +1,7 @@
 """The command view: which viewer is started, and what is said where none can be."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,13 @@ def test_rerun_is_given_the_mesh(fused: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_viewer_that_dies_is_an_error(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install_rerun(fused, monkeypatch, "echo starting; echo 'no graphics card' >&2; exit 7")
     with pytest.raises(DeviceError, match=r"exit code 7: no graphics card: look at .*preview\.png instead"):
+        view(fused)
+
+
+def test_without_open3d_and_rerun_the_line_that_installs_one_is_given(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(DeviceError, match=r"a window onto the map needs Open3D, .*: pip install 'stereo-seecolor\[open3d\]'$"):
         view(fused)
 
 

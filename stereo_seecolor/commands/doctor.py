@@ -5,10 +5,10 @@ import importlib.metadata
 import os
 import platform
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from stereo_seecolor.commands.open3d_library import LIBRARIES
 from stereo_seecolor.compute.threads import cores
+from stereo_seecolor.mapping.surface.open3d_library import SYSTEM_LIBRARIES
 
 OLDEST_PYTHON = (3, 11)
 INSTALL = "pip install -c constraints.txt"
@@ -30,7 +30,6 @@ class Library:
 CORE = (
     Library("numpy", "numpy"),
     Library("scipy", "scipy"),
-    Library("skimage", "scikit-image"),
     Library("cv2", "opencv-contrib-python-headless"),
     Library("torch", "torch"),
     Library("numba", "numba"),
@@ -50,6 +49,8 @@ EXTRAS = (
     Library("pyproj", "pyproj", "geo", "no GeoTIFF and LAZ in map coordinates"),
     Library("laspy", "laspy", "geo", "no LAZ point cloud"),
     Library("lazrs", "lazrs", "geo", "no LAZ point cloud"),
+    Library("open3d", "open3d", "open3d", "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)"),
+    Library("skimage", "scikit-image", "evaluation", "no color differences (evaluate, water --chart, report --charts)"),
     Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
     Library("rosbags", "rosbags", "bags", "no ROS bags in (run --bag)"),
     Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),
@@ -61,7 +62,7 @@ EXTRAS = (
     Library("distributed", "dask", "cluster", "no runs on several machines (--cluster)"),
     Library("dask_jobqueue", "dask-jobqueue", "cluster", "no clusters of SLURM, PBS, LSF, SGE or HTCondor (--cluster)"),
     Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),
-    Library("rerun", "rerun-sdk", "viewer", "view opens Open3D's plainer window"),
+    Library("rerun", "rerun-sdk", "viewer", "view --window opens Open3D's plainer window"),
 )
 
 
@@ -101,8 +102,7 @@ def doctor() -> DoctorReport:
             Finding("processor", True, f"{cores()} cores, {platform.machine()}"),
             *(examine(library) for library in CORE),
             _cuda(),
-            _open3d(),
-            *(examine(library) for library in EXTRAS),
+            *(with_system_libraries(examine(library)) for library in EXTRAS),
         )
     )
 
@@ -119,15 +119,15 @@ def examine(library: Library) -> Finding:
     except (ImportError, OSError) as error:
         detail = " ".join(str(error).split())
     else:
-        return Finding(name, True, _version(library.distribution), needed)
+        return Finding(name, True, _version(library), needed)
     return Finding(name, False, detail, needed, library.without, fix)
 
 
-def _version(distribution: str) -> str:
+def _version(library: Library) -> str:
     try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:  # installed under another name, as OpenCV's variants are
-        return "installed"
+        return importlib.metadata.version(library.distribution)
+    except importlib.metadata.PackageNotFoundError:  # installed under another name, as variants of OpenCV and Open3D are
+        return str(getattr(sys.modules[library.module], "__version__", "installed"))
 
 
 def _cuda() -> Finding:
@@ -140,11 +140,9 @@ def _cuda() -> Finding:
     return Finding("CUDA", True, "none; everything runs on the processor")
 
 
-def _open3d() -> Finding:
-    found = examine(Library("open3d", "open3d", without="no window onto a map (view)"))
-    fix = ""
-    if found.detail == "not installed":
-        fix = f"{INSTALL} open3d"
-    elif not found.ok and sys.platform.startswith("linux"):
-        fix = LIBRARIES if getattr(os, "geteuid", int)() == 0 else f"sudo {LIBRARIES}"
-    return Finding("open3d", found.ok, found.detail, without=found.without, fix=fix)
+def with_system_libraries(found: Finding) -> Finding:
+    """The finding; where Open3D is installed but lacks libraries of the system, with the command that installs them."""
+    if found.ok or found.detail == "not installed" or not found.what.startswith("open3d"):
+        return found
+    fix = SYSTEM_LIBRARIES if getattr(os, "geteuid", int)() == 0 else f"sudo {SYSTEM_LIBRARIES}"
+    return replace(found, fix=fix if sys.platform.startswith("linux") else "")

@@ -9,8 +9,8 @@ import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.commands.open3d_library import open3d
 from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.mapping.surface.open3d_library import open3d
 from stereo_seecolor.run_folder.layout import INDEX
 
 
@@ -81,7 +81,7 @@ def _open_in_rerun(program: str, mesh: Path) -> None:
 
 
 def _open_in_open3d(mesh: Path) -> None:
-    library = open3d()
+    library = open3d("a window onto the map")
     window = library.visualization.Visualizer()
     if not window.create_window(window_name=str(mesh)):
         raise _no_screen(mesh)

@@ -15,6 +15,7 @@ from calibration.bounded_text import YAML_ERRORS, TooMuchError, load_json, load_
 from stereo_seecolor.config import RobustConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
 from stereo_seecolor.files.text_documents import read_text
+from stereo_seecolor.plugins import added
 
 RUN_FORMAT = "stereo-seecolor/run"
 """The "format" of a run.json, whose "config" is a configuration too."""
@@ -56,6 +57,10 @@ class Setting:
 class _Layer:
     origin: str
     content: _Content
+
+
+ENGINES = {"matching": ("matching_engines", ("sgm", "opencv", "onnx")), "mapping": ("engines", ("tiles",))}
+"""Section -> the group in which packages add its engines, and the program's own."""
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
@@ -105,9 +110,21 @@ def _validated(layers: Sequence[_Layer]) -> RunConfig:
     for layer in layers:
         merged = _merge(merged, layer.content)
     try:
-        return RunConfig.model_validate(merged)
+        config = RunConfig.model_validate(merged)
     except ValidationError as error:
         raise ConfigError(_first_problem(error, layers)) from error
+    for section, (group, own) in ENGINES.items():
+        _check_engine(getattr(config, section).engine, group, own, f"{_origin(layers, [section, 'engine'])}: {section}.engine")
+    return config
+
+
+def _check_engine(engine: str, group: str, own: Sequence[str], where: str) -> None:
+    """Raise ConfigError for an engine that is neither the program's own nor added by a package; a run of another machine that had
+    it can still be read.
+    """
+    if engine not in own and engine not in added(group):
+        known = [*own, *sorted(added(group).keys() - set(own))]
+        raise ConfigError(f"{where}: no installed package adds this engine; known are {', '.join(known)} (got {engine!r})")
 
 
 def _merge(base: _Content, over: _Content) -> _Content:

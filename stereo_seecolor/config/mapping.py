@@ -45,6 +45,11 @@ class MarkersConfig(StageConfig):
 class MappingConfig(StageConfig):
     """Odometry, fusion and the map products."""
 
+    engine: str = Field(
+        default="tiles",
+        description="What fuses the frames. tiles: weighs each measurement by its standard error. open3d: Open3D's VoxelBlockGrid, "
+        "equal weights (needs the open3d extra). Or one that another package adds (docs/extending.md).",
+    )
     voxel_m: float | None = Field(
         default=0.01,
         gt=0,

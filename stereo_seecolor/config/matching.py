@@ -1,6 +1,6 @@
 """The settings of stereo matching."""
 
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -19,10 +19,10 @@ class MatchingConfig(StageConfig):
         description="Pixels whose disparity is right to within one pixel with a lower probability than this are left unknown.",
     )
     fill: bool = Field(default=False, description="Close the holes with what their neighbors suggest; such pixels are marked.")
-    engine: Literal["sgm", "opencv", "onnx"] = Field(
+    engine: str = Field(
         default="sgm",
         description="sgm: semi-global matching of the census. opencv: OpenCV's StereoSGBM, for comparison. onnx: your own stereo "
-        "network, run by onnxruntime.",
+        "network, run by onnxruntime. Or one that another package adds (docs/extending.md).",
     )
     model: FilePath | None = Field(
         default=None, description="The network of engine onnx: an .onnx file (contract in docs/matching.md)."

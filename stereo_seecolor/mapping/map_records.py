@@ -50,13 +50,15 @@ def write_poses(path: Path, component: Component, placed: Placed) -> Path:
 
 
 def write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float) -> Path:
-    """Write map.json: the place of the map's local coordinates, the sizes of its voxels and cells, the factor on all ranges."""
+    """Write map.json: the place of the map's local coordinates, the sizes of its voxels and cells, the factor on all ranges,
+    the engine that fused it."""
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
         "origin": asdict(place.origin) if place.origin else None,
         "crs": crs_name(place.origin),
         "range_scale": range_scale,
+        "engine": config.engine,
         "voxel_m": config.voxel_edge_m,
         "dem_m": config.terrain_cell_m,
         "mosaic_m": config.mosaic_cell_m,

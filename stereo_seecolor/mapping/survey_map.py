@@ -33,6 +33,7 @@ from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, encoded, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
 from stereo_seecolor.mapping.surface import islands
+from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
@@ -97,13 +98,14 @@ class Workspace:
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
-    """Check the tables of markers and what a map in UTM needs, before the first frame is read.
+    """Check the tables of markers, and what the engine and a map in UTM need, before the first frame is read.
 
     Other maps are made without GTSAM or rasterio, too, with a warning. Raises InputError for a table that cannot be used;
-    DeviceError, with the command that installs it, where a library is missing; MappingError where the survey's place on Earth is
-    not known.
+    DeviceError, with the command that installs it, where a library is missing; PluginError for an unknown engine; MappingError
+    where the survey's place on Earth is not known.
     """
     read_known(config.markers)
+    engine(config.engine)
     if config.crs != "utm":
         return
     if trajectory is None or not (trajectory.origin or (trajectory.absolute and trajectory.absolute.origin)):
@@ -246,7 +248,7 @@ class _Builder:
         place = Georeference(component.offset_m, self.placed.origin)
         files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, self.placed)]
         files += [write_description(folder / "map.json", place, config, self.placed.range_scale)]
-        store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
+        store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component, config.engine)
         surfaces = partial(store.surfaces, tiling)
         self._fuse(component, tiling, store)
         islands.drop(store, tiling)
@@ -263,7 +265,7 @@ class _Builder:
     def _fuse(self, component: Component, tiling: Tiling, store: TileStore) -> None:
         """Fuse all tiles that are not finished."""
         left = [tile for tile in tiling.tiles if not store.has(tile)]
-        fusion = TileFusion(store, replace(tiling, tiles=()), self.survey.frames, self.survey.geometry)
+        fusion = TileFusion(store, replace(tiling, tiles=()), self.survey.frames, self.survey.geometry, self.config.engine)
         placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
         for done, lost in enumerate(self.survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1):
             self.lost.update(lost)

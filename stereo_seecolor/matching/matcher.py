@@ -20,6 +20,7 @@ from stereo_seecolor.matching.refine import contrast_gain, refine_rows
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
 from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX, remove_speckles
 from stereo_seecolor.matching.triangulation import RangeMaps
+from stereo_seecolor.plugins import load
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
 
@@ -42,7 +43,7 @@ class Matcher:
     """Computes range maps of rectified pairs; built once for a run, safe to call from many threads.
 
     pair: the geometry of the rectified images. seen_left: (H, W) bool, True where the rectified left image shows something; None
-    where it does everywhere. Raises ConfigError or DeviceError for an engine that cannot run.
+    where it does everywhere. Raises ConfigError, DeviceError or PluginError for an engine that cannot run.
     """
 
     def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
@@ -57,8 +58,12 @@ class Matcher:
     def _chosen_engine(self) -> Engine:
         if self._config.engine == "onnx":
             return Network(self._config.model)
-        engine = OpenCvMatching if self._config.engine == "opencv" else SemiGlobalMatching
-        return engine(self._lowest, self._highest)
+        if self._config.engine == "opencv":
+            return OpenCvMatching(self._lowest, self._highest)
+        if self._config.engine == "sgm":
+            return SemiGlobalMatching(self._lowest, self._highest)
+        added: Engine = load("matching_engines", self._config.engine)(self._config, self._lowest, self._highest)
+        return added
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """Compute the range map of a rectified pair of 8 or 16 bit RGB images; it depends on nothing but that pair.

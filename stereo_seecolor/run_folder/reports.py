@@ -37,7 +37,7 @@ from stereo_seecolor.run_folder.layout import (
 )
 from stereo_seecolor.version import __version__
 
-LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "gtsam")
+LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "open3d-cpu", "gtsam")
 """What shapes the numbers."""
 NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
 

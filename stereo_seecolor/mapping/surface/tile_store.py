@@ -21,9 +21,10 @@ class TileStore:
         self._folder = folder
 
     @classmethod
-    def of(cls, folder: Path, tiling: Tiling, component: Component) -> "TileStore":
-        """Open the store in ``folder``; tiles there that were made from other poses, frames or settings are deleted."""
-        return cls(kept_folder(folder, _key(tiling, component)))
+    def of(cls, folder: Path, tiling: Tiling, component: Component, engine: str) -> "TileStore":
+        """Open the store in ``folder``; tiles there that were made from other poses, frames or settings, or by
+        another engine, are deleted."""
+        return cls(kept_folder(folder, _key(tiling, component, engine)))
 
     def has(self, tile: Tile) -> bool:
         """Tell whether the tile is finished."""
@@ -47,9 +48,9 @@ class TileStore:
         return self._folder / f"{tile.name}.npz"
 
 
-def _key(tiling: Tiling, component: Component) -> str:
+def _key(tiling: Tiling, component: Component, engine: str) -> str:
     poses, checksums = component.T_local_camera[component.frames], component.survey.index.checksums[component.frames]
-    digest = hashlib.sha256(poses.tobytes() + checksums.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks)).encode())
+    digest = hashlib.sha256(poses.tobytes() + checksums.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks, engine)).encode())
     for tile in tiling.tiles:
         digest.update(tile.blocks.tobytes())
     return digest.hexdigest()

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
-from stereo_seecolor.mapping.surface.fusion import PlacedFrame, fuse_tile
+from stereo_seecolor.mapping.surface.engines import engine
+from stereo_seecolor.mapping.surface.fusion import PlacedFrame
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
@@ -26,17 +27,19 @@ class PlacedTile:
 class TileFusion:
     """Fuses a tile into the store; returns the frames that were lost, by number.
 
-    tiling: how the map is cut, without the tiles.
+    tiling: how the map is cut, without the tiles. engine: its name, as other processes load their own.
     """
 
     store: TileStore
     tiling: Tiling
     frames: Frames
     geometry: RectifiedPair
+    engine: str
 
     def __call__(self, placed: PlacedTile) -> dict[int, Unplaced]:
         """Fuse the tile and save it. Raises OutputError."""
         lost: dict[int, Unplaced] = {}
+        fuse_tile = engine(self.engine)
         self.store.save(placed.tile, fuse_tile(placed.tile, self.tiling, self._read(placed, lost), self.geometry))
         return lost
 
