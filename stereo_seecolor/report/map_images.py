@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.files.rasters import open_raster
+
 TILE_PX = 512
 FIRST_LEVEL = 8
 """At most 256 pixels: coarser levels are never viewed."""
@@ -50,13 +52,13 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
         import rasterio
     except ImportError:  # pragma: no cover: where the geo extra is missing
         return None
-    with rasterio.open(path) as mosaic:
+    with open_raster(path, 4) as mosaic:
         about = _place(mosaic)
 
     def read(box: Box, size: tuple[int, int]) -> NDArray[Any]:
-        with rasterio.open(path) as mosaic:
+        with open_raster(path, 4) as mosaic:
             window = rasterio.windows.Window(*box)
-            return np.moveaxis(mosaic.read(window=window, out_shape=(4, size[1], size[0])), 0, -1)
+            return np.moveaxis(mosaic.read([1, 2, 3, 4], window=window, out_shape=(4, size[1], size[0])), 0, -1)
 
     return about, pyramid(about["width"], about["height"], read)
 
@@ -72,10 +74,10 @@ class Terrain:
     def open(cls, path: Path) -> "Terrain | None":
         """None where the library that reads it is missing."""
         try:
-            import rasterio
+            import rasterio  # noqa: F401
         except ImportError:  # pragma: no cover: where the geo extra is missing
             return None
-        with rasterio.open(path) as file:
+        with open_raster(path) as file:
             scale = max(1.0, max(file.width, file.height) / SAMPLE_PX)
             size = max(1, int(file.height / scale)), max(1, int(file.width / scale))
             heights = file.read(1, out_shape=size, masked=True).filled(np.nan).astype(np.float64)
@@ -86,7 +88,7 @@ class Terrain:
         """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where unknown."""
         import rasterio
 
-        with rasterio.open(self.path) as file:
+        with open_raster(self.path) as file:
             shape = None if size is None else (size[1], size[0])
             window = rasterio.windows.Window(*box)
             part = file.read(1, window=window, out_shape=shape, masked=True)

@@ -10,6 +10,7 @@ import numpy as np
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -32,7 +33,7 @@ def write(posed: PosedRun, folder: Path) -> None:
     if not path.is_file():
         raise InputError(f"{path}: is not there: install the geo extra and fuse again")
     (folder / "tiles").mkdir()
-    with rasterio.open(path) as mosaic, (folder / "tiles.csv").open("w", encoding="utf-8", newline="") as table:
+    with open_raster(path, 4) as mosaic, (folder / "tiles.csv").open("w", encoding="utf-8", newline="") as table:
         meters = float(mosaic.transform.a)
         writer = csv.writer(table)
         writer.writerow(["name", "width_px", "height_px", "meters_per_pixel", "height_cm", "west_m", "north_m", "seen_fraction"])

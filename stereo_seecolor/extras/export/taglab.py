@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.run_folder.layout import MOSAIC, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -29,14 +30,14 @@ def write(posed: PosedRun, folder: Path) -> None:
     Raises InputError if the map has no orthomosaic or it is too large, DeviceError if the library that reads it is missing.
     """
     try:
-        import rasterio
+        import rasterio  # noqa: F401
     except ImportError as error:
         raise DeviceError('the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"') from error
     paths = [posed.map_folder / name for name in (MOSAIC, TERRAIN)]
     for path in paths:
         if not path.is_file():
             raise InputError(f"{path}: is not there: install the geo extra and fuse again")
-    with rasterio.open(paths[0]) as mosaic, rasterio.open(paths[1]) as terrain:
+    with open_raster(paths[0], 4) as mosaic, open_raster(paths[1]) as terrain:
         if max(mosaic.width, mosaic.height) > MOST_PX:
             raise InputError(f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a larger mapping.mosaic_m")
         _write_colors(mosaic, folder / "rgb.tif")

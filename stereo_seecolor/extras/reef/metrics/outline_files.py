@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.bounded_text import load_json
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.metrics.outlines import Outline, Ring
+from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
 from stereo_seecolor.run_folder.layout import MOSAIC
@@ -114,9 +115,7 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
 
 def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
     """Regions of the image that has the size of the map's orthomosaic; contours are x, y in its pixels."""
-    import rasterio
-
-    with rasterio.open(posed.map_folder / MOSAIC) as file:
+    with open_raster(posed.map_folder / MOSAIC) as file:
         size, transform = (file.width, file.height), file.transform
     images = [image for image in content["images"] if (image.get("width"), image.get("height")) == size]
     if not images:

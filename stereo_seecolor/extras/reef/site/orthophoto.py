@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.site.terrain import Terrain
+from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.layout import MOSAIC
@@ -32,19 +32,14 @@ def orthophoto(posed: PosedRun, terrain: Terrain) -> Orthophoto:
     path = posed.map_folder / MOSAIC
     if not georeference.available() or not path.is_file():
         return Orthophoto(_gray(np.nan_to_num(terrain.color), terrain.known), terrain.grid)
-    import rasterio
     from rasterio.enums import Resampling
-    from rasterio.errors import RasterioError
 
-    try:
-        with rasterio.open(path) as file:
-            cell_m, corner = file.res[0], (file.bounds.left - posed.offset_m[0], file.bounds.top - posed.offset_m[1])
-            step = max(FINEST_OF_VOXEL * posed.voxel_m / cell_m, float(np.sqrt(file.width * file.height / MOST_PX)), 1.0)
-            shape = max(int(file.height / step), 1), max(int(file.width / step), 1)
-            bands = file.read(out_shape=(4, *shape), resampling=Resampling.average)
-            grid = Grid(corner[0], corner[1], cell_m * file.width / shape[1], shape)
-    except RasterioError as error:
-        raise InputError(f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse {posed.run.root}") from error
+    with open_raster(path, 4) as file:
+        cell_m, corner = file.res[0], (file.bounds.left - posed.offset_m[0], file.bounds.top - posed.offset_m[1])
+        step = max(FINEST_OF_VOXEL * posed.voxel_m / cell_m, float(np.sqrt(file.width * file.height / MOST_PX)), 1.0)
+        shape = max(int(file.height / step), 1), max(int(file.width / step), 1)
+        bands = file.read([1, 2, 3, 4], out_shape=(4, *shape), resampling=Resampling.average)
+        grid = Grid(corner[0], corner[1], cell_m * file.width / shape[1], shape)
     return Orthophoto(_gray(np.moveaxis(bands[:3], 0, -1), bands[3] > 127), grid)
 
 
