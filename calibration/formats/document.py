@@ -5,6 +5,7 @@ cost time, and only plain data is ever built (no tags that run code, no XML enti
 """
 
 import re
+import stat
 from collections import Counter
 from json import JSONDecodeError
 from operator import itemgetter
@@ -60,7 +61,10 @@ def _is_binary(path: Path) -> bool:
 
 def _read_text(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_BYTES:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+            raise CalibrationError(f"{path}: is a device or a named pipe, not a file")
+        if status.st_size > MAX_BYTES:
             with path.open("rb") as file:
                 if kind := foreign(file.read(START_BYTES).decode(errors="replace")):
                     raise CalibrationError(f"{path}: {kind}")

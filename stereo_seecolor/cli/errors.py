@@ -5,17 +5,21 @@ An error that is not known is a defect of this program and keeps its traceback.
 """
 
 import contextlib
-from collections.abc import Callable
+import errno
+import os
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import typer
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
 from stereo_seecolor.cli.streams import write_error, write_out
-from stereo_seecolor.errors import OutputError
+from stereo_seecolor.errors import OutputError, printable
 from stereo_seecolor.files.json_values import json_line
 
 KNOWN = {"stereo_seecolor.errors.SeeColorError", "calibration.errors.CalibrationError"}
+OF_THE_MACHINE = (errno.ENOSPC, errno.EROFS, errno.EMFILE, errno.ENFILE, errno.EIO, errno.ENOMEM)
+"""Errors of the system that are no defect of this program, whatever file they are of."""
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 
 
@@ -34,12 +38,30 @@ def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
             return _fail(message, EXIT_USAGE, as_json) if message else EXIT_USAGE
         if not is_known(error):
             raise
-        return _fail(str(error), EXIT_KNOWN_ERROR, as_json)
+        return _fail(message_of(error), EXIT_KNOWN_ERROR, as_json)
 
 
 def is_known(error: Exception) -> bool:
-    """True for this program's own errors, whose message suffices for a user; by name: two copies of a module have two classes."""
-    return not KNOWN.isdisjoint(f"{base.__module__}.{base.__qualname__}" for base in type(error).__mro__)
+    """True for errors whose message suffices for a user: this program's own, by name (two copies of a module have two classes), and
+    those of the system that name a file, or say that there is no room.
+    """
+    if isinstance(error, OSError) and (error.filename or error.errno in OF_THE_MACHINE):
+        return True
+    return not KNOWN.isdisjoint(_names(error))
+
+
+def _names(error: Exception) -> Iterator[str]:
+    return (f"{base.__module__}.{base.__qualname__}" for base in type(error).__mro__)
+
+
+def message_of(error: Exception) -> str:
+    """The message as one line. Readers name most files themselves; what they did not foresee is named here: a folder that may not
+    be searched, a name that is too long.
+    """
+    if isinstance(error, OSError) and KNOWN.isdisjoint(_names(error)):
+        place = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes | os.PathLike) else ""
+        return printable(f"{place}{error.strerror or error}")
+    return str(error)
 
 
 def _fail(message: str, code: int, as_json: bool) -> int:

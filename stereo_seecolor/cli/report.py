@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
-from stereo_seecolor.cli.errors import EXIT_DONE, is_known
+from stereo_seecolor.cli.errors import EXIT_DONE, is_known, message_of
 from stereo_seecolor.cli.logs import logging_to
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.streams import write_error, write_out
@@ -74,7 +74,7 @@ class Report:
                 log.warning("%s: interrupted", self.command)
                 raise
             except Exception as error:
-                log.error("%s failed: %s", self.command, error, exc_info=self.verbose or not is_known(error))
+                log.error("%s failed: %s", self.command, message_of(error), exc_info=self.verbose or not is_known(error))
                 raise
             log.info("%s ended", self.command)
 
