@@ -19,13 +19,16 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
-from stereo_seecolor.extras.fleet.campaign_records import write_records
-from stereo_seecolor.extras.fleet.campaign_table import TABLE, DiveState, State, load_states, save_states
+from stereo_seecolor.extras.fleet.campaign_files import refuse_foreign
+from stereo_seecolor.extras.fleet.campaign_records import COLLECTION, RECORDS, write_records
+from stereo_seecolor.extras.fleet.campaign_table import STATES, TABLE, DiveState, State, load_states, save_states
 from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
 from stereo_seecolor.files.text_documents import read_yaml
 from stereo_seecolor.run_folder.frames_table import RunSummary
 
 WATERS = "waters"
+RESERVED = {WATERS, RECORDS, TABLE, STATES, Path(COLLECTION).stem}
+"""Names of the campaign's own files and folders in ``out``, and of a record."""
 
 log = logging.getLogger(__name__)
 
@@ -78,6 +81,11 @@ class CampaignFile(BaseModel):
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice:
             raise InputError(f"{path}: two dives are called {twice!r}: give each a name of its own")
+        taken = next((name for name in names if name.casefold() in RESERVED), None)
+        if taken:
+            raise InputError(
+                f"{path}: a dive is called {taken!r}, as a file or folder of the campaign itself: give it another name"
+            )
         return campaign
 
 
@@ -101,6 +109,7 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
     """
     plan = _Campaign(CampaignFile.read(file), file.parent)
     options = replace(options or RunOptions(), also_read=(file,))
+    refuse_foreign(plan.root, plan.files)
     earlier = load_states(plan.root)
     begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in plan.dives}
     states = {**begun, **earlier}
@@ -131,6 +140,13 @@ class _Campaign:
 
     def out(self, dive: DiveEntry) -> Path:
         return self.root / dive.name
+
+    @property
+    def files(self) -> list[Path]:
+        """All that the campaign writes beside the folders of its dives."""
+        records = [f"{dive.name}{ending}" for dive in self.dives for ending in (".json", ".ifdo.yaml")]
+        waters = [self.site_water(dive) for dive in self.dives if dive.site]
+        return [self.root / TABLE, self.root / STATES, *(self.root / RECORDS / name for name in (COLLECTION, *records)), *waters]
 
     def inputs(self, dive: DiveEntry) -> StereoInputs:
         calib = ",".join(str(self.folder / part) for part in dive.calib.split(","))

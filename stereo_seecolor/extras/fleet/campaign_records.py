@@ -9,11 +9,11 @@ from pathlib import Path
 from calibration import CalibrationError
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.export import ifdo, stac
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.extras.fleet.campaign_files import write_own
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
-RECORDS = "records"
+RECORDS, COLLECTION = "records", "collection.json"
 
 log = logging.getLogger(__name__)
 
@@ -32,12 +32,12 @@ def write_records(root: Path, dives: Mapping[str, Path]) -> Path:
             log.warning("%s: has no record: %s", name, error)
             continue
         if images:
-            write_atomic(folder / f"{name}.ifdo.yaml", images)
+            write_own(root, folder / f"{name}.ifdo.yaml", images)
             item["assets"]["ifdo"] = {"href": f"{name}.ifdo.yaml", "type": "application/yaml", "title": "metadata of the images"}
-        write_atomic(folder / f"{name}.json", json.dumps(item, indent=1, allow_nan=False).encode())
+        write_own(root, folder / f"{name}.json", json.dumps(item, indent=1, allow_nan=False).encode())
         items.append(item)
     whole = stac.collection(items, root.resolve().name)
-    write_atomic(folder / "collection.json", json.dumps(whole, indent=1, allow_nan=False).encode())
+    write_own(root, folder / COLLECTION, json.dumps(whole, indent=1, allow_nan=False).encode())
     return folder
 
 

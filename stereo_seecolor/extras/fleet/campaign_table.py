@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.extras.fleet.campaign_files import write_own
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.own_paths import is_plain_name
 
@@ -47,9 +47,9 @@ def load_states(root: Path) -> dict[str, DiveState]:
 
 def save_states(root: Path, states: Mapping[str, DiveState]) -> None:
     """Write both files. Raises OutputError."""
-    write_atomic(root / STATES, json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode())
+    write_own(root, root / STATES, json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode())
     text = io.StringIO()
     table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
     table.writeheader()
     table.writerows(asdict(state) for state in states.values())
-    write_atomic(root / TABLE, text.getvalue().encode())
+    write_own(root, root / TABLE, text.getvalue().encode())

@@ -14,7 +14,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.extras.fleet.campaign_files import write_own
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.water_file import waters_content
@@ -66,7 +66,7 @@ def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
     waters = fitter.waters()
     usual = next(iter(waters.values()))
     for file, frames in names.items():
-        write_atomic(file, waters_content({name: waters.get(_key(file, name), usual) for name in frames}))
+        write_own(file.parent.parent, file, waters_content({name: waters.get(_key(file, name), usual) for name in frames}))
 
 
 def _key(file: Path, name: str) -> str:

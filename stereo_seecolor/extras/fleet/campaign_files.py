@@ -1,0 +1,57 @@
+"""The files of a campaign beside the folders of its dives: only what the campaign wrote, and as it wrote it, is replaced."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import Content, write_atomic
+from stereo_seecolor.files.json_records import load_object
+
+WRITTEN = ".campaign-files.json"
+"""In the campaign's folder: SHA-256 of each file that it wrote, of what was there before and of the new: a kill leaves either."""
+FORMAT = "stereo-seecolor/campaign-files"
+
+
+def refuse_foreign(root: Path, files: Iterable[Path]) -> None:
+    """Raise OutputError where one of ``files`` in a campaign's folder is there and is not as the campaign wrote it."""
+    written = _written(root)
+    for file in files:
+        if file.is_symlink() or (file.exists() and not _is_of(file, written.get(_name(root, file), ()))):
+            raise OutputError(f"{file}: is not of this campaign, or was changed since, and would be replaced: move it elsewhere")
+
+
+def write_own(root: Path, file: Path, content: Content) -> None:
+    """Write a file of a campaign whose folder is ``root``. Raises OutputError, also where another's file is in its place."""
+    refuse_foreign(root, [file])
+    whole = bytes(content) if isinstance(content, bytes | memoryview) else b"".join(content)
+    written, name = _written(root), _name(root, file)
+    hashes = [*([_sha256(file.read_bytes())] if file.exists() else []), _sha256(whole)]
+    write_atomic(root / WRITTEN, json.dumps({"format": FORMAT, "files": {**written, name: hashes}}).encode())
+    write_atomic(file, whole)
+
+
+def _name(root: Path, file: Path) -> str:
+    return file.relative_to(root).as_posix()
+
+
+def _is_of(file: Path, hashes: Iterable[str]) -> bool:
+    return file.is_file() and _sha256(file.read_bytes()) in hashes
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _written(root: Path) -> dict[str, list[str]]:
+    file = root / WRITTEN
+    try:
+        content = load_object(file)
+        if content["format"] != FORMAT:
+            raise ValueError("another format")
+        return dict(content["files"])
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OutputError(f"{file}: is not as this program writes it: move it elsewhere; nothing was touched") from error
