@@ -211,11 +211,13 @@ def test_what_a_killed_client_left_of_its_workers_is_deleted_by_the_next(tmp_pat
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     kept = [tmp_path / f"{connect.SCRATCH}{os.getpid()}-a", tmp_path / "stereo-seecolor-elsewhere-1-a", tmp_path / "other"]
-    left = tmp_path / f"{connect.SCRATCH}{gone.pid}-a"
+    left, mine = tmp_path / f"{connect.SCRATCH}{gone.pid}-a", tmp_path / f"{connect.SCRATCH}{gone.pid}-my-dives"
     for folder in (*kept, left):
         (folder / "dask-scratch-space").mkdir(parents=True)
+        (folder / connect.MARK).touch()
+    mine.mkdir()
     connect.remove_abandoned()
-    assert sorted(tmp_path.iterdir()) == sorted(kept)
+    assert sorted(tmp_path.iterdir()) == sorted([*kept, mine])
 
 
 @pytest.fixture(scope="module")

@@ -44,6 +44,8 @@ ADAPT_S, IDLE_LOOKS = "10s", 6
 """Time between two decisions on the number of jobs, and the number of decisions for which a job is idle before it ends."""
 SCRATCH = f"stereo-seecolor-{platform.node()}-"
 """Beginning of the name of local workers' folder, among temporary files; the client's process number follows."""
+MARK = ".scratch-of-stereo-seecolor-workers"
+"""A file in each folder that this program made for workers: others with such a name are not deleted."""
 MEMORY_FRACTION = 0.95
 """Fraction of the machine's memory that its workers together may take."""
 
@@ -110,6 +112,7 @@ def _local(workers: int) -> Iterator[OpenedCluster]:
     """Worker processes on this machine; they end with this process, however it ends."""
     remove_abandoned()
     with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch, ExitStack() as ends:
+        (Path(scratch) / MARK).touch()
         if not CAN_FORK:
             started = ends.enter_context(_scheduler(workers, scratch, run_keys(f"local:{workers}")))
             yield OpenedCluster(started, revive=lambda: started.scale(workers))
@@ -129,7 +132,7 @@ def remove_abandoned() -> None:
 
     for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(SCRATCH)}*"):
         client = folder.name.removeprefix(SCRATCH).split("-")[0]
-        if client.isdecimal() and not psutil.pid_exists(int(client)):
+        if (folder / MARK).is_file() and not folder.is_symlink() and client.isdecimal() and not psutil.pid_exists(int(client)):
             shutil.rmtree(folder, ignore_errors=True)  # of another user it stays
 
 
