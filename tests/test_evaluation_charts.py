@@ -258,7 +258,7 @@ def test_targets_of_other_images_are_named(folders: tuple[Path, Path], tmp_path:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[", "cannot be read"),
+        ("[", "targets.json: is not JSON"),
         ("[1]", "must hold"),
         ('{"a": [{"circle": [[0, 0], [1, 1], [2, 0]]}]}', "is one polygon, chart, dkk or spyder"),
         ('{"a": [{"polygon": [[0, 0], [1, 1]]}]}', "3 corners or more"),
