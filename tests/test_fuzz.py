@@ -8,7 +8,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
+import scipy.io
 from bag_writers import LEFT, RIGHT, START_NS, STEP_NS, raw, write_bag
 from video_writers import write_pair
 
@@ -19,6 +21,7 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.extras.streams.videos.motion import video_signals
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
@@ -109,6 +112,13 @@ def range_maps(folder: Path) -> list[Path]:
     range_m = np.random.default_rng(0).uniform(0, 5, (24, 32)).astype(np.float32)
     cv2.imwrite(str(folder / "a.tiff"), range_m)
     cv2.imwrite(str(folder / "b.png"), (range_m * 1000).astype(np.uint16))
+    (folder / "c.tif").write_bytes(encode_tiff(range_m.astype(np.float16)))
+    (folder / "d.pfm").write_bytes(b"Pf\n32 24\n-1\n" + range_m.tobytes())
+    np.save(folder / "e.npy", range_m)
+    np.savez_compressed(folder / "f.npz", range_m)
+    scipy.io.savemat(folder / "g.mat", {"range": range_m}, do_compression=True)
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"Z": range_m}) as file:
+        file.write(str(folder / "h.exr"))
     return sorted(folder.iterdir())
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from calibration.errors import CalibrationError
 from calibration.formats import mat73, npz, seagis
-from calibration.formats.mat5 import HEADER_BYTES, Mat5Reader, Opaque, byte_order
+from calibration.formats.mat5 import HEADER_BYTES, MAX_INFLATED_BYTES, Mat5Reader, Opaque, byte_order
 from calibration.formats.mcos import ObjectTable, subsystem_cells
 from calibration.formats.section import Section
 
@@ -44,15 +44,28 @@ def load_binary(path: Path) -> Section:
         raise CalibrationError(f"{path}: {error}") from error
 
 
-def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
+def read_arrays(raw: bytes, most_bytes: int) -> dict[str, Any] | None:
+    """Name -> value of all variables of a .mat, .npz or .npy, arrays of at most ``most_bytes``; None for any other file.
+
+    Raises CalibrationError as load_binary.
+    """
+    read = _array_reader(raw[:HEADER_BYTES])
+    return read(raw, most_bytes) if read else None
+
+
+def _array_reader(start: bytes) -> Callable[..., dict[str, Any]] | None:
     if start.startswith(b"MATLAB 7.3"):
         return mat73.read
     if start.startswith(b"MATLAB "):
         return _read_mat5
     if start.startswith(b"PK\x03\x04"):
         return npz.read
-    if start.startswith(b"\x93NUMPY"):
-        return npz.read_one
+    return npz.read_one if start.startswith(b"\x93NUMPY") else None
+
+
+def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
+    if read := _array_reader(start):
+        return read
     if start.startswith(PICKLES):
         return _refuse_pickle
     if start.startswith((b"CAM", b"CBL")) and len(start) > 3 and start[3] < 32:
@@ -64,10 +77,10 @@ def _refuse_pickle(_: bytes) -> dict[str, Any]:
     raise CalibrationError("holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez")
 
 
-def _read_mat5(raw: bytes) -> dict[str, Any]:
+def _read_mat5(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, Any]:
     if len(raw) < HEADER_BYTES:
         raise CalibrationError("is cut off: it is shorter than the header of a MAT-file")
-    variables = dict(Mat5Reader(raw, byte_order(raw[126:128])).variables(HEADER_BYTES))
+    variables = dict(Mat5Reader(raw, byte_order(raw[126:128]), most_bytes).variables(HEADER_BYTES))
     subsystem = variables.pop("", None)
     if any(isinstance(value, Opaque) for value in variables.values()):
         if subsystem is None or not hasattr(subsystem, "tobytes"):

@@ -38,10 +38,10 @@ class Opaque:
 
 
 class Mat5Reader:
-    """Reads elements of one buffer. order: "<" or ">"."""
+    """Reads elements of one buffer. order: "<" or ">". most_bytes: of a variable that is stored deflated."""
 
-    def __init__(self, data: bytes, order: str) -> None:
-        self._data, self._order = data, order
+    def __init__(self, data: bytes, order: str, most_bytes: int = MAX_INFLATED_BYTES) -> None:
+        self._data, self._order, self._most_bytes = data, order, most_bytes
         self._elements = 0
 
     def variables(self, start: int) -> Iterator[tuple[str, Any]]:
@@ -50,7 +50,7 @@ class Mat5Reader:
         while position + 8 <= len(self._data):
             kind, payload, position = self._element(self._data, position)
             if kind == MI_COMPRESSED:
-                kind, payload, _ = self._element(_inflate(payload), 0)
+                kind, payload, _ = self._element(_inflate(payload, self._most_bytes), 0)
             if kind == MI_MATRIX:
                 yield self._matrix(payload, 0)
 
@@ -145,14 +145,14 @@ def byte_order(mark: bytes) -> str:
     return "<" if mark == b"IM" else ">"
 
 
-def _inflate(payload: bytes) -> bytes:
+def _inflate(payload: bytes, most_bytes: int) -> bytes:
     inflater = zlib.decompressobj()
     try:
-        data = inflater.decompress(payload, MAX_INFLATED_BYTES)
+        data = inflater.decompress(payload, most_bytes)
     except zlib.error as error:
         raise CalibrationError(f"is damaged: {error}") from error
     if inflater.unconsumed_tail:
-        raise CalibrationError(f"holds a variable of more than {MAX_INFLATED_BYTES >> 20} MB, which no calibration does")
+        raise CalibrationError(f"holds a variable of more than {most_bytes >> 20} MB, which no calibration does")
     return data
 
 

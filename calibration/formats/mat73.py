@@ -17,8 +17,11 @@ from calibration.formats.mcos import ObjectTable
 SUBSYSTEM = "#subsystem#/MCOS"
 
 
-def read(raw: bytes) -> dict[str, Any]:
-    """Name -> value of all variables, as ``mat5`` gives them. Raises CalibrationError if it is damaged, or h5py is missing."""
+def read(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, Any]:
+    """Name -> value of all variables, as ``mat5`` gives them, arrays of at most ``most_bytes``.
+
+    Raises CalibrationError if it is damaged, or h5py is missing.
+    """
     try:
         import h5py
     except ImportError as error:
@@ -27,7 +30,7 @@ def read(raw: bytes) -> dict[str, Any]:
         ) from error
     try:
         with h5py.File(io.BytesIO(raw), "r") as file:
-            return _variables(_Mat73(file))
+            return _variables(_Mat73(file, most_bytes))
     except CalibrationError:
         raise
     except Exception as error:  # h5py raises whatever the damage leads to: OSError, KeyError, RuntimeError, UnicodeError ...
@@ -47,8 +50,8 @@ def _variables(reader: "_Mat73") -> dict[str, Any]:
 class _Mat73:
     """Turns nodes of the file into values, bounded in number, size and depth."""
 
-    def __init__(self, file: Any) -> None:
-        self.file = file
+    def __init__(self, file: Any, most_bytes: int) -> None:
+        self.file, self._most_bytes = file, most_bytes
         self._elements = 0
 
     def value(self, node: Any, depth: int) -> Any:
@@ -62,7 +65,7 @@ class _Mat73:
             return "" if kind == "char" else np.zeros((0, 0))
         if kind == "cell":
             return self.cells(node, depth)
-        if math.prod(node.shape) * node.dtype.itemsize > MAX_INFLATED_BYTES:
+        if math.prod(node.shape) * node.dtype.itemsize > self._most_bytes:
             raise CalibrationError(f"holds an array of shape {node.shape}, which no calibration does")
         array = np.asarray(node[()]).T
         if kind == "char":

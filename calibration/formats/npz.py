@@ -2,6 +2,7 @@
 
 import io
 import math
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -13,11 +14,24 @@ from calibration.errors import CalibrationError
 
 MAX_ARRAYS = 100  # a rig is some ten arrays
 MAX_ARRAY_BYTES = 2**20  # corners of 300 views are 0.3 MB
-DAMAGED = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError, RuntimeError, OverflowError, SyntaxError)
+DAMAGED = (
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    OverflowError,
+    SyntaxError,
+)
 
 
-def read(raw: bytes) -> dict[str, Any]:
-    """Name -> array. Raises CalibrationError for what is damaged, too large, or no array of numbers."""
+def read(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
+    """Name -> array, each of at most ``most_bytes``.
+
+    Raises CalibrationError for what is damaged, too large, or no array of numbers.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             if not any(info.filename.endswith(".npy") for info in archive.infolist()):
@@ -26,31 +40,31 @@ def read(raw: bytes) -> dict[str, Any]:
             members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
             if len(members) > MAX_ARRAYS:
                 raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
-            return {info.filename.removesuffix(".npy"): _array(archive, info) for info in members}
+            return {info.filename.removesuffix(".npy"): _array(archive, info, most_bytes) for info in members}
     except CalibrationError:
         raise
     except DAMAGED as error:
         raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
 
 
-def read_one(raw: bytes) -> dict[str, Any]:
+def read_one(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
     """The array of a .npy, which its file's name names."""
     try:
-        return {"matrix": _parsed("its array", raw)}
+        return {"matrix": _parsed("its array", raw, most_bytes)}
     except CalibrationError:
         raise
     except DAMAGED as error:
         raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
 
 
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most_bytes: int) -> Any:
     with archive.open(info) as file:
-        return _parsed(info.filename, file.read(MAX_ARRAY_BYTES + 1))
+        return _parsed(info.filename, file.read(most_bytes + 1), most_bytes)
 
 
-def _parsed(name: str, content: bytes) -> Any:
-    if len(content) > MAX_ARRAY_BYTES:
-        raise CalibrationError(f"{name}: holds more than {MAX_ARRAY_BYTES >> 20} MB, which no calibration does")
+def _parsed(name: str, content: bytes, most_bytes: int) -> Any:
+    if len(content) > most_bytes:
+        raise CalibrationError(f"{name}: holds more than {most_bytes >> 20} MB, which no calibration does")
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

@@ -116,7 +116,11 @@ def correct(
     images: Annotated[Path, opt.option("--images", "FOLDER", "Folder of rectified images.")],
     ranges: Annotated[
         Path,
-        opt.option("--range", "FOLDER", "Folder of range maps of the same names: float32 TIFF in meters, or 16-bit PNG in mm."),
+        opt.option(
+            "--range",
+            "FOLDER",
+            "Folder of range maps of the same names: TIFF, PFM, EXR, NPY, NPZ, MAT; meters, integers: mm.",
+        ),
     ],
     out: opt.Out = Path("out"),
     water: opt.WaterFile = None,

@@ -10,6 +10,7 @@ from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import pair_by_stem
+from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
@@ -18,7 +19,7 @@ from stereo_seecolor.run_folder.frames_table import RunSummary
 def correct(
     images: Path, ranges: Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
-    """Correct images that have range maps (float32 TIFF in meters or 16-bit PNG in millimeters), into ``out``.
+    """Correct images that have range maps (see ``read_range_map``), into ``out``.
 
     The images may be unrelated, so that ``color.lock: auto`` means ``frame`` here.
     Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's rows.
@@ -30,7 +31,7 @@ def correct(
     )
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
     job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, options.water))
-    with RunFolder(out, claim(owner, config, options, [*folders_of(images), *folders_of(ranges)])) as folder:
+    with RunFolder(out, claim(owner, config, options, [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)])) as folder:
         return job.conduct(folder, options)
 
 

@@ -52,6 +52,7 @@ EXTRAS = (
     Library("lazrs", "lazrs", "geo", "no LAZ point cloud"),
     Library("open3d", "open3d", "open3d", "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)"),
     Library("skimage", "scikit-image", "evaluation", "no color differences (evaluate, water --chart, report --charts)"),
+    Library("OpenEXR", "openexr", "exr", "no range maps in OpenEXR files (correct --range)"),
     Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
     Library("rosbags", "rosbags", "bags", "no ROS bags in (run --bag)"),
     Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),

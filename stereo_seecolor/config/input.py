@@ -31,6 +31,12 @@ class InputConfig(StageConfig):
         description="bgr: the files hold blue in the place of red, as pictures of OpenCV that were written by another library do. "
         "A run names images that look like it.",
     )
+    range_units_per_m: float | None = Field(
+        default=None,
+        gt=0,
+        description="Of range maps given to correct and evaluate: how many of their units are a meter: 1000 for millimeters, "
+        "100 for centimeters, 5000 for TUM RGB-D, 256 for KITTI. Not set: 1 for floating point, 1000 for integers.",
+    )
     right_half_first: bool = Field(
         default=False,
         description="Of images and videos that show both sides: the left (or upper) half is the right camera's.",

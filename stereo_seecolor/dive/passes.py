@@ -23,6 +23,7 @@ from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frame_stages import FrameStages, water_keys
 from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
 from stereo_seecolor.dive.pairs import Groups, Named, chosen
+from stereo_seecolor.dive.range_scale import range_scale_notes
 from stereo_seecolor.dive.repeated_images import RepeatedImages
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import PageMaker, Source
@@ -59,6 +60,7 @@ class Dive:
         self._light_known = not options.shard.whole  # all shards must have the same light, so that none is solved from one
         self._linked: Collection[str] = ()  # names of frames that show what the frame before them shows
         self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
+        self._makes_ranges = source.makes_ranges
         self._folder, self._options, self._last = folder, options, last
         self._progress = ProgressFile(folder.root)
         self._ranges: ContentKey | None = None  # of the ranges of all pairs, as the first pass finds them
@@ -98,6 +100,8 @@ class Dive:
                 return waters
         waters, notes = self._fit(pairs)
         notes += channel_order_notes(waters)
+        if self._config.color.method == "robust":
+            notes += range_scale_notes(waters, given=not self._makes_ranges)
         self._linked = ()
         self.notes += notes
         key = self._fit_key(pairs)

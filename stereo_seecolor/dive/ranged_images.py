@@ -47,7 +47,7 @@ class RangedImages:
         """The image and its range map. Raises InputError if they differ in size or cannot be read."""
         image = self.image(pair, clock)
         with clock("read"):
-            range_m = read_range_map(pair.right)
+            range_m = read_range_map(pair.right, self.config.input.range_units_per_m)
         if range_m.shape != image.shape[:2]:
             raise InputError(
                 f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its image {pair.left.name} is "

@@ -16,6 +16,7 @@ TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 BMP_SIGNATURE = b"BM"
 NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s")  # pgm and ppm of the netpbm manual: binary
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
+TIFF_SHORT = 3  # kind of a value: two bytes
 JPEG_APP1, JPEG_SCAN = 0xFFE1, 0xFFDA  # markers (ITU T.81)
 EXIF_PREFIX = b"Exif\x00\x00"
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -124,20 +125,29 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
 
 
 def _tiff_size(content: bytes) -> tuple[int, int]:
-    order = "<" if content[:1] == b"I" else ">"
-    size = {}
     try:
-        (directory,) = struct.unpack_from(order + "I", content, 4)
-        (count,) = struct.unpack_from(order + "H", content, directory)
-        for entry in range(count):
-            tag, kind = struct.unpack_from(order + "HH", content, directory + 2 + 12 * entry)
-            if tag in (TIFF_WIDTH, TIFF_HEIGHT):
-                (size[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), content, directory + 10 + 12 * entry)
+        tags = tiff_numbers(content)
     except struct.error as error:
         raise ValueError("is truncated (the TIFF's directory lies beyond the end of the file)") from error
-    if len(size) != 2:
+    if TIFF_WIDTH not in tags or TIFF_HEIGHT not in tags:
         raise ValueError("is damaged (the TIFF states no width and height)")
-    return size[TIFF_WIDTH], size[TIFF_HEIGHT]
+    return tags[TIFF_WIDTH], tags[TIFF_HEIGHT]
+
+
+def tiff_numbers(content: bytes) -> dict[int, int]:
+    """Tag -> number of the first page of a TIFF; of what is longer than a number, where it lies.
+
+    Raises struct.error if it is cut.
+    """
+    order = "<" if content[:1] == b"I" else ">"
+    (directory,) = struct.unpack_from(order + "I", content, 4)
+    (count,) = struct.unpack_from(order + "H", content, directory)
+    numbers = {}
+    for place in range(directory + 2, directory + 2 + 12 * count, 12):
+        tag, kind, length = struct.unpack_from(order + "HHI", content, place)
+        short = kind == TIFF_SHORT and length == 1
+        (numbers[tag],) = struct.unpack_from(order + ("H" if short else "I"), content, place + 8)
+    return numbers
 
 
 def _bmp_size(content: bytes) -> tuple[int, int]:

@@ -11,7 +11,8 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.inputs.containers import open_around
-from stereo_seecolor.inputs.decoding import decode_raw, decoded
+from stereo_seecolor.inputs.decoding import decoded
+from stereo_seecolor.inputs.range_maps import decode_range_map
 from stereo_seecolor.records import Image, Map
 
 BAYER_CODES = {
@@ -66,22 +67,13 @@ def _ordered(rgb: NDArray[Any], config: InputConfig) -> NDArray[Any]:
     return np.ascontiguousarray(rgb[..., ::-1]) if config.channels == "bgr" else rgb
 
 
-def read_range_map(path: Path) -> Map:
-    """Read a range map in meters along the ray: float32 TIFF in meters, or 16-bit PNG in millimeters; (H, W) float32.
+def read_range_map(path: Path, units_per_m: float | None = None) -> Map:
+    """Read a range map in meters along the ray, (H, W) float32: TIFF, PNG, PGM, PFM, OpenEXR, NumPy's or MATLAB's arrays.
 
+    units_per_m: how many of its units are a meter; None: 1 for floating point, 1000 for integers.
     Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such map.
     """
-    pixels = decode_raw(read_image_bytes(path), path, cv2.IMREAD_UNCHANGED)
-    if pixels.ndim != 2:
-        raise InputError(f"{path}: has {pixels.shape[2]} channels, a range map has one")
-    if pixels.dtype == np.uint16:
-        range_m = pixels.astype(np.float32) / 1000
-    elif pixels.dtype in (np.float32, np.float64):
-        range_m = pixels.astype(np.float32)
-    else:
-        raise InputError(f"{path}: holds {pixels.dtype} pixels, a range map is float32 meters or 16-bit millimeters")
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isfinite(range_m) & (range_m > 0), range_m, np.float32(np.nan))
+    return decode_range_map(read_image_bytes(path), path, units_per_m)
 
 
 def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Path) -> NDArray[np.uint16]:

@@ -60,20 +60,20 @@ class Listing:
     unreadable: tuple[Unpaired, ...] = ()
 
 
-def list_images(source: Path, what: str) -> Listing:
-    """List the files of a source that have the extension of an image; hidden files are left out.
+def list_images(source: Path, what: str, kinds: frozenset[str] = EXTENSIONS) -> Listing:
+    """List the files of a source that have the extension of an image, or another of ``kinds``; hidden files are left out.
 
     source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``; or
     several folders, see ``folder_parts``.
     Raises InputError if the folder is missing, cannot be read, or holds no such image.
     """
-    if source.is_file() and _is_image(source.name, "*"):
+    if source.is_file() and _is_image(source.name, "*", kinds):
         return Listing((source,))
-    parts = folder_parts(source)
-    return _together([list_images(one, what) for one in parts.values()]) if parts else _in_folder(source, what)
+    parts = folder_parts(source, kinds)
+    return _together([list_images(one, what, kinds) for one in parts.values()]) if parts else _in_folder(source, what, kinds)
 
 
-def folder_parts(source: Path) -> dict[str, Path]:
+def folder_parts(source: Path, kinds: frozenset[str] = EXTENSIONS) -> dict[str, Path]:
     """The folders (or patterns for one folder's files) of a source, in natural order, by the part of the name in which they differ.
 
     Those that a pattern matches (``10h`` and ``11h`` for ``DIVE/*/left``). Those in a folder that holds no image itself: cameras
@@ -82,8 +82,9 @@ def folder_parts(source: Path) -> dict[str, Path]:
     """
     folder, parts = split_pattern(source)
     if not parts:
-        return {} if _holds_images(folder) else {path.name: path for path in inner_folders(folder)}
-    found = {key: one for key, one in _matched(folder, parts) if is_pattern(one) or one.is_file() or _leads_to_images(one)}
+        return {} if _holds_images(folder, kinds) else {path.name: path for path in inner_folders(folder, kinds)}
+    matched = _matched(folder, parts, kinds)
+    found = {key: one for key, one in matched if is_pattern(one) or one.is_file() or _leads_to_images(one, kinds)}
     if len({side_of(key) for key in found} - {None}) > 1:
         raise InputError(f"{source}: matches folders of both sides ({', '.join(found)}): write one side's name into the pattern")
     if not found and len(parts) > 1:
@@ -91,40 +92,40 @@ def folder_parts(source: Path) -> dict[str, Path]:
     return {} if list(found.values()) == [source] else found
 
 
-def folders_of(source: Path) -> tuple[Path, ...]:
+def folders_of(source: Path, kinds: frozenset[str] = EXTENSIONS) -> tuple[Path, ...]:
     """Every folder (or the one image) that a source's files lie in. Raises as ``folder_parts``."""
-    return tuple(map(folder_of, folder_parts(source).values() or (source,)))
+    return tuple(map(folder_of, folder_parts(source, kinds).values() or (source,)))
 
 
-def _matched(folder: Path, parts: Sequence[str]) -> Iterator[tuple[str, Path]]:
+def _matched(folder: Path, parts: Sequence[str], kinds: frozenset[str]) -> Iterator[tuple[str, Path]]:
     """Sources below a folder that the parts of a pattern stand for, each with the names that its marks were matched by."""
     part, *rest = parts
-    if not rest and ((folder / part).is_file() or (is_marked(part) and _holds_images(folder, part))):
+    if not rest and ((folder / part).is_file() or (is_marked(part) and _holds_images(folder, kinds, part))):
         yield "", folder / part
         return
     for name, inner in matched_folders(folder, part).items():
-        for key, one in _matched(inner, rest) if rest else [("", inner)]:
+        for key, one in _matched(inner, rest, kinds) if rest else [("", inner)]:
             yield "_".join(filter(None, (name, key))), one
 
 
-def _leads_to_images(folder: Path) -> bool:
-    return _holds_images(folder) or bool(inner_folders(folder))
+def _leads_to_images(folder: Path, kinds: frozenset[str]) -> bool:
+    return _holds_images(folder, kinds) or bool(inner_folders(folder, kinds))
 
 
-def _holds_images(folder: Path, pattern: str = "*") -> bool:
+def _holds_images(folder: Path, kinds: frozenset[str], pattern: str = "*") -> bool:
     try:
         with os.scandir(folder) as entries:
-            return any(_is_image(entry.name, pattern) for entry in entries)
+            return any(_is_image(entry.name, pattern, kinds) for entry in entries)
     except OSError:
         return False  # said of the folder itself
 
 
-def inner_folders(folder: Path) -> list[Path]:
+def inner_folders(folder: Path, kinds: frozenset[str] = EXTENSIONS) -> list[Path]:
     """The folders directly in one that hold images, in natural order; none where their names are those of both sides."""
     inner = []
     with suppress(OSError):  # said of the folder itself
         inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")]
-    inner = [path for path in inner if _holds_images(path)]
+    inner = [path for path in inner if _holds_images(path, kinds)]
     sides = {side_of(path.name) for path in inner} - {None}
     return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
 
@@ -134,14 +135,14 @@ def _together(listings: Sequence[Listing]) -> Listing:
     return Listing(files, tuple(file for listing in listings for file in listing.unreadable))
 
 
-def _in_folder(source: Path, what: str) -> Listing:
+def _in_folder(source: Path, what: str, kinds: frozenset[str]) -> Listing:
     """The images directly in a folder, or those of them that a pattern names."""
     folder, pattern = (source.parent, source.name) if is_pattern(source) else (source, "*")
     names, others, problems = [], [], []
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
-                if not _is_image(entry.name, pattern):
+                if not _is_image(entry.name, pattern, kinds):
                     others.append(entry.name)
                 elif problem := entry_problem(entry):
                     problems.append(Unpaired(folder / entry.name, problem))
@@ -156,7 +157,7 @@ def _in_folder(source: Path, what: str) -> Listing:
     if not names:
         named = f" named {pattern}" if is_pattern(source) else ""
         hint = unread_hint([*others, *(file.path.name for file in problems)])
-        raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(EXTENSIONS))}){hint}")
+        raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(kinds))}){hint}")
     sort_naturally(names)
     problems.sort(key=lambda file: natural_key(file.path.name))
     return Listing(FolderFiles(folder, names), tuple(problems))
@@ -172,6 +173,6 @@ def unread_hint(names: Iterable[str]) -> str:
     return f"; {what}: convert them to PNG, or to TIFF if they are deeper than 8 bits"
 
 
-def _is_image(name: str, pattern: str) -> bool:
+def _is_image(name: str, pattern: str, kinds: frozenset[str]) -> bool:
     suffix = name[len(stem_of(name)) :]
-    return suffix.lower() in EXTENSIONS and fits(name, pattern)
+    return suffix.lower() in kinds and fits(name, pattern)

@@ -19,7 +19,10 @@ from stereo_seecolor.inputs.clock_offset import clock_offset_s, drift_notes
 from stereo_seecolor.inputs.listing import FolderFiles, Listing, Unpaired, list_images
 from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_keys, side_keys, stem_keys
 from stereo_seecolor.inputs.near_times import distances_s, nearest, timed
+from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
+
+SEVERAL = "several files are called"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +116,9 @@ class _Matching:
                 name = lefts[0].stem if lefts[0].stem == rights[0].stem else key
                 self.add(name, lefts[0], rights[0])
             else:
-                names = ", ".join(sorted(path.name for path in max(lefts, rights, key=len)))
-                reason = f"several files are called {key!r} ({names}): keep one of them, or name a pattern such as 'left/*.png'"
+                several = sorted(lefts if len(lefts) > len(rights) else rights)
+                names, example = ", ".join(path.name for path in several), f"{several[-1].parent.name}/*{several[-1].suffix}"
+                reason = f"{SEVERAL} {key!r} ({names}): keep one of them, or name a pattern such as '{example}'"
                 self.unpaired += [Unpaired(path, reason) for path in (*lefts, *rights)]
         self.drop_settled()
 
@@ -142,6 +146,12 @@ class _Matching:
                     how_far = f"the nearest in time is {off_s:.3f} s away, input.timestamp_tolerance_s is {tolerance_s:g}"
                     self.unpaired.append(Unpaired(path, f"no {side} image matches: {how_far}"))
         self.drop_settled()
+
+    @property
+    def ambiguous(self) -> str:
+        """Why no file has a partner, where several share a name; "" where that is not the reason."""
+        reasons = [file.reason for file in self.unpaired if file.reason.startswith(SEVERAL)]
+        return reasons[0] if reasons and not self.pairs else ""
 
     def drop_settled(self) -> None:
         """Leave only the files that wait for a partner."""
@@ -204,6 +214,8 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
     if not matching.pairs and config.pairing != "timestamp":
         notes = _settle_by_number(matching)
+    if matching.ambiguous:
+        raise InputError(f"{where}: {matching.ambiguous}")
     if not matching.pairs:
         both = matching.lefts and matching.rights
         example = f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
@@ -244,10 +256,12 @@ def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
     """Pair images with the range maps of the same stem, for people who bring their own; ``right`` is the range map."""
-    matching = _matching(list_images(images, "images"), list_images(ranges, "range maps"))
+    matching = _matching(list_images(images, "images"), list_images(ranges, "range maps", RANGE_EXTENSIONS))
     example = f"{matching.lefts[0].name} and {matching.rights[0].name}"
     _settle_single(matching, images, ranges)
     _settle_by_name(matching)
+    if matching.ambiguous:
+        raise InputError(f"{images} and {ranges}: {matching.ambiguous}")
     if not matching.pairs:
         raise InputError(f"{images} and {ranges}: no image has a range map of the same name, for example {example}")
     return _pairing(matching, "no range map matches", "no image matches")

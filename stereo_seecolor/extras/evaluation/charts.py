@@ -115,7 +115,8 @@ def _scored(
     pair: Pair, named: list[dict[str, NDArray[np.float64]]] | None, results: OtherResults, config: RunConfig
 ) -> _ScoredFrame:
     """Score every method on the targets of a frame. named: from the file of targets, None where it does not name this frame."""
-    image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
+    image = read_image(pair.left, config.input)
+    range_m = read_range_map(pair.right, config.input.range_units_per_m)
     if range_m.shape != image.shape[:2]:
         raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
     found = [] if named is None else targets_of(named, image, range_m)
