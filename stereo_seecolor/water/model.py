@@ -11,6 +11,7 @@ from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.json_values import JsonText, plain
 from stereo_seecolor.files.text_documents import read_json
+from stereo_seecolor.water import physics
 from stereo_seecolor.water.limits import MATRICES, PARAMETERS, problem_of
 
 FORMAT = "stereo-seecolor/water"
@@ -80,12 +81,12 @@ class Water:
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """B_c(z), shape (..., 3), as a fraction of full scale."""
         z, gamma_inf, beta, eta, alpha = _by_channel(range_m, self.gamma_inf, self.beta, self.eta, self.alpha)
-        return np.moveaxis(gamma_inf * -np.expm1(-beta * z) + eta * np.exp(-alpha * z), 0, -1)
+        return np.moveaxis(physics.backscatter(z, gamma_inf, beta, eta, alpha), 0, -1)
 
     def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """A_c(z) in (0, 1], shape (..., 3); the white point is not in it."""
         z, w, v, y, x = _by_channel(range_m, self.w, self.v, self.y, self.x)
-        return np.moveaxis(np.exp(-z * (w * np.exp(-v * z) + y * np.exp(-x * z))), 0, -1)
+        return np.moveaxis(physics.attenuation(z, w, v, y, x), 0, -1)
 
     def content(self) -> dict[str, Any]:
         """The water as JSON: lists in the order R, G, B, null for unknown values. A color matrix only where it mixes channels."""

@@ -1,12 +1,13 @@
 """The misfit of a frame's colors to a water: one fitted to other frames, or the frame's own."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.robust import SETTINGS as ROBUST
-from stereo_seecolor.color.fitting.robust import begin_content, parameters, trust_in
-from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, cost_at, minimize
+from stereo_seecolor.color.fitting.robust import begin_content, parameters, scale_of, trust_in
+from stereo_seecolor.color.fitting.robust_solver import NOISE, Problem, minimize
 from stereo_seecolor.color.fitting.scene_prior import whole_prior
 from stereo_seecolor.color.fitting.water_prior import WATER
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles
@@ -27,13 +28,22 @@ class MisfitSettings:
 SETTINGS = MisfitSettings()
 
 
-def quality(seen: RangeQuantiles, settings: RobustConfig, water: Water | None = None) -> float:
-    """The least cost of a frame's quantiles under ``water`` at any exposure; for None, under the water that fits the frame best.
+def quality(seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water] | None = None) -> NDArray[np.float64]:
+    """(N,) least cost of each frame's quantiles under its water at any exposure; for None, under the water that fits it best.
 
     The cost is half the sum of squared errors in standard deviations, with those of the priors: 0 or above.
-    water: of the robust method, or of another with attenuation far away (y) above 0.
+    waters: of the robust method, or of another with attenuation far away (y) above 0.
     """
-    scale = max(float(seen.light[..., -2].max()), ROBUST.least_light)
+    if not seen:
+        return np.zeros(0)
+    each: Sequence[Water | None] = waters or [None] * len(seen)
+    begun = [_begin(frame, settings, water) for frame, water in zip(seen, each, strict=True)]
+    return minimize([problem for problem, _ in begun], [x for _, x in begun])[2]
+
+
+def _begin(seen: RangeQuantiles, settings: RobustConfig, water: Water | None) -> tuple[Problem, NDArray[np.float64]]:
+    """What is minimized, and from where."""
+    scale = scale_of(seen)
     light = seen.light / scale
     mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
     brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
@@ -45,6 +55,4 @@ def quality(seen: RangeQuantiles, settings: RobustConfig, water: Water | None = 
     x = mean.copy()
     x[12:WATER] = brightest if water is None else x[12:WATER] + (brightest - x[12:WATER]).mean()
     begin_content(x, seen.range_m, light)
-    data, prior = Data(seen.range_m, light, seen.clipped, trust_in(seen)), Prior(mean, precision)
-    x, _ = minimize(x, data, prior, NOISE)
-    return cost_at(x, data, prior, NOISE)
+    return Problem(seen.range_m, light, seen.clipped, trust_in(seen), mean, precision), x

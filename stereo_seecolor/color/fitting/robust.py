@@ -9,18 +9,20 @@ those of natural scenes, a little warm, and the brighter the nearer to gray. The
 its curvature is the covariance.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, minimize
+from stereo_seecolor.color.fitting.robust_solver import NOISE, Problem, minimize
 from stereo_seecolor.color.fitting.scene_prior import SCENE, deviations, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
+from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Vector = NDArray[np.float64]
 
@@ -64,16 +66,39 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
     """``fit``, from the quantiles of a table."""
-    scale = max(float(seen.light[..., -2].max()), SETTINGS.least_light)
+    return fit_all([seen], config, start)[0]
+
+
+def fit_all(several: Sequence[RangeQuantiles], config: ColorConfig, start: Water | None = None) -> list[Water]:
+    """``fit`` of each of several tables, from their quantiles, at once."""
+    begun = [_begin(seen, config, start) for seen in several]
+    found, curvature, _ = minimize([problem for problem, _ in begun], [x for _, x in begun])
+    problems = (problem for problem, _ in begun)
+    return [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
+
+
+def _begin(seen: RangeQuantiles, config: ColorConfig, start: Water | None) -> tuple[Problem, Vector]:
+    """What is minimized, and from where."""
+    scale = scale_of(seen)
     light = seen.light / scale
-    mean, precision, prior_error = whole_prior(len(seen.range_m), config.robust)
+    mean, precision, _ = whole_prior(len(seen.range_m), config.robust)
     x = mean.copy()
     x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
     if start is not None and (start.v == RATE_OF_CHANGE).all():
         x[:WATER] = parameters(start, scale)
     begin_content(x, seen.range_m, light)
-    x, curvature = minimize(x, Data(seen.range_m, light, seen.clipped, trust_in(seen)), Prior(mean, precision), NOISE)
-    covariance = np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER]
+    return Problem(seen.range_m, light, seen.clipped, trust_in(seen), mean, precision), x
+
+
+def scale_of(seen: RangeQuantiles) -> float:
+    """The brightest light, a fraction of full scale, against which the fit counts light."""
+    return max(float(seen.light[..., -2].max()), SETTINGS.least_light)
+
+
+def _water(seen: RangeQuantiles, problem: Problem, x: Vector, curvature: NDArray[np.float64], config: ColorConfig) -> Water:
+    """The water of the parameters at the minimum, with standard errors and warnings."""
+    scale, precision, prior_error = scale_of(seen), problem.precision, whole_prior(len(seen.range_m), config.robust)[2]
+    covariance: NDArray[np.float64] = np.asarray(np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64)
     learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
@@ -94,7 +119,7 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
         white=white,
         standard_errors=dict(zip(("y", "w", "beta", "gamma_inf", "white"), errors, strict=True)),
         input_encoding=config.input_encoding,
-        warnings=(*_warnings(seen), *_highlight_warnings(x - mean, seen.light.shape[-1])),
+        warnings=(*_warnings(seen), *_highlight_warnings(x - problem.mean, seen.light.shape[-1])),
     )
 
 
@@ -160,11 +185,11 @@ def trust_in(seen: RangeQuantiles) -> Vector:
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
     """Set the reflectances and brightnesses in ``x`` to means of the direct signal's logarithm under the water in ``x``."""
     log_far, log_near, log_beta, log_backscatter, log_white = x[:WATER].reshape(5, 3, 1)
-    backscatter = np.exp(log_backscatter + log_white) * -np.expm1(-np.exp(log_beta) * range_m)
-    loss = range_m * np.exp(log_far) * (1 + np.expm1(log_near) * np.exp(-RATE_OF_CHANGE * range_m))
+    veil = backscatter(range_m, np.exp(log_backscatter + log_white), np.exp(log_beta), 0.0, 0.0)
+    far = np.exp(log_far)
+    loss = optical_depth(range_m, far * np.expm1(log_near), RATE_OF_CHANGE, far, 0.0)
     direct = (
-        np.log(np.maximum(light - backscatter[..., None], SETTINGS.least_direct * light) + NOISE.floor)
-        + (loss - log_white)[..., None]
+        np.log(np.maximum(light - veil[..., None], SETTINGS.least_direct * light) + NOISE.floor) + (loss - log_white)[..., None]
     )
     reflectance = x[WATER : WATER + direct[:, 0].size].reshape(3, 1, -1)
     brightness = (direct - reflectance).mean(axis=(0, 2))

@@ -1,29 +1,32 @@
-"""Damped Gauss-Newton steps for the robust fit, compiled.
-
-Arrays are copied by loops: in one assignment, numba would compile a message about shapes, for seconds.
+"""Levenberg's damped Gauss-Newton steps for the robust fit, of many frames at once; derivatives of the water by autograd.
 
 A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances (channel after channel), of G
-brightnesses.
+brightnesses. Every range of a channel gets its own copy of the channel's five numbers, so that the gradients of
+sum(log A white) and of sum(B) are the whole Jacobian: two backward passes.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from typing import NamedTuple, Self
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
-from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Array = NDArray[np.float64]
 
 
-class Steps(NamedTuple):
-    """Levenberg's damped Gauss-Newton steps. A tuple, since compiled code cannot read a dataclass."""
+@dataclass(frozen=True)
+class Steps:
+    """Levenberg's damped Gauss-Newton steps; weights are renewed after each."""
 
-    outer: int = 20
-    """Most steps with new weights."""
-    inner: int = 6
-    """Most steps between these."""
+    most: int = 400
+    """Most steps."""
     largest_move: float = 1.0
     """Largest change of a logarithm in one step: a factor of e."""
     first_damping: float = 1e-3
@@ -36,20 +39,17 @@ class Steps(NamedTuple):
     """Largest damping: beyond, steps are too short to matter."""
     least_damping: float = 1e-6
     """Least damping: below, a step is nearly Gauss-Newton's."""
-    inner_converged: float = 1e-3
-    """Fraction of the cost by which a step with the same weights must lower it."""
-    outer_converged: float = 3e-4
-    """The same for a step with new weights."""
+    converged: float = 1e-4
+    """A step down that moves no logarithm of the water by as much is the last."""
 
 
 STEPS = Steps()
-BRIGHTEST = np.exp(20.0)
-"""Light above this counts as this: it is finite, and far above that of any image."""
-LEAST_PIVOT = 1e-300
-"""Least pivot of Cholesky's factors: a matrix that rounding made singular gives a huge step, which ``largest_move`` bounds."""
+BRIGHTEST = 20.0
+"""Logarithm of light above which all counts as this: it is finite, and far above that of any image."""
 
 
-class Noise(NamedTuple):
+@dataclass(frozen=True)
+class Noise:
     """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100 (docs/lab/color.md)."""
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
@@ -74,204 +74,191 @@ class Noise(NamedTuple):
 NOISE = Noise()
 
 
-class Data(NamedTuple):
-    """The data of the fit. range_m (G,): meters. light (3, G, P): quantiles, as fractions of the brightest. clipped (3, G, P).
-    trust (G,): weight of each range, 0..1.
+class Problem(NamedTuple):
+    """A frame's data and prior. range_m (G,): meters. light (3, G, P): quantiles, as fractions of the brightest.
+
+    clipped (3, G, P). trust (G,): weight of each range, 0..1. mean (n,), precision (n, n): of the Gaussian prior.
     """
 
     range_m: Array
     light: Array
     clipped: NDArray[np.bool_]
     trust: Array
-
-
-class Prior(NamedTuple):
-    """A Gaussian prior of the parameters: mean (n,), precision (n, n)."""
-
     mean: Array
     precision: Array
 
 
 class Normal(NamedTuple):
-    """The normal equations. matrix (n, n): lower triangle of the Gauss-Newton matrix; slope (n,): the gradient."""
+    """Frames at some parameters. cost (N,): with renewed weights; cost_before: with those given. weights (N, 3, G, P).
 
-    matrix: Array
-    slope: Array
-
-
-@compiled
-def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, Array]:
-    """Minimize the cost by Levenberg's damped Gauss-Newton steps; returns the parameters and the Gauss-Newton matrix there."""
-    n = x.size
-    here, there = Normal(np.zeros((n, n)), np.zeros(n)), Normal(np.zeros((n, n)), np.zeros(n))
-    weights = np.empty(data.light.shape)
-    trial, damping = x.copy(), STEPS.first_damping
-    yes, no = n > 0, n < 0  # for the literals True and False, numba would compile the cost twice
-    for _ in range(STEPS.outer):
-        cost = _cost(x, data, prior, weights, noise, yes, here)
-        start = cost
-        for _ in range(STEPS.inner):
-            damped = here.matrix.copy()
-            for i in range(n):
-                damped[i, i] *= 1 + damping
-            move = _solve(damped, here.slope)
-            for i in range(n):
-                trial[i] = x[i] - min(max(move[i], -STEPS.largest_move), STEPS.largest_move)
-            new = _cost(trial, data, prior, weights, noise, no, there)
-            if new >= cost:
-                damping = min(damping * STEPS.more_damping, STEPS.most_damping)
-                continue
-            small = cost - new < STEPS.inner_converged * cost
-            x, trial, here, there, cost = trial, x, there, here, new
-            damping = max(damping * STEPS.less_damping, STEPS.least_damping)
-            if small:
-                break
-        if start - cost < STEPS.outer_converged * start:
-            break
-    _mirror(here.matrix)
-    return x, here.matrix
-
-
-def cost_at(x: Array, data: Data, prior: Prior, noise: Noise) -> float:
-    """Half the weighted sum of squares at ``x``, the prior's included."""
-    n = x.size
-    return float(_cost(x, data, prior, np.empty(data.light.shape), noise, True, Normal(np.zeros((n, n)), np.zeros(n))))
-
-
-@compiled
-def _at(x: Any, c: int, z: float) -> Any:
-    """For channel c at range z: optical depth, its derivative by log(near / far), backscatter, and its derivative by log beta."""
-    far, near, beta = np.exp(x[c]), np.exp(x[3 + c]), np.exp(x[6 + c])
-    saturated, decay = np.exp(x[9 + c] + x[12 + c]), np.exp(-RATE_OF_CHANGE * z)
-    rest = np.exp(-beta * z)
-    return z * far * (1 + (near - 1) * decay), z * far * near * decay, saturated * (1 - rest), saturated * rest * beta * z
-
-
-@compiled(shared=True)
-def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, renew: bool, normal: Any) -> Any:
-    """Half the sum of squares; into ``normal`` its matrix and slope.
-
-    renew: into ``weights`` (3, G, P) go those of the quantiles under ``x``. Of a quantile's model, q is the fraction that is direct
-    signal, and u is one over it: five sums of their products give what a range adds for the water and the range's brightness.
+    matrix (N, n, n): Gauss-Newton's; slope (N, n): the gradient.
     """
-    channels, groups, quantiles = data.light.shape
-    cost = _prior_cost(x, prior, normal) + _rate_cost(x, noise, normal)
-    reflectance = np.empty(channels * quantiles)
-    for i in range(reflectance.size):
-        reflectance[i] = np.exp(x[WATER + i])
-    for c in range(channels):
-        for g in range(groups):
-            depth, near_part, backscatter, rising = _at(x, c, data.range_m[g])
-            by_direct, by_backscatter = (-depth, -near_part, 0.0, 0.0, 1.0), (0.0, 0.0, rising, backscatter, backscatter)
-            bright, qq, qu, uu, qr, ur = WATER + channels * quantiles + g, 0.0, 0.0, 0.0, 0.0, 0.0
-            arriving = np.exp(x[12 + c] - depth + x[bright])
-            over = np.log((backscatter + noise.floor) / (data.light[c, g, 0] + noise.floor))
-            if over > 0.0 and not data.clipped[c, g, 0]:
-                u, weight = 1 / (backscatter + noise.floor), data.trust[g] / noise.darker**2
-                uu, ur, cost = weight * u * u, weight * u * over, cost + 0.5 * weight * over * over
-            for p in range(quantiles):
-                content = WATER + c * quantiles + p
-                direct = min(arriving * reflectance[content - WATER], BRIGHTEST)
-                u = 1 / (direct + backscatter + noise.floor)
-                q, r = direct * u, -np.log((data.light[c, g, p] + noise.floor) * u)
-                if renew:
-                    weights[c, g, p] = data.trust[g] * _weight(noise.content[p] * q, r, data.clipped[c, g, p], noise)
-                weight = weights[c, g, p]
-                wq, wu, cost = weight * q, weight * u, cost + 0.5 * weight * r * r
-                qq, qu, uu, qr, ur = qq + wq * q, qu + wq * u, uu + wu * u, qr + wq * r, ur + wu * r
-                _add_row(content, c, wq * q, wq * u, by_direct, by_backscatter, normal)
-                normal.matrix[content, content] += wq * q
-                normal.matrix[bright, content] += wq * q
-                normal.slope[content] += wq * r
-            for i in range(5):
-                a, b = by_direct[i], by_backscatter[i]
-                _add_row(3 * i + c, c, a * qq + b * qu, a * qu + b * uu, by_direct, by_backscatter, normal)
-                normal.slope[3 * i + c] += a * qr + b * ur
-            _add_row(bright, c, qq, qu, by_direct, by_backscatter, normal)
-            normal.matrix[bright, bright] += qq
-            normal.slope[bright] += qr
-    return cost
+
+    cost: Tensor
+    cost_before: Tensor
+    weights: Tensor
+    matrix: Tensor
+    slope: Tensor
+
+    def where(self, better: Tensor, other: "Normal") -> "Normal":
+        """Frames of this where ``better`` (N,), those of ``other`` elsewhere."""
+        chosen = (torch.where(better.view(-1, *(1,) * (a.dim() - 1)), a, b) for a, b in zip(self, other, strict=True))
+        return Normal(*chosen)
 
 
-@compiled
-def _mirror(matrix: Any) -> None:
-    """Fill the upper triangle from the lower one."""
-    for i in range(matrix.shape[0]):
-        for j in range(i):
-            matrix[j, i] = matrix[i, j]
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Problems, as tensors. z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n); precision (N, n, n)."""
+
+    z: Tensor
+    trust: Tensor
+    log_light: Tensor
+    clipped: Tensor
+    mean: Tensor
+    precision: Tensor
+
+    @classmethod
+    def of(cls, problems: Sequence[Problem]) -> Self:
+        """Several problems, padded to the ranges of the one that has most: ranges without trust, which move nothing."""
+        groups = max(len(problem.range_m) for problem in problems)
+        parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
+        z, light, clipped, trust, mean, precision = (torch.from_numpy(np.stack(part)) for part in parts)
+        return cls(z[:, None], trust[:, None], (light + NOISE.floor).log(), clipped, mean, precision)
+
+    def at(self, keep: Tensor) -> Self:
+        """The problems of a mask (N,)."""
+        return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
+
+    def normal(self, x: Tensor, weights: Tensor | None = None) -> Normal:
+        """Costs and normal equations at x (N, n). weights: those of ``cost_before``; None: the renewed ones."""
+        number, _, groups, quantiles = self.log_light.shape
+        log_transmitted, veil, (by_a, by_b) = self._water(x)
+        reflectance, brightness = x[:, WATER:-groups].view(number, 3, 1, quantiles), x[:, None, -groups:, None]
+        direct = (log_transmitted[..., None] + brightness + reflectance).clamp(max=BRIGHTEST).exp()
+        u = 1 / (direct + veil[..., None] + NOISE.floor)
+        q, r = direct * u, -u.log() - self.log_light
+        content = torch.tensor(NOISE.content, dtype=x.dtype)
+        w = self.trust[..., None] / ((content * q) ** 2 + NOISE.all**2 + (r / NOISE.outlier) ** 2)
+        w = w.masked_fill(self.clipped & (r > 0), 0)
+        over = ((veil + NOISE.floor).log() - self.log_light[..., 0]).clamp(min=0) * ~self.clipped[..., 0]
+        w_over = self.trust / NOISE.darker**2
+        excess, by_rates = _excess(x)
+        away = x - self.mean
+        pull = (self.precision @ away[..., None])[..., 0]
+        rest = 0.5 * ((w_over * over**2).sum((1, 2)) + (excess**2).sum(1) + (away * pull).sum(1))
+        cost = 0.5 * (w * r * r).sum((1, 2, 3)) + rest
+        before = cost.clone() if weights is None else 0.5 * (weights * r * r).sum((1, 2, 3)) + rest
+
+        wq, wu, k = w * q, w * u, w_over * (over > 0) / (veil + NOISE.floor)
+        qq, qu, wqq = (wq * q).sum(3), (wq * u).sum(3), wq * q
+        uu, qr, ur = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3), (wu * r).sum(3) + k * over
+        water = torch.einsum("incg,jncg->ncij", by_a * qq + by_b * qu, by_a) + torch.einsum(
+            "incg,jncg->ncij", by_a * qu + by_b * uu, by_b
+        )
+        by_content = torch.einsum("incg,ncgp->ncip", by_a, wqq) + torch.einsum("incg,ncgp->ncip", by_b, wq * u)
+        by_bright, along = (by_a * qq + by_b * qu).permute(1, 2, 0, 3), (by_a * qr + by_b * ur).sum(3)
+        matrix, slope = self.precision.clone(), pull.clone()
+        for c in range(3):
+            own, mine = slice(c, WATER, 3), slice(WATER + c * quantiles, WATER + (c + 1) * quantiles)
+            matrix[:, own, own] += water[:, c]
+            for one, other, block in (
+                (own, mine, by_content),
+                (own, slice(-groups, None), by_bright),
+                (mine, slice(-groups, None), wqq.mT),
+            ):
+                matrix[:, one, other] += block[:, c]
+                matrix[:, other, one] += block[:, c].mT
+            slope[:, own] += along[:, :, c].T
+        matrix.diagonal(dim1=1, dim2=2)[:, WATER:] += torch.cat([wqq.sum(2).reshape(number, -1), qq.sum(1)], 1)
+        slope[:, WATER:] += torch.cat([(wq * r).sum(2).reshape(number, -1), qr.sum(1)], 1)
+        matrix[:, :6, :6] += by_rates.mT @ by_rates
+        slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
+        return Normal(cost, before, w, matrix, slope)
+
+    def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
+        """log(A white) and B (N, 3, G), and their derivatives by the five logarithms of their channel, (5, N, 3, G)."""
+        number, _, groups, _ = self.log_light.shape
+        p = x[:, :WATER].view(number, 5, 3, 1).transpose(0, 1).expand(5, number, 3, groups).clone().requires_grad_()
+        far, near, beta, scatter, white = p
+        y = far.exp()
+        log_transmitted = white - optical_depth(self.z, torch.expm1(near) * y, RATE_OF_CHANGE, y, 0.0)
+        veil = backscatter(self.z, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
+        by_a, by_b = (torch.autograd.grad(part.sum(), p, retain_graph=True)[0] for part in (log_transmitted, veil))
+        return log_transmitted.detach(), veil.detach(), (by_a, by_b)
 
 
-@compiled
-def _weight(content: float, residual: float, clipped: bool, noise: Any) -> Any:
-    """A quantile's inverse variance, less for an outlier (Cauchy). A model above light at full
-    scale is not penalized: that may be clipped. content: standard deviation by differences of the scene between ranges."""
-    if clipped and residual > 0.0:
-        return 0.0
-    return 1 / (content**2 + noise.all**2 + (residual / noise.outlier) ** 2)
+def minimize(problems: Sequence[Problem], start: Sequence[Array]) -> tuple[list[Array], list[Array], Array]:
+    """Minimize each problem's cost from its start; returns parameters, Gauss-Newton matrices and costs at the minima.
+
+    Problems that have converged are left out of further steps.
+    """
+    groups = max(len(problem.range_m) for problem in problems)
+    padded = np.stack([np.pad(x, (0, groups - len(problem.range_m))) for x, problem in zip(start, problems, strict=True)])
+    with one_thread():
+        batch, x = Batch.of(problems), torch.from_numpy(padded)
+        going, damping = torch.ones(len(x), dtype=torch.bool), x.new_full((len(x),), STEPS.first_damping)
+        now = batch.normal(x)
+        for _ in range(STEPS.most):
+            here, at, damp = batch.at(going), x[going], damping[going]
+            known = Normal(*(part[going] for part in now))
+            damped = known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+            move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
+            trial = here.normal(at - move, known.weights)
+            better = trial.cost_before < known.cost
+            x[going] = torch.where(better[:, None], at - move, at)
+            damping[going] = torch.where(
+                better, (STEPS.less_damping * damp).clamp(min=STEPS.least_damping), STEPS.more_damping * damp
+            )
+            for whole, part in zip(now, trial.where(better, known), strict=True):
+                whole[going] = part
+            small = better & (move[:, :WATER].abs().amax(1) < STEPS.converged)
+            going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
+            if not going.any():
+                break
+    sizes = [len(problem.mean) for problem in problems]
+    found = [one[:size].copy() for one, size in zip(x.numpy(), sizes, strict=True)]
+    return found, [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)], now.cost.numpy()
 
 
-@compiled
-def _add_row(row: int, c: int, q: float, u: float, by_direct: Any, by_backscatter: Any, normal: Any) -> None:
-    """Adds to a row of the matrix at the five parameters of a channel's water."""
-    for i in range(5):
-        normal.matrix[row, 3 * i + c] += by_direct[i] * q + by_backscatter[i] * u
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for torch in this block: tensors of a fit are small, and threads that wait for each other spin."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
-@compiled(fastmath=True)
-def _prior_cost(x: Any, prior: Any, normal: Any) -> Any:
-    """Half the squared distance from the prior's mean; its matrix and slope begin ``normal``."""
-    cost, away = 0.0, np.empty(x.size)
-    for i in range(x.size):
-        away[i] = x[i] - prior.mean[i]
-    for i in range(x.size):
-        pull = 0.0
-        for j in range(x.size):
-            pull += prior.precision[i, j] * away[j]
-            normal.matrix[i, j] = prior.precision[i, j]
-        cost += 0.5 * pull * away[i]
-        normal.slope[i] = pull
-    return cost
+def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
+    """Solves (N, n, n) symmetric positive definite systems; where rounding made one singular, by the step of steepest descent."""
+    factor, failed = torch.linalg.cholesky_ex(matrix)
+    steepest = vector / matrix.diagonal(dim1=1, dim2=2)
+    return torch.where(failed[:, None] > 0, steepest, torch.cholesky_solve(vector[..., None], factor)[..., 0])
 
 
-@compiled
-def _rate_cost(x: Any, noise: Any, normal: Any) -> Any:
-    """Half the squared excess of green's attenuation over blue's, far and near, above what water can have; adds to ``normal``."""
-    cost = 0.0
-    for near in range(2):
-        green, blue = np.exp(x[1] + near * x[4]), np.exp(x[2] + near * x[5])
-        over = (green - blue - noise.green_over_blue) / noise.rate
-        if over > 0.0:
-            cost += 0.5 * over * over
-            at, by = (1, 2, 4, 5), (green / noise.rate, -blue / noise.rate, near * green / noise.rate, -near * blue / noise.rate)
-            for i in range(4):
-                normal.slope[at[i]] += over * by[i]
-                for j in range(i + 1):
-                    normal.matrix[at[i], at[j]] += by[i] * by[j]
-    return cost
+def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
+    """(N, 2) excess of green's attenuation over blue's, far and near, above what water can have, and its slopes (N, 2, 6)."""
+    rates = torch.stack([x[:, :3], x[:, :3] + x[:, 3:6]], 1).exp() / NOISE.rate
+    excess = (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(min=0)
+    slopes = x.new_zeros(len(x), 2, 6)
+    slopes[:, :, 1], slopes[:, :, 2] = rates[:, :, 1], -rates[:, :, 2]
+    slopes[:, 1, 4:6] = slopes[:, 1, 1:3]
+    return excess, slopes * (excess > 0)[..., None]
 
 
-@compiled(fastmath=True)
-def _solve(matrix: Any, vector: Any) -> Any:
-    """Solves a symmetric positive definite system by Cholesky's factors, in place."""
-    n = vector.size
-    out = vector.copy()
-    for j in range(n):
-        s = matrix[j, j]
-        for k in range(j):
-            s -= matrix[j, k] * matrix[j, k]
-        root = np.sqrt(max(s, LEAST_PIVOT))
-        matrix[j, j] = root
-        for i in range(j + 1, n):
-            s = matrix[i, j]
-            for k in range(j):
-                s -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = s / root
-    for i in range(n):
-        for k in range(i):
-            out[i] -= matrix[i, k] * out[k]
-        out[i] /= matrix[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            out[i] -= matrix[k, i] * out[k]
-        out[i] /= matrix[i, i]
-    return out
+def _padded(problem: Problem, groups: int) -> tuple[NDArray[np.generic], ...]:
+    """A problem's arrays with ``groups`` ranges; those that are added have no trust, and a prior by themselves."""
+    more, size = groups - len(problem.range_m), len(problem.mean)
+    precision = np.eye(size + more)
+    precision[:size, :size] = problem.precision
+    in_groups = ((0, 0), (0, more), (0, 0))
+    return (
+        np.pad(problem.range_m, (0, more), constant_values=1.0),
+        np.pad(problem.light, in_groups, constant_values=1.0),
+        np.pad(problem.clipped, in_groups),
+        np.pad(problem.trust, (0, more)),
+        np.pad(problem.mean, (0, more)),
+        precision,
+    )

@@ -158,7 +158,7 @@ class AutoFitter(Fitter):
     def waters(self) -> Mapping[str, Water]:
         """The water of each frame's stretch, by frame name; a stretch without a known range gets that of the stretch before."""
         chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
-        evidence = [self._evidence(chunk) for chunk in chunks]
+        evidence = _evidence(chunks, self._config)
         parts = _parts(evidence, self._config) if chunks else []
         stretches = [reduce(add, chunks[part.start : part.stop]) for part in parts]
         self._stretches = [stretch.frames for stretch in stretches]
@@ -182,18 +182,22 @@ class AutoFitter(Fitter):
         named = [f"{first} to {last}" if first != last else first for first, last in ends]
         return (f"the frames do not share one water: {len(named)} waters were fitted, one each for {'; '.join(named)}",)
 
-    def _evidence(self, chunk: _Chunk) -> _Evidence | None:
-        table = chunk.table()
-        if table is None:
-            return None
-        seen = quantiles_by_range(table, self._config.input_encoding)
-        return _Evidence(table, seen, quality(seen, self._config.robust))
+
+def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence | None]:
+    """The data of each chunk; None for one without light or a known range."""
+    tables = [chunk.table() for chunk in chunks]
+    known = [(i, table, quantiles_by_range(table, config.input_encoding)) for i, table in enumerate(tables) if table is not None]
+    costs = quality([seen for _, _, seen in known], config.robust)
+    found: list[_Evidence | None] = [None] * len(chunks)
+    for (i, table, seen), own in zip(known, costs, strict=True):
+        found[i] = _Evidence(table, seen, float(own))
+    return found
 
 
 def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
     """Stretches of chunks that share a water, in their order; chunks without evidence go with those before them."""
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    stretches = _joined([_Stretch.of([chunk], config) for chunk in chunks if chunk is not None], config)
+    stretches = _joined(_stretches([((chunk,), chunk.table) for chunk in chunks if chunk is not None], config), config)
     sizes = np.cumsum([len(stretch.chunks) for stretch in stretches[:-1]], dtype=int)
     edges = [0, *(known[cut] for cut in sizes), len(chunks)]
     return [range(a, b) for a, b in pairwise(edges)]
@@ -207,23 +211,16 @@ class _Stretch:
     table: MomentTable
     costs: NDArray[np.float64]
 
-    @classmethod
-    def of(cls, chunks: Sequence[_Evidence], config: ColorConfig, table: MomentTable | None = None) -> "_Stretch":
-        table = table or reduce(add, (chunk.table for chunk in chunks))
-        water = robust.fit(table, config)
-        costs = [quality(chunk.seen, config.robust, water) - chunk.own for chunk in chunks]
-        return cls(tuple(chunks), table, np.array(costs))
 
-    def joined(self, later: "_Stretch", config: ColorConfig) -> "_Join":
-        """This stretch joined with the next one, and the cost of joining."""
-        both = _Stretch.of(self.chunks + later.chunks, config, self.table + later.table)
-        number = len(self.chunks)
-        fewer, more = sorted((number, len(later.chunks)))
-        alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
-        added = (both.costs.sum() - self.costs.sum() - later.costs.sum()) / fewer
-        smaller = both.costs[:number] if number == fewer else both.costs[number:]
-        strain = max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone))
-        return _Join(both, float(strain))
+def _stretches(parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]], config: ColorConfig) -> list[_Stretch]:
+    """Stretches of given chunks and the tables of all of these; their waters are fitted together, and so are the costs."""
+    if not parts:
+        return []
+    waters = robust.fit_all([quantiles_by_range(table, config.input_encoding) for _, table in parts], config)
+    under = [(chunk, water) for (chunks, _), water in zip(parts, waters, strict=True) for chunk in chunks]
+    costs = quality([chunk.seen for chunk, _ in under], config.robust, [water for _, water in under])
+    added = np.split(costs - [chunk.own for chunk, _ in under], np.cumsum([len(chunks) for chunks, _ in parts])[:-1])
+    return [_Stretch(chunks, table, cost) for (chunks, table), cost in zip(parts, added, strict=True)]
 
 
 class _Join(NamedTuple):
@@ -233,16 +230,32 @@ class _Join(NamedTuple):
     strain: float
 
 
+def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
+    """Each pair of a stretch and the next one joined, and the cost of joining."""
+    joined = _stretches([(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config)
+    return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
+
+
+def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
+    """The cost that joining two stretches adds, as a fraction of the limit."""
+    number = len(earlier.chunks)
+    fewer, more = sorted((number, len(later.chunks)))
+    alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
+    added = (both.costs.sum() - earlier.costs.sum() - later.costs.sum()) / fewer
+    smaller = both.costs[:number] if number == fewer else both.costs[number:]
+    return float(max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone)))
+
+
 def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
     """Join neighbors, those with the least strain first, until every further join exceeds the limit."""
-    joins = [a.joined(b, config) for a, b in pairwise(stretches)]
+    joins = _joins(list(pairwise(stretches)), config)
     while joins:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)
         if joins[best].strain > 1:
             break
         stretches[best : best + 2] = [joins[best].stretch]
         joins[best : best + 1] = []
-        for i in (best - 1, best):
-            if 0 <= i < len(joins):
-                joins[i] = stretches[i].joined(stretches[i + 1], config)
+        beside = [i for i in (best - 1, best) if 0 <= i < len(joins)]
+        for i, join in zip(beside, _joins([(stretches[i], stretches[i + 1]) for i in beside], config), strict=True):
+            joins[i] = join
     return stretches
