@@ -72,6 +72,7 @@ KINDS = {
     "int16.tif": lambda: gdal_tiff(np.where(MILLIMETERS > 0, MILLIMETERS, 32000).astype(np.int16), 32000),
     "uint32.tif": lambda: gdal_tiff(MILLIMETERS.astype(np.uint32), 0),
     "big.tif": lambda: gdal_tiff(RANGE_M, np.nan, BIGTIFF="YES", compress="zstd"),
+    "zstd.tif": lambda: gdal_tiff(RANGE_M, np.nan, compress="zstd"),
     "u16.png": lambda: image_file(".png", MILLIMETERS.astype(np.uint16)),
     "u16 with a mark.png": lambda: image_file(".png", np.where(MILLIMETERS > 0, MILLIMETERS, 65535).astype(np.uint16)),
     "little.pfm": lambda: pfm(RANGE_M),

@@ -8,6 +8,8 @@ from stereo_seecolor.commands.stereo_inputs import sample
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.inputs.compression import compression_notes
+from stereo_seecolor.inputs.file_form import form_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import pair_by_stem
 from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
@@ -26,6 +28,7 @@ def correct(
     """
     config, options = _unrelated(config or RunConfig()), options or RunOptions()
     pairing = pair_by_stem(images, ranges)
+    pairing = pairing.with_notes((*compression_notes(pairing.pairs), *form_notes(pairing.pairs, config.color)))
     owner = Owner(
         "ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left), pairing.pairs
     )

@@ -17,6 +17,7 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes, special_kind
 from stereo_seecolor.inputs.compression import compression_notes
 from stereo_seecolor.inputs.dive_pairs import pair_sides
+from stereo_seecolor.inputs.file_form import form_notes
 from stereo_seecolor.inputs.linear_look import encoding_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
@@ -132,7 +133,8 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
     """
     facts = stored_facts(config.input, spread(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
-    notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *compression_notes(pairs))
+    form = (*compression_notes(pairs), *form_notes(pairs, config.color))
+    notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *form)
     return config.model_copy(update={"input": images}), notes
 
 

@@ -11,8 +11,9 @@ from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.damage import seam_row, seam_text
 from stereo_seecolor.inputs.frames import FrameReader
-from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.inputs.images import read_image, read_image_bytes, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image, Mask, RangeMap
 from stereo_seecolor.version import __version__
@@ -53,4 +54,6 @@ class RangedImages:
                 f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its image {pair.left.name} is "
                 f"{image.shape[1]}x{image.shape[0]}: give the range map of this very image"
             )
-        return image, RangeMap.of_ranges(range_m, np.isfinite(range_m))
+        row = seam_row(image, read_image_bytes(pair.left))
+        warnings = () if row is None else (f"{pair.left.name}: {seam_text(row)}",)
+        return image, RangeMap.of_ranges(range_m, np.isfinite(range_m), warnings)

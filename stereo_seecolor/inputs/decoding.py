@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.png import SIGNATURE
 from stereo_seecolor.files.quick_decode import has_exif, is_compiled, quickly_decoded
-from stereo_seecolor.inputs.headers import image_size
+from stereo_seecolor.inputs.damage import refuse_broken_stream
+from stereo_seecolor.inputs.headers import TIFF_SIGNATURES, image_size
 
 MAX_PIXELS = 150_000_000  # the largest cameras have 150 million; more is a damaged header
 
@@ -29,6 +30,8 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
         raise InputError(f"{path}: {error}: copy it again from the vehicle, or leave it out") from error
     if width * height > MAX_PIXELS:
         raise InputError(f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not read")
+    if content.startswith(TIFF_SIGNATURES):
+        refuse_broken_stream(content, path)
     # OpenCV turns what EXIF says is turned
     if "numba" in sys.modules and content.startswith(SIGNATURE) and not has_exif(content) and is_compiled():
         quick = quickly_decoded(content)

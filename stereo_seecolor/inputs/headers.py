@@ -17,6 +17,8 @@ BMP_SIGNATURE = b"BM"
 NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s")  # pgm and ppm of the netpbm manual: binary
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 TIFF_SHORT = 3  # kind of a value: two bytes
+TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a mask
+TIFF_COMPRESSION, TIFF_UNCOMPRESSED = 259, 1
 JPEG_APP1, JPEG_SCAN = 0xFFE1, 0xFFDA  # markers (ITU T.81)
 EXIF_PREFIX = b"Exif\x00\x00"
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -61,10 +63,15 @@ def exif_block(content: bytes) -> bytes:
 
 
 def _png_exif(content: bytes) -> bytes:
+    return png_chunk(content, b"eXIf")
+
+
+def png_chunk(content: bytes, wanted: bytes) -> bytes:
+    """The data of a PNG's first chunk of this kind, such as eXIf, PLTE and gAMA; b"" where there is none."""
     position = len(PNG_SIGNATURE)
     while position + 12 <= len(content):
         length, kind = struct.unpack_from(">I4s", content, position)
-        if kind == b"eXIf":
+        if kind == wanted:
             return content[position + 8 : position + 8 + length]
         position += 12 + length
     return b""
@@ -139,15 +146,34 @@ def tiff_numbers(content: bytes) -> dict[int, int]:
 
     Raises struct.error if it is cut.
     """
+    return _tiff_directory(content, struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)[0])[0]
+
+
+def tiff_pages(content: bytes) -> int:
+    """The number of pictures of a TIFF: previews and masks are left out. Of one that is cut, those before that."""
+    count, seen = 0, set()
+    try:
+        (directory,) = struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)
+        while directory and directory not in seen:
+            seen.add(directory)
+            tags, directory = _tiff_directory(content, directory)
+            count += not tags.get(TIFF_SUBFILE, 0) & TIFF_NOT_A_PAGE
+    except struct.error:
+        pass
+    return count
+
+
+def _tiff_directory(content: bytes, directory: int) -> tuple[dict[int, int], int]:
+    """The numbers of the directory that lies at ``directory``, and where the next one lies, 0 for none. Raises struct.error."""
     order = "<" if content[:1] == b"I" else ">"
-    (directory,) = struct.unpack_from(order + "I", content, 4)
     (count,) = struct.unpack_from(order + "H", content, directory)
-    numbers = {}
-    for place in range(directory + 2, directory + 2 + 12 * count, 12):
+    numbers, end = {}, directory + 2 + 12 * count
+    for place in range(directory + 2, end, 12):
         tag, kind, length = struct.unpack_from(order + "HHI", content, place)
         short = kind == TIFF_SHORT and length == 1
         (numbers[tag],) = struct.unpack_from(order + ("H" if short else "I"), content, place + 8)
-    return numbers
+    following = struct.unpack_from(order + "I", content, end)[0] if len(content) >= end + 4 else 0
+    return numbers, following
 
 
 def _bmp_size(content: bytes) -> tuple[int, int]:

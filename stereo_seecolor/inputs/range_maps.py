@@ -17,7 +17,7 @@ from calibration.formats.binary import read_arrays
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.numpy_files import PARSING
 from stereo_seecolor.inputs.decoding import MAX_PIXELS, decode_raw
-from stereo_seecolor.inputs.headers import TIFF_SIGNATURES, tiff_numbers
+from stereo_seecolor.inputs.headers import TIFF_COMPRESSION, TIFF_SIGNATURES, TIFF_UNCOMPRESSED, tiff_numbers
 from stereo_seecolor.inputs.listing import EXTENSIONS
 from stereo_seecolor.records import Map
 
@@ -31,6 +31,8 @@ PFM = re.compile(rb"Pf\s+(\d+)\s+(\d+)\s+(\S+?)\s")
 EXR_SIGNATURE = b"\x76\x2f\x31\x01"
 _RANGE_WORDS = re.compile("range|depth|dist|dep|(^|_)z($|_)", re.IGNORECASE)
 _HALF_FLOAT, _NO_DATA, _BITS = 16, 42113, 258  # bits; tags of GDAL and of TIFF 6.0
+_READ_BY_OPENCV = (TIFF_UNCOMPRESSED, 5, 7, 8, 32773, 32946)
+"""LZW, JPEG, deflate, PackBits, deflate."""
 _BIG_TIFF = (b"II+\x00", b"MM\x00+")
 _TOPS = (1.0, 255.0, 65535.0)
 """The largest values of maps that were normalized to their own least and largest one."""
@@ -129,12 +131,13 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
 
 
 def _needs_library(content: bytes) -> bool:
-    """True for half floats, and where a value stands for what is unknown: OpenCV reads neither. False if the file is cut."""
+    """True for what OpenCV does not read: half floats, other compressions, a value for what is unknown. False if it is cut."""
     try:
         tags = tiff_numbers(content)
     except struct.error:
         return False
-    return tags.get(_BITS) == _HALF_FLOAT or _NO_DATA in tags
+    compressed = tags.get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) not in _READ_BY_OPENCV
+    return tags.get(_BITS) == _HALF_FLOAT or _NO_DATA in tags or compressed
 
 
 def _tiff(content: bytes, path: Path) -> NDArray[Any]:
