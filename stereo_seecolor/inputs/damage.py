@@ -5,7 +5,7 @@ or of another file. OpenCV decodes both, and says nothing.
 """
 
 import io
-import struct
+import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,9 +94,21 @@ def refuse_broken_stream(content: bytes, path: Path) -> None:
     try:
         if tiff_numbers(content).get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) == TIFF_UNCOMPRESSED:
             return
-        image = TiffImageFile(io.BytesIO(content))
-    except (struct.error, SyntaxError, ValueError, OSError, KeyError):
-        return  # of a kind that Pillow does not read
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+            image = TiffImageFile(io.BytesIO(content))
+            _unpack(image, content)
+    except _BrokenStreamError as error:
+        raise InputError(f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})") from error
+    except Exception:  # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
+        return
+
+
+class _BrokenStreamError(Exception):
+    """Compressed pixels that cannot be unpacked."""
+
+
+def _unpack(image: TiffImageFile, content: bytes) -> None:
     try:
         if image.tag_v2[TIFF_COMPRESSION] in DEFLATED:  # whose checksums libtiff does not look at
             for place, length in zip(*(image.tag_v2[tag] for tag in _places(image)), strict=True):
@@ -104,7 +116,7 @@ def refuse_broken_stream(content: bytes, path: Path) -> None:
         else:
             image.load()
     except (OSError, ValueError, zlib.error) as error:
-        raise InputError(f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})") from error
+        raise _BrokenStreamError(str(error)) from error
 
 
 def _places(image: TiffImageFile) -> tuple[int, int]:
