@@ -36,6 +36,6 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 
 def _image_lines(lines: Lines) -> list[tuple[int, str]]:
     """Every second line that is no comment; the lines of points may be empty, so empty lines count."""
-    text = lines.path.read_text(encoding="utf-8-sig").splitlines()
+    text = lines.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     uncommented = [(i, line) for i, line in enumerate(text, start=1) if not line.startswith("#")]
     return [(i, line) for i, line in uncommented[::2] if line.strip()]
