@@ -248,6 +248,6 @@ def test_a_png_with_a_jpeg_of_one_name_is_named_once_in_a_merge(make_dive, tmp_p
     assert code == 3
     (line,) = [line for line in printed.splitlines() if line.startswith("unpaired: ") and "0000.jpg: " in line]
     assert line.endswith(
-        "0000.jpg: several files are called '0000' (0000.jpg, 0000.png): keep one of them, or name a pattern such as 'left/*.png'"
+        "0000.jpg: several files are called '0000' (0000.jpg, 0000.png): keep one of them, or name a pattern such as 'L/*.png'"
     )
     assert line.count(f"{dive.root / 'L/0000.jpg'}: ") == 1

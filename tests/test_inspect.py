@@ -238,7 +238,11 @@ def test_trajectories_are_named(make_dive, cli) -> None:
     (dive.root / "notes.txt").write_text("visibility 5 m\n")
     (dive.root / "usbl.csv").write_text("time,lat,lon,depth\n1,1,2,3\n2,1,2,3\n")
     found = inspect([dive.root])
-    assert [problem for problem in found.problems if "usbl.csv" in problem and "lacks heading" in problem]
+    assert [
+        problem
+        for problem in found.problems
+        if "usbl.csv" in problem and "is a table without heading (it has time, lat, lon, depth)" in problem
+    ]
     assert [(one.path.name, one.format, one.poses, one.pairs, one.by) for one in found.poses] == [
         ("a.tum", "TUM", 2, 0, "time"),
         ("nav.csv", "table of navigation", 3, 2, "name"),

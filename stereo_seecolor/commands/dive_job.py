@@ -13,7 +13,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import Source
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
@@ -96,7 +96,7 @@ def earlier_config(folder: RunFolder) -> RunConfig | None:
     """The settings of the run that OUT already holds; None where it holds none."""
     try:
         return open_run(folder.root).config
-    except InputError:
+    except (InputError, OutputError):  # the second: a result that the user replaced by a link, which this run sets aside
         return None
 
 

@@ -71,10 +71,13 @@ def refuse_links(root: Path) -> None:
 
 
 def refuse_links_out(root: Path) -> None:
-    """Raise OutputError where a file or folder that the program reads is a link that leads out of OUT."""
-    inside = root.resolve()
-    top = (root / name for name in (*OWN_FOLDERS, *DIVE_FILES, INDEX))
-    for path in (*top, *(path for name in OWN_FOLDERS for path in _links_below(root / name))):
+    """Raise OutputError where a file or folder that the program reads is a link that leads out of OUT.
+
+    What was set aside is never read, and may hold a link of the user's.
+    """
+    inside, folders = root.resolve(), [name for name in OWN_FOLDERS if name != SET_ASIDE]
+    top = (root / name for name in (*folders, *DIVE_FILES, INDEX))
+    for path in (*top, *(path for name in folders for path in _links_below(root / name))):
         if path.is_symlink() and not path.resolve().is_relative_to(inside):
             raise OutputError(f"{path}: is a link that leads out of {root}: put the file itself in its place")
 

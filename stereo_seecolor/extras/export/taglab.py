@@ -37,11 +37,12 @@ def write(posed: PosedRun, folder: Path) -> None:
     for path in paths:
         if not path.is_file():
             raise InputError(f"{path}: is not there: install the geo extra and fuse again")
-    with open_raster(paths[0], 4) as mosaic, open_raster(paths[1]) as terrain:
+    with open_raster(paths[0], 4) as mosaic:
         if max(mosaic.width, mosaic.height) > MOST_PX:
             raise InputError(f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a larger mapping.mosaic_m")
         _write_colors(mosaic, folder / "rgb.tif")
-        _write_heights(terrain, mosaic, folder / "dem.tif")
+        with open_raster(paths[1]) as terrain:  # what cannot be read is named by the innermost
+            _write_heights(terrain, mosaic, folder / "dem.tif")
         size, mm, on_earth = (mosaic.width, mosaic.height), 1000 * mosaic.res[0], posed.origin is not None
     project = _project(posed, size, mm, "rgb.tif" if on_earth else "")
     (folder / "project.json").write_text(json.dumps(project, indent=1) + "\n", encoding="utf-8")
