@@ -41,8 +41,10 @@ def assert_whole(out: Path) -> None:
             continue
         if path.suffix == ".png":
             read_image(path)
-        elif path.suffix == ".tiff":
+        elif path.suffix == ".tiff" and path.parent.name == "range":
             read_range_map(path)
+        elif path.suffix == ".tiff":
+            assert cv2.imread(str(path), cv2.IMREAD_UNCHANGED) is not None
         elif path.suffix == ".json":
             json.loads(path.read_text())
         elif path.suffix == ".ply":
