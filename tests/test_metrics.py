@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+from conftest import SampleRun
 from json_shapes import SHAPES, mismatch
 from mapping_scene import flat_frames, write_map
 from numpy.typing import NDArray
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.extras.reef.commands.metrics import metrics
 from stereo_seecolor.extras.reef.metrics.colony import Colony, Measured, measure_outlines
 from stereo_seecolor.extras.reef.metrics.cover import cover
 from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
@@ -25,6 +28,11 @@ from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_o
 from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.report.overview import dive_facts, methods
+from stereo_seecolor.report.texts import digits, phrase
+from stereo_seecolor.run_folder.finished_map import open_map
+from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 CELL_M = 0.01
@@ -251,8 +259,6 @@ def test_metrics_of_a_run_with_outlines(fused: Path, tmp_path: Path, cli: Callab
     code, said, _ = cli("metrics", fused, "--polygons", polygons)
     assert "not seen: 2" in said and "coral" in said
     with pytest.raises(OutputError, match="new or an empty folder"):
-        from stereo_seecolor.extras.reef.commands.metrics import metrics
-
         metrics(fused, None, tmp_path / "to")
 
 
@@ -314,3 +320,17 @@ def test_files_without_outlines_say_so(fused: Path, tmp_path: Path, content: str
     (tmp_path / "p.json").write_text(content)
     with pytest.raises(InputError, match=message):
         read_outlines(tmp_path / "p.json", open_posed_run(fused))
+
+
+def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: SampleRun) -> None:
+    made = open_map(sample_run.out)
+    assert made is not None and made.area_m2
+    with rasterio.open(made.folder / "dem.tif") as file:
+        assert np.isfinite(file.read(1)).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2)
+    with rasterio.open(made.folder / "orthomosaic.tif") as file:
+        assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2, rel=0.005)  # edges, in other cells
+    assert metrics(sample_run.out).area_m2 == pytest.approx(made.area_m2)
+    facts = DiveFacts.of(open_run(sample_run.out))
+    said = digits(made.area_m2)
+    assert f"{said} m² of reef" in methods(facts)
+    assert phrase("unit.m2", value=said) in {fact.value for fact in dive_facts(facts)}

@@ -49,14 +49,15 @@ def write_poses(path: Path, component: Component, placed: Placed) -> Path:
     return path
 
 
-def write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float) -> Path:
-    """Write map.json: the place of the map's local coordinates, the sizes of its voxels and cells, the factor on all ranges,
-    the engine that fused it."""
+def write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float, area_m2: float) -> Path:
+    """Write map.json: the place of the map's local coordinates, the planar area that it shows, the sizes of its voxels and cells,
+    the factor on all ranges, the engine that fused it."""
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
         "origin": asdict(place.origin) if place.origin else None,
         "crs": crs_name(place.origin),
+        "area_m2": area_m2,
         "range_scale": range_scale,
         "engine": config.engine,
         "voxel_m": config.voxel_edge_m,

@@ -247,7 +247,6 @@ class _Builder:
         check_tiling(tiling, config)
         place = Georeference(component.offset_m, self.placed.origin)
         files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, self.placed)]
-        files += [write_description(folder / "map.json", place, config, self.placed.range_scale)]
         store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component, config.engine)
         surfaces = partial(store.surfaces, tiling)
         self._fuse(component, tiling, store)
@@ -259,6 +258,8 @@ class _Builder:
             cloud, mesh, points = written.result()
             files += [cloud, mesh, preview.result()]
         files += write_rasters(folder, rasters, place) if rasters else ()
+        area_m2 = rasters.area_m2 if rasters else 0.0
+        files += [write_description(folder / "map.json", place, config, self.placed.range_scale, area_m2)]
         shutil.rmtree(scratch, ignore_errors=True)
         return files, points
 

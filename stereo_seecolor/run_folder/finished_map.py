@@ -27,8 +27,8 @@ class TrackPoint:
 class FinishedMap:
     """The main component of a map, in ``folder``.
 
-    track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that was seen, None where there is no
-    terrain model. cell_m: edges of voxels and cells by name. offset_m: (3,), what to add to the map's own
+    track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that the map
+    shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name. offset_m: (3,), what to add to the map's own
     coordinates to get those of its world. pieces: number of further components. origin: of x and y on Earth. range_scale:
     how many times as long ranges are in the map than in the frames' files.
     """
@@ -54,12 +54,11 @@ def open_map(out: Path) -> FinishedMap | None:
         cell_m = {name: float(description[name]) for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")}
         squares = _rows(folder / "reef_metrics.csv")
         site = next((_numbers(row) for row in squares if row["square"] == "site"), {})
-        seen = [float(row["coverage"]) for row in squares if row["square"] != "site" and row["coverage"]]
         return FinishedMap(
             folder=folder,
             track=tuple(_point(row) for row in _rows(folder / "poses.csv")),
             site=site,
-            area_m2=sum(seen) * cell_m["metrics_m"] ** 2 if seen else None,
+            area_m2=float(description["area_m2"]) if "area_m2" in description else None,
             cell_m=cell_m,
             offset_m=[float(value) for value in description["offset_m"]],
             pieces=len(list(folder.glob("piece_*"))),

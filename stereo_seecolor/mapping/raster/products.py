@@ -21,7 +21,7 @@ from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic import render_mosaic
 from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import ReefMetrics, measure_squares, site_of
-from stereo_seecolor.mapping.raster.terrain import render_terrain
+from stereo_seecolor.mapping.raster.terrain import known_area_m2, render_terrain
 from stereo_seecolor.mapping.surface.surface import Surface
 
 PREVIEW_PX = 3000
@@ -49,6 +49,11 @@ class Rasters:
         with beside(partial(measure_squares, terrain, config.square_m, scratch / "squares")) as squares:
             mosaic = render_mosaic(component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic")
         return cls(terrain, mosaic, squares.result())
+
+    @property
+    def area_m2(self) -> float:
+        """The planar area that the map shows."""
+        return known_area_m2((self.terrain.read(*window) for window in self.terrain.windows()), self.terrain.grid.cell_m)
 
 
 def write_preview(folder: Path, surfaces: Surfaces) -> Path:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
@@ -27,3 +28,8 @@ def render_terrain(surfaces: Iterable[Surface], grid: Grid, folder: Path) -> Blo
         rasterize(points, no_colors, surface.triangles, heights[0], np.zeros((*heights.shape[1:], 0), np.float32))
         terrain.write(rows, columns, heights)
     return terrain
+
+
+def known_area_m2(blocks: Iterable[NDArray[np.floating]], cell_m: float) -> float:
+    """The planar area that a map shows: of all cells of its terrain that have a height. blocks: of heights, NaN where unknown."""
+    return sum(int(np.isfinite(heights).sum()) for heights in blocks) * cell_m**2

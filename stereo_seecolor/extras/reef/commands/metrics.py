@@ -13,6 +13,7 @@ from stereo_seecolor.extras.reef.site.terrain import grid_of, terrain_of
 from stereo_seecolor.extras.reef.site.terrain_errors import terrain_errors
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder
+from stereo_seecolor.mapping.raster.terrain import known_area_m2
 
 
 def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None) -> SiteMetrics:
@@ -27,7 +28,7 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     errors = terrain_errors(site.posed, terrain)
     measured = measure_outlines(outlines, mesh, terrain, errors)
     colonies = tuple(colony for colony in measured if colony is not None)
-    seen_m2 = float(terrain.known.sum()) * terrain.grid.cell_m**2
+    seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
     result = SiteMetrics(
         structure=tuple(structure(mesh, terrain, errors)),
         colonies=colonies,
