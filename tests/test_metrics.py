@@ -322,6 +322,7 @@ def test_files_without_outlines_say_so(fused: Path, tmp_path: Path, content: str
         read_outlines(tmp_path / "p.json", open_posed_run(fused))
 
 
+@pytest.mark.slow
 def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: SampleRun) -> None:
     made = open_map(sample_run.out)
     assert made is not None and made.area_m2

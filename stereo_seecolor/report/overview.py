@@ -112,7 +112,6 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
         "track": digits(facts.track_m),
         "voxel": digits(1000 * made.cell_m["voxel_m"]),
         "area": digits(made.area_m2),
-        "coverage": f"{made.site.get('coverage', math.nan):.0%}",
     }
     sentences = [phrase("methods.map", **numbers)]
     if "surface_rugosity" in made.site:
