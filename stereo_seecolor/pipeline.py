@@ -18,6 +18,7 @@ from stereo_seecolor.color.render.carried_colors import within_measured
 from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.device import make_matcher, memory_of
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.frames import FrameReader
@@ -55,7 +56,9 @@ class Pipeline:
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
         self.original = OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
-        self.matcher = DetailMatcher(self.rectification.matching_pair, self.config.matching, seen)
+        self.matcher = DetailMatcher(
+            self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory_of(self.config.matching.device))
+        )
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = Corrector(self.config.color)
         self.reader = FrameReader(self.config.input)
@@ -69,7 +72,12 @@ class Pipeline:
         maps = (self.rectification.maps_left, self.rectification.maps_right)
         tables = (table.tobytes() for pair in maps if pair for table in pair)
         config = self.config
-        sections = (self.reader.settings, config.matching.model_dump(), config.output.range_std, config.output.preset)
+        sections = (
+            self.reader.settings,
+            config.matching.model_dump(exclude={"device"}),
+            config.output.range_std,
+            config.output.preset,
+        )
         return content_key(__version__, self.geometry, *tables, *sections)
 
     @property

@@ -48,6 +48,7 @@ def run(
     topics: opt.Topics = "",
     *,
     settings: opt.Settings,
+    device: opt.Device = None,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     shard: opt.ShardOption = "",
     cluster: opt.ClusterName = "",
@@ -65,7 +66,7 @@ def run(
     with ExitStack() as both_steps:  # the workers stay for the map
         with report.working() as listener:
             compute = both_steps.enter_context(computing(cluster, report.notice))
-            loaded = settings.load(refine)
+            loaded = settings.load(refine, device=device)
             if out_mcap:
                 load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite, bag)
             chosen = execution.options(workers, settings.config, listener)
@@ -126,6 +127,7 @@ def correct(
     water: opt.WaterFile = None,
     *,
     settings: opt.Settings,
+    device: opt.Device = None,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     execution: opt.Execution,
     report: Report,
@@ -135,7 +137,7 @@ def correct(
 
     with report.working() as listener:
         options = replace(execution.options(workers, settings.config, listener), water=water)
-        summary = correct_images(images, ranges, out, settings.load(), options)
+        summary = correct_images(images, ranges, out, settings.load(device=device), options)
     _end_with_page(report, summary, out, None)
 
 
@@ -148,6 +150,7 @@ def range_(
     refine: opt.RefineRig = False,
     *,
     settings: opt.Settings,
+    device: opt.Device = None,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     execution: opt.Execution,
     report: Report,
@@ -157,7 +160,7 @@ def range_(
 
     with report.working() as listener:
         options = replace(execution.options(workers, settings.config, listener), notice=report.notice)
-        summary = range_maps(left, right, calib, out, settings.load(refine), options)
+        summary = range_maps(left, right, calib, out, settings.load(refine, device=device), options)
     _end(report, summary, out)
 
 

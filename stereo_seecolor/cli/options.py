@@ -6,7 +6,7 @@ Options without a panel come first in the help of a command: those that everybod
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -74,6 +74,10 @@ LivePage = Annotated[
     bool,
     flag("--page", "Write OUT/index.html while the run is under way; an open browser reloads it by itself.", REPORTING),
 ]
+Device = Annotated[
+    Literal["auto", "cpu", "cuda"] | None,
+    option("--device", None, "Where frames are matched and corrected; auto takes a GPU where one is (docs/gpu.md).", EXECUTION),
+]
 Workers = Annotated[int, option("--workers", "N", "Number of pairs processed at the same time.", EXECUTION, min=1)]
 ClusterName = Annotated[
     str,
@@ -101,8 +105,11 @@ class Settings:
         list[str] | None, option("--set", "KEY=VALUE", "One setting, written section.key=value. May be repeated.", SETTINGS)
     ] = None
 
-    def load(self, refine: bool = False, run: Path | None = None) -> "RunConfig":
-        """The configuration. refine: --refine was given. run: an output folder whose settings are used if no file is named."""
+    def load(self, refine: bool = False, run: Path | None = None, device: str | None = None) -> "RunConfig":
+        """The configuration. refine: --refine was given. run: an output folder whose settings are used if no file is named.
+
+        device: --device, None where it was not given.
+        """
         from stereo_seecolor.config.file import load_config
 
         file = self.config
@@ -110,7 +117,8 @@ class Settings:
             from stereo_seecolor.run_folder.finished_run import settings_file
 
             file = settings_file(run)
-        return load_config(file, [*(self.settings or []), *(["input.refine=true"] if refine else [])])
+        chosen = [f"{stage}.device={device}" for stage in ("matching", "color") if device]
+        return load_config(file, [*(self.settings or []), *(["input.refine=true"] if refine else []), *chosen])
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ def find_device(name: str) -> torch.device:
     """The torch device of ``color.device``. Raises DeviceError for CUDA where there is none."""
     if name == "cuda" and not torch.cuda.is_available():
         raise DeviceError(
-            "color.device=cuda: torch finds no CUDA device here; set color.device=auto or cpu, or install a CUDA build of torch"
+            "device cuda: torch finds no CUDA device here; take auto or cpu (matching.device, color.device), or install "
+            "a CUDA build of torch (docs/gpu.md)"
         )
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")

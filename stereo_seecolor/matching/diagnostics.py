@@ -151,8 +151,12 @@ def vertical_disparity_warning(vertical_px: float) -> str | None:
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
     """Estimate how many pixels the right image's rows lie below the matching left ones; NaN where that cannot be estimated."""
     most = CONSTANTS.vertical_search_px
-    cost = _row_costs(padded(left), padded(right), PATTERN, disparity, most)
-    best = int(np.argmin(cost))
+    return vertical_px_of(_row_costs(padded(left), padded(right), PATTERN, disparity, most))
+
+
+def vertical_px_of(cost: NDArray[np.float64]) -> float:
+    """The shift of rows, pixels, with the least of the costs of shifts -most..most; NaN where none stands out."""
+    best, most = int(np.argmin(cost)), len(cost) // 2
     compared = cost.max() if best == most else cost[most]
     if cost[best] >= (1 - CONSTANTS.vertical_gain) * compared:
         return float("nan")

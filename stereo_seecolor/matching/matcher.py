@@ -13,7 +13,7 @@ from stereo_seecolor.matching.context import Context
 from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
 from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.fill import fill
-from stereo_seecolor.matching.gray import GrayPair
+from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.matching.onnx_engine import Network
 from stereo_seecolor.matching.opencv_engine import OpenCvMatching
 from stereo_seecolor.matching.refine import contrast_gain, refine_rows
@@ -94,15 +94,15 @@ class Matcher:
             found.forget(no_match.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
         range_map = self.range_map(found, pair)
         detail = float(np.isfinite(found.disparity).mean()) / found.reduced_fraction if found.reduced_fraction else 1.0
-        warnings = self._warnings(pair, range_map, repeated, vertical_px)
+        warnings = self._warnings(pair.small_left, range_map, repeated, vertical_px)
         return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
 
-    def _warnings(self, pair: GrayPair, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
+    def _warnings(self, small_left: Gray, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
         every = slice(None, None, self._scale), slice(None, None, self._scale)
         measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
         warnings = (
             diagnostics.repetition_warning(repeated),
-            diagnostics.one_sided_warning(pair.small_left, measured, repeated, self._scale),
+            diagnostics.one_sided_warning(small_left, measured, repeated, self._scale),
             diagnostics.vertical_disparity_warning(vertical_px),
         )
         return tuple(warning for warning in warnings if warning)

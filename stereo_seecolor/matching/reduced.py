@@ -1,5 +1,6 @@
 """Matching at reduced size: for speed, and for images that hold no detail at their full size."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,6 +26,10 @@ contrast is 74 % known instead of 49 %, but 10 % of that is wrong by over two pi
 """
 
 
+MakeMatcher = Callable[[RectifiedPair, MatchingConfig, Mask | None], Matcher]
+"""Makes the Matcher of one size: Matcher itself, or one whose pixels lie on a device."""
+
+
 def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
     """Give the geometry of images whose every pixel is the mean of shrink x shrink pixels; incomplete blocks at the end are left
     out.
@@ -41,10 +46,12 @@ class ReducedMatcher:
     The last pixels of a row or column that do not fill a block are unknown.
     """
 
-    def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None, shrink: int) -> None:
+    def __init__(
+        self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None, shrink: int, make: MakeMatcher = Matcher
+    ) -> None:
         self._shrink, self._size = shrink, pair.image_size
         seen: Mask | None = None if seen_left is None else np.asarray(self._blocks(seen_left).all(axis=(1, 3)))
-        self._matcher = Matcher(smaller(pair, shrink), config, seen)
+        self._matcher = make(smaller(pair, shrink), config, seen)
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """Compute the range map of a rectified pair, at the pair's size."""
@@ -98,12 +105,13 @@ class DetailMatcher:
     the comparisons of neighboring pixels there.
     """
 
-    def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
-        self.seen_left = seen_left
-        self._full = Matcher(pair, config, seen_left)
+    def __init__(
+        self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None, make: MakeMatcher = Matcher
+    ) -> None:
+        self._full = make(pair, config, seen_left)
         width, height = pair.image_size
         self._sizes = tuple(shrink for shrink in SIZES if width * height >= LEAST_PIXELS * shrink**2)
-        self._smaller = partial(ReducedMatcher, pair, config, seen_left)
+        self._smaller = partial(ReducedMatcher, pair, config, seen_left, make=make)
         self._built: dict[int, ReducedMatcher] = {}
 
     def match(self, frame: StereoFrame) -> RangeMap:
@@ -115,11 +123,15 @@ class DetailMatcher:
         del found  # half the memory of a large pair; where no smaller size knows more, which is rare, it is made again
         return self._at_smaller_size(frame, known) or self._full.match(frame)
 
+    def at(self, shrink: int) -> ReducedMatcher:
+        """The matcher at 1 / shrink of the size."""
+        return self._built.setdefault(shrink, self._smaller(shrink))
+
     def _at_smaller_size(self, frame: StereoFrame, known: float) -> RangeMap | None:
         """The range map at a size that knows more than this fraction of the pixels; None if there is none."""
         best: tuple[ReducedMatcher, RangeMap, int] | None = None
         for shrink in self._sizes:
-            matcher = self._built.setdefault(shrink, self._smaller(shrink))
+            matcher = self.at(shrink)
             found, detail = matcher.matched(frame)
             if matcher.known(found) <= known:
                 break

@@ -10,7 +10,7 @@ from stereo_seecolor.records import Map
 LARGE_IMAGE_PX = 600_000
 """Beyond this size every second pixel decides: the filter is not compiled for cores, and patches are larger, too."""
 _UNKNOWN = -0x8000
-_PER_PX = 16
+PER_PX = 16
 """OpenCV's fixed-point disparities; neighbors that differ by a pixel or less belong to one patch."""
 
 
@@ -20,7 +20,7 @@ def remove_speckles(disparity: Map, pixels: int) -> None:
     fixed = np.empty((-(-disparity.shape[0] // every), -(-disparity.shape[1] // every)), np.int16)
     _thin(disparity, every, fixed)
     kept = fixed.copy()
-    cv2.filterSpeckles(kept, _UNKNOWN, pixels // every**2, _PER_PX)
+    cv2.filterSpeckles(kept, _UNKNOWN, pixels // every**2, PER_PX)
     _remove(disparity, every, cv2.compare(kept, fixed, cv2.CMP_NE))
 
 
@@ -29,7 +29,7 @@ def _thin(disparity: Map, every: int, fixed: NDArray[np.int16]) -> None:
     for y in range(fixed.shape[0]):
         for x in range(fixed.shape[1]):
             d = disparity[y * every, x * every]
-            fixed[y, x] = np.int16(d * np.float32(_PER_PX)) if np.isfinite(d) else np.int16(_UNKNOWN)
+            fixed[y, x] = np.int16(d * np.float32(PER_PX)) if np.isfinite(d) else np.int16(_UNKNOWN)
 
 
 @compiled

@@ -89,6 +89,7 @@ def live(
     pairs: Pairs = None,
     *,
     settings: opt.Settings,
+    device: opt.Device = None,
     report: LoggedReport,
 ) -> None:
     """Correct pairs as they arrive, from folders, cameras, ROS 2 topics or a played bag; always the newest pair."""
@@ -110,7 +111,7 @@ def live(
             out, every, record, publish, port, host, budget_s, cpus, pairs, announce=lambda address: write_error(f"{address}\n")
         )
         inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
-        found = correct_live(inputs, settings.load(), options)
+        found = correct_live(inputs, settings.load(device=device), options)
     output = [f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
         output.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")

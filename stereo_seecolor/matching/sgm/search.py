@@ -11,11 +11,13 @@ from stereo_seecolor.matching.census import Census, census, mirrored_census
 from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.matching.sgm.band import WIDENING, Band
-from stereo_seecolor.matching.sgm.layout import TILE
+from stereo_seecolor.matching.sgm.layout import FAR, P1_SHIFT, TILE
 from stereo_seecolor.matching.sgm.penalties import PENALTIES, p2_maps
 from stereo_seecolor.matching.sgm.semiglobal import match_rows
 from stereo_seecolor.matching.speckles import remove_speckles
 from stereo_seecolor.records import Map, StereoFrame
+
+__all__ = ["CONSTANTS", "FAR", "P1_SHIFT", "PENALTIES", "TILE", "Band", "SemiGlobalMatching", "bands", "is_first_run", "search"]
 
 
 @dataclass(frozen=True)
@@ -52,9 +54,14 @@ class SemiGlobalMatching:
         """Find the disparities of a pair; they depend on nothing else, whatever the number of threads."""
         low, high = self._lowest // pair.scale, -(-self._highest // pair.scale)
         coarse = search(pair.small_left, pair.small_right, Band.everywhere(pair.small_left.shape, low, high)).disparity
-        remove_speckles(coarse, CONSTANTS.coarse_speckle_px)
-        found = search(pair.left, pair.right, Band.around(coarse, pair.scale, pair.left.shape, self._lowest, self._highest))
+        found = search(pair.left, pair.right, bands(coarse, pair.scale, pair.left.shape, self._lowest, self._highest))
         return replace(found, reduced_fraction=float(np.isfinite(coarse).mean()))
+
+
+def bands(coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest: int) -> Band:
+    """The bands of an image of that shape around disparities at 1 / scale of its size, from which speckles are removed first."""
+    remove_speckles(coarse, CONSTANTS.coarse_speckle_px)
+    return Band.around(coarse, scale, shape, lowest, highest)
 
 
 def is_first_run() -> bool:

@@ -10,7 +10,6 @@ from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.matching.reduced import ReducedMatcher
 from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
 from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, Water
 
@@ -35,7 +34,6 @@ class LiveProcessor:
         self._pipeline, self._read = pipeline, read
         self._budget = budget or Budget(None)
         self._fitter = SlidingFitter(pipeline.config.color, pipeline.corrector.fit)
-        self._matchers: dict[int, ReducedMatcher] = {}
 
     def process(self, pair: Pair) -> LiveFrame:
         """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError, ColorError as in a run."""
@@ -48,12 +46,7 @@ class LiveProcessor:
 
     def _match(self, frame: StereoFrame) -> RangeMap:
         shrink = self._budget.shrink
-        if shrink == 1:
-            return self._pipeline.match(frame)
-        if shrink not in self._matchers:
-            geometry, seen = self._pipeline.rectification.matching_pair, self._pipeline.matcher.seen_left
-            self._matchers[shrink] = ReducedMatcher(geometry, self._pipeline.config.matching, seen, shrink)
-        return self._matchers[shrink].match(frame)
+        return self._pipeline.match(frame) if shrink == 1 else self._pipeline.matcher.at(shrink).match(frame)
 
     def _water(self, image: Image, range_map: RangeMap) -> Water:
         """The water with this pair's colors. Of a pair matched at reduced size every second or fourth row and column counts."""
