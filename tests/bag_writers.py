@@ -10,6 +10,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial.transform import Rotation
 
 from calibration.formats import load_rig, ros
 from calibration.formats.document import load_document
@@ -73,6 +74,20 @@ def raw(topic: str, stamp_ns: int, pixels: np.ndarray, encoding: str, arrival_ns
 
 def compressed(topic: str, stamp_ns: int, content: bytes, format: str = "rgb8; png compressed bgr8") -> Sent:
     return Sent(topic, "sensor_msgs/msg/CompressedImage", stamp_ns, {"format": format, "data": np.frombuffer(content, np.uint8)})
+
+
+def make(suffix: str, name: str, *values):
+    return STORES[suffix].types[f"geometry_msgs/msg/{name}"](*values)
+
+
+def static_transform(suffix: str, parent: str, child: str, position, turn: Rotation) -> Sent:
+    types = STORES[suffix].types
+    stamp = types["builtin_interfaces/msg/Time"](0, 0)
+    header = types["std_msgs/msg/Header"](**({"seq": 0} if suffix == ".bag" else {}), stamp=stamp, frame_id=parent)
+    move = make(suffix, "Transform", make(suffix, "Vector3", *map(float, position)), make(suffix, "Quaternion", *turn.as_quat()))
+    return Sent(
+        "/tf_static", "tf2_msgs/msg/TFMessage", START_NS, {"transforms": [make(suffix, "TransformStamped", header, child, move)]}
+    )
 
 
 def camera_infos(calib: Path, stamp_ns: int = START_NS) -> list[Sent]:

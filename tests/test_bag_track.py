@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bag_writers import LEFT, RIGHT, START_NS, STEP_NS, STORES, Sent, raw, write_bag
+from bag_writers import LEFT, RIGHT, START_NS, STEP_NS, STORES, Sent, make, raw, static_transform, write_bag
 from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
@@ -17,10 +17,6 @@ OPTICAL = Rotation.from_matrix([[0, -1, 0], [-1, 0, 0], [0, 0, -1]])
 """A camera that looks down with the top of its image to the bow: its x to starboard, its y to the stern."""
 
 
-def make(suffix: str, name: str, *values):
-    return STORES[suffix].types[f"geometry_msgs/msg/{name}"](*values)
-
-
 def pose(suffix: str, position, turn: Rotation):
     return make(suffix, "Pose", make(suffix, "Point", *map(float, position)), make(suffix, "Quaternion", *turn.as_quat()))
 
@@ -31,16 +27,6 @@ def odometry(suffix: str, number: int) -> Sent:
     with_covariance = make(suffix, "PoseWithCovariance", pose(suffix, (number, 2.0, -10.0), TURN), np.zeros(36))
     fields = {"child_frame_id": "base_link", "pose": with_covariance, "twist": twist}
     return Sent("/odom", "nav_msgs/msg/Odometry", START_NS + number * STEP_NS, fields)
-
-
-def static_transform(suffix: str, parent: str, child: str, position, turn: Rotation) -> Sent:
-    types = STORES[suffix].types
-    stamp = types["builtin_interfaces/msg/Time"](0, 0)
-    header = types["std_msgs/msg/Header"](**({"seq": 0} if suffix == ".bag" else {}), stamp=stamp, frame_id=parent)
-    move = make(suffix, "Transform", make(suffix, "Vector3", *map(float, position)), make(suffix, "Quaternion", *turn.as_quat()))
-    return Sent(
-        "/tf_static", "tf2_msgs/msg/TFMessage", START_NS, {"transforms": [make(suffix, "TransformStamped", header, child, move)]}
-    )
 
 
 def images() -> list[Sent]:

@@ -18,13 +18,16 @@ from bag_writers import (
     dive_messages,
     name_by_stamps,
     raw,
+    static_transform,
     write_bag,
 )
 from conftest import REEF, contents
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode
+from scipy.spatial.transform import Rotation
 
 from calibration import CalibrationError
+from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError, SeeColorError
 from stereo_seecolor.extras.streams.bag_info import bag_info
@@ -313,6 +316,28 @@ def test_camera_infos_of_two_single_cameras_are_no_rig(dive, tmp_path) -> None:
         found.rig()
 
 
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_the_baseline_is_taken_from_static_transforms_where_camera_info_has_none(suffix, dive, tmp_path) -> None:
+    rig = load_rig(str(dive.root / "cam.yaml"))
+    infos = [
+        info._replace(fields={**info.fields, "p": info.fields["p"] * ([1] * 3 + [0] + [1] * 8)}, frame=f"{side}_optical")
+        for info, side in zip(camera_infos(dive.root / "cam.yaml"), ("left", "right"), strict=True)
+    ]
+    T_left_right, turn = np.linalg.inv(rig.T_right_left), Rotation.from_euler("xyz", [20, -70, 10], degrees=True)
+    R, t = Rotation.from_matrix(T_left_right[:3, :3]), T_left_right[:3, 3]
+    statics = [  # both cameras on a frame of the vehicle: left turned in it, right by the rig from left
+        static_transform(suffix, "body", "left_optical", (1, 2, 3), turn),
+        static_transform(suffix, "body", "right_optical", turn.apply(t) + (1, 2, 3), turn * R),
+    ]
+    bag = write_bag(tmp_path / f"b{suffix}", [*infos, *statics, *dive_messages(dive.root)])
+    found = open_dive(bag, "", InputConfig())
+    np.testing.assert_allclose(found.rig().T_right_left, rig.T_right_left, atol=1e-9)
+    assert "camera_info holds no baseline: 100.0 mm from left_optical to right_optical by /tf_static" in bag_info(bag).notes[-1]
+    apart = write_bag(tmp_path / f"apart{suffix}", [*infos, statics[0], *dive_messages(dive.root)])
+    assert any("its frames: body, left_optical" in note for note in bag_info(apart).notes)
+    assert bag_info(apart).baseline_m is None
+
+
 def test_a_camera_info_of_another_frame_is_noted(messages, tmp_path) -> None:
     turned = [sent._replace(frame="wrong") if sent.topic == f"{RIGHT}/camera_info" else sent for sent in messages]
     found = open_dive(write_bag(tmp_path / "b.mcap", turned), "", InputConfig())
@@ -381,11 +406,12 @@ def test_what_is_no_bag_is_one_line(tmp_path, cli) -> None:
     (tmp_path / "text.bag").write_text("no bag")
     (tmp_path / "empty.mcap").write_bytes(b"")
     (tmp_path / "folder").mkdir()
-    (tmp_path / "b.db3.zstd").write_bytes(b"x")
+    (tmp_path / "b.db3.zstd").write_bytes(bytes.fromhex("28b52ffd") + bytes(9))
+    (tmp_path / "renamed.mcap").write_bytes(bytes.fromhex("1f8b0800") + bytes(9))
     sqlite3.connect(tmp_path / "other.db3").execute("CREATE TABLE x (y)").connection.close()
     for name, message in (
         ("text.bag", "is no ROS bag"), ("empty.mcap", "is empty"), ("folder", "holds no bag"), ("missing.bag", "does not exist"),
-        ("b.db3.zstd", "unpack it first with zstd -d"), ("other.db3", "no such table: topics"),
+        ("b.db3.zstd", "unpack it first with zstd -d"), ("renamed.mcap", "unpack it first with gunzip"), ("other.db3", "no such table: topics"),
     ):  # fmt: skip
         code, _, said = cli("run", "--bag", tmp_path / name, "--out", tmp_path / "out")
         assert (code, message in said, said.count("\n")) == (1, True, 1), said

@@ -111,6 +111,34 @@ def test_range_maps_are_not_taken_for_a_side(tmp_path: Path) -> None:
         inspect([tmp_path])
 
 
+def test_range_maps_with_unknown_pixels_are_named_too(tmp_path: Path) -> None:
+    for folder in ("left", "range"):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(str(tmp_path / folder / "1.tiff"), np.full((4, 6), np.nan, np.float32))
+    with pytest.raises(InputError, match="hold floating-point numbers"):
+        inspect([tmp_path])
+
+
+def test_single_images_and_patterns_stand_for_their_folders(make_dive, cli) -> None:
+    dive = make_dive(2)
+    images = [str(path) for side in ("L", "R") for path in sorted((dive.root / side).iterdir())]
+    for given in (images, [str(dive.root / "L/*.png"), str(dive.root / "R/*.png")]):
+        code, printed = cli("inspect", *given, str(dive.root / "cam.yaml"))
+        assert (code, f"left:  {dive.root / 'L'}" in printed, "2 pairs" in printed) == (0, True, True)
+
+
+def test_bags_are_named_with_the_command_that_shows_them(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    for name in ("dive.mcap", "dive.mcap.zstd", "dive.bag"):
+        bag = tmp_path / "day" / name
+        bag.write_bytes(b"x")
+        for place in (tmp_path, bag):
+            with pytest.raises(InputError, match=rf"{name} is a ROS bag: see what it holds with stereo-seecolor bag-info") as error:
+                inspect([place])
+            assert not str(error.value).startswith(":")
+        bag.unlink()
+
+
 def test_float_images_on_both_sides_are_not_called_range_maps(tmp_path: Path) -> None:
     for folder in ("left", "right"):
         (tmp_path / folder).mkdir()

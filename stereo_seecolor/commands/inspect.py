@@ -24,7 +24,9 @@ from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.halves import SIDES, half_of
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
+from stereo_seecolor.inputs.listing import EXTENSIONS, unread_hint
 from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.inputs.patterns import folder_of, is_pattern
 from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import is_video
@@ -73,12 +75,28 @@ def inspect(places: Sequence[Path]) -> Inspection:
     Raises InputError for a place that does not exist, where no two sides are found, or where none of their images can be read.
     """
     for place in places:
-        if not place.exists():
+        if not folder_of(place).exists():
             raise InputError(f"{place}: does not exist")
-    sides = find_sides([path for path in places if path.is_dir() or is_video(path)])
+    sides = find_sides(_searched(places))
     if is_video(sides.left):
         return _of_videos(sides, places)
     return _of_images(sides, places)
+
+
+def _searched(places: Sequence[Path]) -> list[Path]:
+    """Where the sides may be: folders, videos, and of single images and of patterns for them the folders."""
+    found: dict[Path, None] = {}
+    for path in places:
+        if path.is_dir() or is_video(path):
+            found[path] = None
+        elif is_pattern(path):
+            found[folder_of(path)] = None
+        elif path.suffix.lower() in EXTENSIONS:
+            found[path.parent] = None
+    if not found:
+        names = [str(path) for path in places]
+        raise InputError(f"{', '.join(names)}: no images and no videos: give the folders of the two sides{unread_hint(names)}")
+    return list(found)
 
 
 def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:

@@ -6,11 +6,10 @@ from pathlib import Path
 from calibration import CalibrationError
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.listing import EXTENSIONS
+from stereo_seecolor.inputs.listing import BAG, EXTENSIONS, unread_hint
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.video_images import is_video
 
-BAGS = {".bag", ".mcap", ".db3"}
 NOT_KNOWN = (
     "is no trajectory that is known here",
     "is no calibration",
@@ -31,10 +30,12 @@ def unknown_files(places: Sequence[Path], known: Collection[Path], problems: Seq
 
 
 def _is_images(path: Path) -> bool:
-    return path.suffix.lower() in EXTENSIONS or is_video(path) or path.suffix.lower() in BAGS
+    return path.suffix.lower() in EXTENSIONS or is_video(path)
 
 
 def _line(file: Path) -> str:
+    if BAG.search(file.name):
+        return f"not used{unread_hint([str(file)])}"
     for read in (read_trajectory, load_rig):
         try:
             read(file)

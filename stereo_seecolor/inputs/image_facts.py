@@ -49,8 +49,10 @@ class ImageFacts:
 def image_facts(path: Path) -> ImageFacts:
     """Look at one image. Raises InputError if it cannot be read."""
     pixels = decode_raw(read_image_bytes(path), path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-    highest = int(pixels.max(initial=0))
     bits = 8 * pixels.dtype.itemsize
+    if pixels.dtype.kind == "f":  # a range map, as a rule, with NaN in it
+        return ImageFacts((pixels.shape[1], pixels.shape[0]), bits, bits, "monochrome" if pixels.ndim == 2 else "color")
+    highest = int(pixels.max(initial=0))
     used = next((number for number in (8, 10, 12, 14) if highest < 1 << number), 16)
     bayer = _pattern(pixels) if pixels.ndim == 2 else "none"
     kind = "mosaic" if bayer != "none" else "monochrome" if pixels.ndim == 2 or is_monochrome(pixels) else "color"

@@ -1,6 +1,7 @@
 """The image files of a folder, of several, or those that a pattern names."""
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -20,6 +21,9 @@ _COMPRESSED = {".webp", ".jp2", ".j2k", ".jxl", ".avif", ".heic", ".heif", ".gif
 _RAW = {".dng", ".arw", ".cr2", ".cr3", ".gpr", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw", ".3fr", ".iiq"}
 UNREAD = frozenset(_COMPRESSED | _RAW)
 """Images that are not read: of other compressions, and of cameras as they are."""
+
+BAG = re.compile(r"\.(bag|mcap|db3)(\.active)?(\.(zstd?|gz|lz4|bz2|xz|zip))?\Z", re.IGNORECASE)
+"""Names of files of ROS bags, and of such that were compressed as a whole."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,11 @@ def _in_folder(source: Path, what: str, kinds: frozenset[str]) -> Listing:
 
 
 def unread_hint(names: Iterable[str]) -> str:
-    """Say what to do with images of kinds that are not read, to end a message with; "" where there are none."""
+    """Say what to do with bags, and with images of kinds that are not read, to end a message with; "" where there are none."""
+    names = list(names)
+    bag = next((name for name in names if BAG.search(name)), None)
+    if bag:
+        return f"; {bag} is a ROS bag: see what it holds with stereo-seecolor bag-info {bag}"
     kinds = Counter(suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD)
     if not kinds:
         return ""

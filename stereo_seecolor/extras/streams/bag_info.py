@@ -52,7 +52,7 @@ def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) ->
             raise
         return _facts(bag, None, None, (*bag.problems, str(error)))
     baseline_m, problem = _baseline_m(dive)
-    return _facts(dive.bag, dive, baseline_m, (*dive.pairing.notes, *problem))
+    return _facts(dive.bag, dive, baseline_m, (*dive.pairing.notes, *dive.static_baseline[1], *problem))
 
 
 def _baseline_m(dive: BagDive) -> tuple[float | None, tuple[str, ...]]:

@@ -46,6 +46,7 @@ class BagInputs:
         dive = open_dive(self.bag, self.topics, config.input)
         config, notes = settle_storage(config, dive.pairing.pairs)
         rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else behind_port(dive.rig(), config.input)
+        notes += () if self.calib else dive.static_baseline[1]
         notes += tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))
 

@@ -27,6 +27,15 @@ STATIC_TRANSFORMS = "/tf_static"
 
 FIX, IMU, PRESSURE = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
 
+UNPACKED_BY = {
+    ZSTD_MAGIC: "zstd -d",
+    b"\x1f\x8b": "gunzip",
+    b"\x04\x22\x4d\x18": "lz4 -d",
+    b"BZh": "bunzip2",
+    b"PK\x03\x04": "unzip",
+}
+"""First bytes of a compressed file -> the program that unpacks it."""
+
 INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
 """Of these each message's place is kept, some hundred bytes; the others are counted."""
 
@@ -174,6 +183,8 @@ def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
                 yield from mcap.walk(source, problems)
             elif begin == sqlite.MAGIC:
                 yield from sqlite.walk(path, problems)
+            elif tool := next((tool for magic, tool in UNPACKED_BY.items() if begin.startswith(magic)), None):
+                problems.append(f"is compressed as a whole: unpack it first with {tool} {path.name}")
             else:
                 problems.append("is empty" if not begin else "is no ROS bag: it begins as none of .bag (2.0), .db3, .mcap")
     except OSError as error:
@@ -200,12 +211,10 @@ def _files(path: Path) -> Sequence[Path]:
     if not path.exists():
         raise InputError(f"{path}: the bag does not exist")
     if not path.is_dir():
-        if path.suffix.lower() == ".zstd":
-            raise InputError(f"{path}: is compressed as a whole: unpack it first with zstd -d {path.name}")
         return [path]
     found = sorted(_bag_files(path), key=lambda file: natural_key(file.name))
     if not found:
-        zipped = next(iter(sorted(path.glob("*.zstd"))), None)
+        zipped = next(iter(sorted(path.glob("*.zst*"))), None)
         hint = f"; {zipped.name} is compressed as a whole: unpack it with zstd -d" if zipped else ""
         raise InputError(f"{path}: holds no bag ({', '.join(sorted(SUFFIXES))}){hint}")
     return found

@@ -4,16 +4,21 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
 
 from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
-from stereo_seecolor.extras.streams.bags.messages import decode, image_content, image_suffix, rig_of
+from stereo_seecolor.extras.streams.bags.messages import camera_info, decode, image_content, image_suffix, rig_of
 from stereo_seecolor.extras.streams.bags.topics import SideTopics, info_topic, parse_topics, side_topics
+from stereo_seecolor.extras.streams.bags.transforms import between, static_frames
 from stereo_seecolor.files.contained import Container, open_containers
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
@@ -33,12 +38,37 @@ class BagDive:
     infos: tuple[Topic | None, Topic | None]
 
     def rig(self) -> StereoRig:
-        """The rig that the bag holds. Raises InputError if it holds none, CalibrationError if it is none of a stereo pair."""
+        """The rig that the bag holds: by both camera_info, and where these hold no baseline by /tf_static.
+
+        Raises InputError if it holds none, CalibrationError if it is none of a stereo pair.
+        """
         left, right = self.infos
         if left is None or right is None:
             missing = " and ".join(side for side, topic in (("left", left), ("right", right)) if topic is None)
             raise InputError(f"{self.bag.path}: holds no camera_info of the {missing} camera: give --calib FILE")
-        return rig_of(left.entries[0], right.entries[0])
+        return rig_of(left.entries[0], right.entries[0], self.static_baseline[0])
+
+    @cached_property
+    def static_baseline(self) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+        """(4, 4) from left to right axes by /tf_static, None where camera_info tells it or nothing does; and a line on that."""
+        left, right = self.infos
+        if left is None or right is None:
+            return None, ()
+        with suppress(InputError):  # of a damaged message: ``rig`` says so
+            messages = [decode(info.entries[0]) for info in (left, right)]
+            if any(camera_info(message)["P"][column] for message in messages for column in (3, 7)):
+                return None, ()
+            frames, (start, end) = static_frames(self.bag), [message.header.frame_id for message in messages]
+            T = between(frames, end, start)
+            if T is not None and T[:3, 3].any():
+                length_mm = 1000 * np.linalg.norm(T[:3, 3])
+                return T, (
+                    f"{self.bag.path}: camera_info holds no baseline: {length_mm:.1f} mm from {start} to {end} by /tf_static",
+                )
+            if frames:
+                known = ", ".join(sorted(frames))
+                return None, (f"{self.bag.path}: /tf_static gives no baseline from {start!r} to {end!r}; its frames: {known}",)
+        return None, ()
 
 
 @dataclass(frozen=True)

@@ -82,11 +82,16 @@ def message_content(message: Any, msgtype: str, where: str) -> bytes:
     return content
 
 
-def rig_of(left: Entry, right: Entry) -> StereoRig:
-    """The rig of two camera_info messages. Raises CalibrationError, InputError, DeviceError."""
-    sections = [Section(f"{entry.path}: {entry.channel.topic}", _camera_info(decode(entry))) for entry in (left, right)]
+def rig_of(left: Entry, right: Entry, T_right_left: NDArray[np.float64] | None = None) -> StereoRig:
+    """The rig of two camera_info messages. T_right_left: (4, 4) from elsewhere, used where their projections hold no baseline.
+
+    Raises CalibrationError, InputError, DeviceError.
+    """
+    sections = [Section(f"{entry.path}: {entry.channel.topic}", camera_info(decode(entry))) for entry in (left, right)]
     try:
-        return ros.parse(*sections)
+        if T_right_left is None:
+            return ros.parse(*sections)
+        return StereoRig(*(ros.parse_camera(section) for section in sections), T_right_left)
     except CalibrationError as error:
         if str(left.path) in str(error):
             raise
@@ -126,8 +131,8 @@ def _pixels(message: Any, where: str) -> NDArray[Any]:
     return pixels[..., [2, 1, 0]] if encoding.startswith(_BLUE_FIRST) else pixels[..., :3]
 
 
-def _camera_info(message: Any) -> dict[str, Any]:
-    """As the message's dump in YAML; ROS 1 writes D, K, R, P and ROS 2 d, k, r, p."""
+def camera_info(message: Any) -> dict[str, Any]:
+    """A sensor_msgs/CameraInfo as its dump in YAML; ROS 1 writes D, K, R, P and ROS 2 d, k, r, p."""
     content = {name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist() for name in "dkrp"}  # type: ignore[union-attr]
     model = {"distortion_model": message.distortion_model} if message.distortion_model else {}
     return {**content, **model, "width": int(message.width), "height": int(message.height)}

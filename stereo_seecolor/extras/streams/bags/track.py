@@ -3,7 +3,6 @@
 Axes are those of REP 103: the world z up; the vehicle x forward, y left, z up; optical frames x right, y down, z forward.
 """
 
-from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.bags.bag import FIX, POSES, TRANSFORMS, Bag, Topic, open_bag
+from stereo_seecolor.extras.streams.bags.bag import FIX, POSES, Bag, Topic, open_bag
 from stereo_seecolor.extras.streams.bags.fixes import fixed_track
 from stereo_seecolor.extras.streams.bags.messages import decode
 from stereo_seecolor.extras.streams.bags.topics import side_topics
+from stereo_seecolor.extras.streams.bags.transforms import between, static_frames, xyzw
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotation
 from stereo_seecolor.records import Trajectory
@@ -28,8 +28,6 @@ FORWARD_LEFT_UP = np.diag([1.0, -1.0, -1.0])
 """From the vehicle's axes of MountConfig (forward, starboard, down) to those of ROS."""
 
 Array = NDArray[np.float64]
-Frames = dict[str, list[tuple[str, Array]]]
-"""Frame -> its neighbors, each with (4, 4) from the neighbor's axes to this frame's."""
 
 
 def read_track(path: Path, mount: MountConfig) -> Trajectory:
@@ -45,7 +43,7 @@ def read_track(path: Path, mount: MountConfig) -> Trajectory:
     entries = topic.entries[:: -(-len(topic.entries) // MOST_POSES)]
     messages = [decode(entry) for entry in entries]
     found = [_pose(message) for message in messages]
-    rows = np.array([(p.position.x, p.position.y, p.position.z, *_xyzw(p.orientation)) for p in found])
+    rows = np.array([(p.position.x, p.position.y, p.position.z, *xyzw(p.orientation)) for p in found])
     T_world_body = pose(rotation_from_quaternion(rows[:, 3:]), rows[:, :3])
     T = T_world_body @ _body_from_camera(bag, getattr(messages[0], "child_frame_id", ""), mount)
     times_s = np.array([entry.stamp_ns / 1e9 for entry in entries])
@@ -58,7 +56,7 @@ def _by_fixes(bag: Bag, mount: MountConfig) -> Trajectory:
     if track is None:
         raise InputError(f"{bag.path}: holds no track: no topic of the types {', '.join((*POSES, FIX))}")
     T_imu_camera = _body_from_camera(bag, track.imu_frame, mount)
-    T_imu_antenna = _between(_static_frames(bag), track.imu_frame, track.fix_frame)
+    T_imu_antenna = between(static_frames(bag), track.imu_frame, track.fix_frame)
     if T_imu_antenna is not None:
         T_imu_camera[:3, 3] -= T_imu_antenna[:3, 3]
     T = track.T_world_body @ T_imu_camera
@@ -83,7 +81,7 @@ def _body_from_camera(bag: Bag, body: str, mount: MountConfig) -> Array:
     camera = _camera_frame(bag)
     if body and camera and body == camera:
         return np.eye(4)
-    found = _between(_static_frames(bag), body, camera)
+    found = between(static_frames(bag), body, camera)
     if found is not None:
         return found
     T = np.eye(4)
@@ -98,35 +96,3 @@ def _camera_frame(bag: Bag) -> str:
         return str(decode(side_topics(bag, {}).left.entries[0]).header.frame_id).lstrip("/")
     except InputError:
         return ""
-
-
-def _static_frames(bag: Bag) -> Frames:
-    frames: Frames = {}
-    for topic in bag.topics:
-        for entry in topic.entries if topic.msgtype in TRANSFORMS else ():
-            for item in decode(entry).transforms:
-                parent, child, move = item.header.frame_id.lstrip("/"), item.child_frame_id.lstrip("/"), item.transform
-                t = move.translation
-                T = pose(rotation_from_quaternion([_xyzw(move.rotation)]), np.array([[t.x, t.y, t.z]]))[0]
-                frames.setdefault(parent, []).append((child, T))
-                frames.setdefault(child, []).append((parent, np.linalg.inv(T)))
-    return frames
-
-
-def _between(frames: Frames, start: str, end: str) -> Array | None:
-    """(4, 4) from the axes of ``end`` to those of ``start``, over as few transforms as possible; None where nothing leads there."""
-    start = start.lstrip("/")
-    waiting, known = deque([start]), {start: np.eye(4)}
-    while waiting:
-        at = waiting.popleft()
-        if at == end:
-            return known[at]
-        for neighbor, T in frames.get(at, []):
-            if neighbor not in known:
-                known[neighbor] = known[at] @ T
-                waiting.append(neighbor)
-    return None
-
-
-def _xyzw(quaternion: Any) -> tuple[float, float, float, float]:
-    return quaternion.x, quaternion.y, quaternion.z, quaternion.w
