@@ -327,7 +327,7 @@ def test_the_baseline_is_taken_from_static_transforms_where_camera_info_has_none
     R, t = Rotation.from_matrix(T_left_right[:3, :3]), T_left_right[:3, 3]
     statics = [  # both cameras on a frame of the vehicle: left turned in it, right by the rig from left
         static_transform(suffix, "body", "left_optical", (1, 2, 3), turn),
-        static_transform(suffix, "body", "right_optical", turn.apply(t) + (1, 2, 3), turn * R),
+        static_transform(suffix, "body", "right_optical", turn.apply(t) + np.array([1, 2, 3]), turn * R),
     ]
     bag = write_bag(tmp_path / f"b{suffix}", [*infos, *statics, *dive_messages(dive.root)])
     found = open_dive(bag, "", InputConfig())
@@ -411,7 +411,8 @@ def test_what_is_no_bag_is_one_line(tmp_path, cli) -> None:
     sqlite3.connect(tmp_path / "other.db3").execute("CREATE TABLE x (y)").connection.close()
     for name, message in (
         ("text.bag", "is no ROS bag"), ("empty.mcap", "is empty"), ("folder", "holds no bag"), ("missing.bag", "does not exist"),
-        ("b.db3.zstd", "unpack it first with zstd -d"), ("renamed.mcap", "unpack it first with gunzip"), ("other.db3", "no such table: topics"),
+        ("b.db3.zstd", "unpack it first with zstd -d"), ("renamed.mcap", "unpack it first with gunzip"),
+        ("other.db3", "no such table: topics"),
     ):  # fmt: skip
         code, _, said = cli("run", "--bag", tmp_path / name, "--out", tmp_path / "out")
         assert (code, message in said, said.count("\n")) == (1, True, 1), said
