@@ -8,6 +8,7 @@ import numpy as np
 from calibration.bundle import Array, Bundle, Lens, rms, solve
 from calibration.errors import CalibrationError
 from calibration.lens import fit_rig, to_camera
+from calibration.out_of_step import refuse_out_of_step
 from calibration.outliers import view_errors, without_outliers
 from calibration.plan import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
@@ -19,6 +20,7 @@ from calibration.views import View, common_ids, observations_of, usable_views
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 FOLDS = 10  # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths of them
+MOST_ERROR_PX = 3.0  # of a rig that is written, or a 500th of the width: corners are found to 0.2 px, blurred ones to one
 MIN_VIEWS_FOR_CHOICE = 5  # too few views for cross-validation: the simplest model is taken
 
 
@@ -28,8 +30,10 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
     Views that fit badly are dropped with the reason; the lens model is the simplest that predicts left-out views as well as the
     best one does.
 
-    Raises CalibrationError if fewer than three views show the target in both images, or if they give no rig that can be.
+    Raises CalibrationError if fewer than three views show the target in both images, if left and right are out of step, or if they
+    give no rig that can be.
     """
+    refuse_out_of_step(views, target)
     usable, dropped = usable_views(views)
     size = usable[0].image_size
     kept, outliers = without_outliers(usable, target, LENSES[:2])
@@ -46,6 +50,7 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
     try:
         rig = _rig(bundle, size, medium)
         rig = replace(rig, rms_px=rms(bundle, observations_of(kept, target)), errors=_errors(score))
+        _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
             f"the {len(kept)} views give no rig that can be ({error}): see whether the folders are swapped, whether pairs were "
@@ -89,6 +94,15 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
     left, right = (to_camera(bundle.lens.model, intrinsics, image_size) for intrinsics in bundle.intrinsics)
     return StereoRig(left, right, bundle.T_right_left, medium)
+
+
+def _refuse_nonsense(rig: StereoRig, score: LensScore) -> None:
+    """Raise CalibrationError for a rig that its own views contradict: pairs of other moments, another target than was said."""
+    limit_px = max(MOST_ERROR_PX, rig.left.image_size[0] / 500)
+    if not (rig.rms_px is not None and rig.rms_px < limit_px and score.row_error_px < limit_px):
+        raise CalibrationError(
+            f"rms {rig.rms_px:.1f} px, rows {score.row_error_px:.1f} px apart after rectification, baseline {rig.baseline_m:.3g} m"
+        )
 
 
 def _errors(score: LensScore) -> RigErrors | None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from calibration.aprilgrid import CELLS, AprilGrid, marker
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.targets import Charuco, Chessboard, Target
@@ -26,7 +27,7 @@ class _Rectangle(NamedTuple):
 
 
 def print_target(target: Target, path: Path, dpi: int = 300) -> None:
-    """Write ``target`` with a margin of one square: ``.pdf`` at any size, or ``.png`` that carries its dpi.
+    """Write ``target`` with a margin of one square or tag: ``.pdf`` at any size, or ``.png`` that carries its dpi.
 
     Raises CalibrationError for another extension, a PNG too large to be meant, or a place that cannot be written.
     """
@@ -40,18 +41,26 @@ def print_target(target: Target, path: Path, dpi: int = 300) -> None:
         raise CalibrationError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def _squares(target: Target) -> tuple[int, int]:
+def _squares(target: Chessboard | Charuco) -> tuple[int, int]:
     if isinstance(target, Chessboard):
         return target.columns + 1, target.rows + 1
     return target.columns, target.rows
 
 
 def _page_m(target: Target) -> tuple[float, float]:
+    if isinstance(target, AprilGrid):
+        across_m, down_m = (number * (target.tag_m + target.space_m) for number in (target.columns, target.rows))
+        margin_m = 2 * target.tag_m + target.space_m
+        return across_m + margin_m, down_m + margin_m + NOTE_M
     columns, rows = _squares(target)
     return (columns + 2) * target.square_m, (rows + 2) * target.square_m + NOTE_M
 
 
 def _note(target: Target) -> str:
+    if isinstance(target, AprilGrid):
+        across_mm = 1000 * (target.columns * (target.tag_m + target.space_m) - target.space_m)
+        tags = f"{target.columns} x {target.rows} tags of {target.tag_m * 1000:g} mm, {target.space_m * 1000:g} mm apart"
+        return f"AprilGrid 36h11, {tags}. Print at 100 %: the tags must measure {across_mm:g} mm across."
     columns, rows = _squares(target)
     kind = f"ChArUco {target.dictionary}" if isinstance(target, Charuco) else "chessboard"
     across_mm = columns * target.square_m * 1000
@@ -61,6 +70,8 @@ def _note(target: Target) -> str:
 
 def _rectangles(target: Target) -> list[_Rectangle]:
     """What to paint, in order, meters from the page's top left corner."""
+    if isinstance(target, AprilGrid):
+        return _april_rectangles(target)
     columns, rows = _squares(target)
     side = target.square_m
     if isinstance(target, Chessboard):
@@ -87,6 +98,22 @@ def _charuco_rectangles(target: Charuco) -> list[_Rectangle]:
         picture = cv2.aruco.generateImageMarker(dictionary, number, cells)
         for row, column in np.argwhere(picture > 0).tolist():
             rectangles.append(_Rectangle(x + side + column * cell, y + side + row * cell, cell, cell, False))
+    return rectangles
+
+
+def _april_rectangles(target: AprilGrid) -> list[_Rectangle]:
+    """Tags, and the squares that touch their corners, which make every corner one of a chessboard."""
+    pitch, cell, space = target.tag_m + target.space_m, target.tag_m / CELLS, target.space_m
+    rectangles = [
+        _Rectangle(target.tag_m + column * pitch, target.tag_m + row * pitch, space, space, True)
+        for row in range(target.rows + 1)
+        for column in range(target.columns + 1)
+    ]
+    for number, corner in enumerate(target.points_m[::4, :2] + pitch):
+        x, y = corner.tolist()
+        rectangles.append(_Rectangle(x, y, target.tag_m, target.tag_m, True))
+        for row, column in np.argwhere(~marker(target.first_id + number)).tolist():
+            rectangles.append(_Rectangle(x + column * cell, y + row * cell, cell, cell, False))
     return rectangles
 
 

@@ -1,25 +1,22 @@
-"""Calibration targets, chessboard and ChArUco, and the detection of their corners in an image."""
+"""Calibration targets, chessboard and ChArUco, and the detection of their corners in an image; and how users name a target."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import lengths
+from calibration.aprilgrid import AprilGrid
+from calibration.corners import DETECTION_SIDE_PX, MIN_CORNERS, Corners
 from calibration.errors import CalibrationError
+from calibration.formats.document import load_document
+from calibration.formats.section import Section
 
-MIN_CORNERS = 8  # a pose has 6 unknowns, corners have two numbers: 8 leave 10 to judge it
-DETECTION_SIDE_PX = 1600  # larger images are searched at this size first: quick, and refined at full size after
-
-
-@dataclass(frozen=True, eq=False)
-class Corners:
-    """Corners found in one image. ids: (n,) which corner of the target; pixels: (n, 2) float64, where."""
-
-    ids: NDArray[np.int64]
-    pixels: NDArray[np.float64]
+MAX_COUNT = 100  # of corners or tags across and down
+APRIL_TAGS = 587  # of the family 36h11
 
 
 @dataclass(frozen=True)
@@ -99,14 +96,19 @@ class Charuco:
         return Corners(ids.ravel().astype(np.int64), pixels.reshape(-1, 2).astype(np.float64))
 
 
-Target = Chessboard | Charuco
+Target = Chessboard | Charuco | AprilGrid
+FORMS = "chessboard:9x6:24.23mm, charuco:5X5_100:11x8:30mm:22mm, aprilgrid:6x6:88mm:26.4mm, or a target file of Kalibr"
 
 
 def parse_target(text: str) -> Target:
-    """``chessboard:9x6:24.23mm`` (inner corners, square) or ``charuco:5X5_100:11x8:30mm:22mm`` (squares, square, marker).
+    """A target as users name it.
 
+    ``chessboard:9x6:24.23mm`` (inner corners, square), ``charuco:5X5_100:11x8:30mm:22mm`` (squares, square, marker),
+    ``aprilgrid:6x6:88mm:26.4mm`` (tags, tag, space between tags), or a target file of Kalibr (``.yaml``).
     Raises CalibrationError for anything else, saying which part is wrong.
     """
+    if Path(text).suffix.lower() in (".yaml", ".yml"):
+        return _of_kalibr(load_document(Path(text)))
     kind, *parts = text.strip().split(":")
     if kind == "chessboard" and len(parts) == 2:
         return Chessboard(*_counts(parts[0], text), _length_m(parts[1], text))
@@ -118,14 +120,51 @@ def parse_target(text: str) -> Target:
         if marker_m >= square_m:
             raise CalibrationError(f"target {text!r}: a marker must be smaller than its square")
         return Charuco(dictionary, *_counts(parts[1], text), square_m, marker_m)
-    raise CalibrationError(f"target {text!r}: expected chessboard:9x6:24.23mm or charuco:5X5_100:11x8:30mm:22mm")
+    if kind == "aprilgrid" and len(parts) == 3:
+        return _april_grid(*_counts(parts[0], text, least=1), _length_m(parts[1], text), _length_m(parts[2], text), 0, text)
+    raise CalibrationError(f"target {text!r}: expected {FORMS}")
 
 
-def _counts(text: str, target: str) -> tuple[int, int]:
+def _of_kalibr(file: Section) -> Target:
+    """The target of a file that Kalibr takes with ``--target``; its lengths are in meters, the space as a fraction of a tag."""
+    kind, text = file.text(file.first("target_type")), file.where
+    if kind == "aprilgrid":
+        counts = [_count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text, 1) for key in ("tagCols", "tagRows")]
+        tag_m = _length_m(f"{file.number('tagSize')}m", text)
+        first_id = int(file.number("codeOffset")) if file.has("codeOffset") else 0
+        return _april_grid(counts[0], counts[1], tag_m, file.number("tagSpacing") * tag_m, first_id, text)
+    if kind == "checkerboard":
+        counts = [_count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text) for key in ("targetCols", "targetRows")]
+        across_m, down_m = (file.number(key) for key in ("colSpacingMeters", "rowSpacingMeters"))
+        if abs(across_m - down_m) > 1e-6:
+            raise CalibrationError(f"target {text!r}: its squares are not square: {across_m:g} m across, {down_m:g} m down")
+        return Chessboard(counts[0], counts[1], _length_m(f"{across_m}m", text))
+    raise CalibrationError(f"target {text!r}: of Kalibr's targets aprilgrid and checkerboard are read, not {kind!r}")
+
+
+def _april_grid(columns: int, rows: int, tag_m: float, space_m: float, first_id: int, target: str) -> AprilGrid:
+    if columns * rows < 2 or first_id < 0 or first_id + columns * rows > APRIL_TAGS:
+        raise CalibrationError(f"target {target!r}: needs 2 to {APRIL_TAGS} tags of the family 36h11")
+    if not 0.05 * tag_m < space_m < tag_m:
+        raise CalibrationError(
+            f"target {target!r}: the space between tags must be smaller than a tag (0.3 of it, as Kalibr prints)"
+        )
+    return AprilGrid(columns, rows, tag_m, space_m, first_id)
+
+
+def _counts(text: str, target: str, least: int = 3) -> tuple[int, int]:
     columns, _, rows = text.lower().partition("x")
-    if not (columns.isdecimal() and rows.isdecimal() and 3 <= int(columns) <= 100 and 3 <= int(rows) <= 100):
-        raise CalibrationError(f"target {target!r}: {text!r} must be columns x rows, 3 to 100 each, such as 9x6")
-    return int(columns), int(rows)
+    try:
+        return _count(columns, target, least), _count(rows, target, least)
+    except CalibrationError:
+        message = f"target {target!r}: {text!r} must be columns x rows, {least} to {MAX_COUNT} each, such as 9x6"
+        raise CalibrationError(message) from None
+
+
+def _count(text: str, target: str, least: int = 3) -> int:
+    if not (text.isdecimal() and least <= int(text) <= MAX_COUNT):
+        raise CalibrationError(f"target {target!r}: {text} must be a whole number, {least} to {MAX_COUNT}")
+    return int(text)
 
 
 def _length_m(text: str, target: str) -> float:

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.bundle import Observation
+from calibration.corners import MIN_CORNERS, Corners
 from calibration.errors import CalibrationError
 from calibration.gray import to_gray
 from calibration.report import ViewReport
-from calibration.targets import MIN_CORNERS, Corners, Target
+from calibration.targets import Target
 
 Size = tuple[int, int]
 MIN_VIEWS = 3  # fewer do not determine a camera (Zhang 2000)

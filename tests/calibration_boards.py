@@ -7,9 +7,11 @@ import cv2
 import numpy as np
 
 from calibration import Camera, StereoRig
+from calibration.aprilgrid import AprilGrid
+from calibration.corners import Corners
 from calibration.printing import print_target
 from calibration.refraction import CameraInWater, cameras_in_water
-from calibration.targets import Chessboard, Corners, parse_target
+from calibration.targets import Chessboard, parse_target
 from calibration.views import View
 
 SIZE = (1280, 960)
@@ -107,14 +109,16 @@ def rendered(
 
 @cache
 def photograph_board(folder: Path, target: str) -> StereoRig:
-    """Six rendered pairs of a printed chessboard of about 0.3 m, in left/ and right/ of a folder, and the rig that took them."""
+    """Six rendered pairs of a printed target of about 0.3 m, in left/ and right/ of a folder, and the rig that took them."""
     K = np.array([[520.0, 0, 243], [0, 520, 176], [0, 0, 1]])
     camera = Camera(K, np.array([-0.1, 0.02, 0, 0, 0]), (480, 360))
     T = np.eye(4)
     T[0, 3] = -0.1
-    print_target(parse_target(target), folder / "board.png", dpi=100)
+    board = parse_target(target)
+    print_target(board, folder / "board.png", dpi=300)
     picture = cv2.imread(str(folder / "board.png"), cv2.IMREAD_GRAYSCALE)
-    origin_m = np.full(2, -2 * parse_target(target).square_m)  # of the picture: its white margin is a square wide
+    white_m = board.tag_m + board.space_m if isinstance(board, AprilGrid) else 2 * board.square_m
+    origin_m = np.full(2, -white_m)  # of the picture: its margin is a square or a tag wide
     for side in ("left", "right"):
         (folder / side).mkdir()
     tilts = [(0.4, 0.1), (-0.4, 0.1), (0.1, 0.45), (0.0, -0.45), (0.3, 0.3), (-0.3, -0.3)]
@@ -122,7 +126,7 @@ def photograph_board(folder: Path, target: str) -> StereoRig:
         pose = _pose([tilt_x, tilt_y, 0.1 * (number - 2)], [0, 0, 0])
         pose[:3, 3] = pose[:3, :3] @ [-0.12, -0.08, 0] + [0.05 + 0.03 * (number % 3 - 1), 0.03 * (number % 2), 0.62]
         for side, extrinsic in (("left", np.eye(4)), ("right", T)):
-            image = rendered(camera, extrinsic @ pose, picture, 100 / 0.0254, origin_m)
+            image = rendered(camera, extrinsic @ pose, picture, 300 / 0.0254, origin_m)
             cv2.imwrite(str(folder / side / f"{number:02d}.png"), image)
     return StereoRig(camera, camera, T)
 

@@ -6,13 +6,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from calibration_boards import SIZE, fisheye_rig, pinhole_rig, projected_views, rendered
+from calibration_boards import SIZE, fisheye_rig, photograph_board, pinhole_rig, projected_views, rendered
 
 from calibration import CalibrationError, Camera, StereoRig
+from calibration.aprilgrid import AprilGrid, marker
 from calibration.calibrate import calibrate
+from calibration.corners import Corners
+from calibration.formats import load_rig
 from calibration.gray import to_gray
 from calibration.printing import print_target
-from calibration.targets import Charuco, Chessboard, Corners, parse_target
+from calibration.targets import Charuco, Chessboard, parse_target
 from calibration.views import View, detect_view
 from stereo_seecolor.compute.threads import Threads
 
@@ -173,9 +176,119 @@ def test_pdf_holds_the_same_rectangles_as_the_png(tmp_path: Path) -> None:
         assert data[offset:].startswith(b"%d 0 obj" % number)
 
 
+GRID = "aprilgrid:6x5:30mm:9mm"
+
+
+def photographed(target: AprilGrid, folder: Path, tilt: tuple[float, float, float], upside_down: bool = False) -> tuple:
+    """A rendered image of a printed grid, and where its corners truly are. upside_down: tags count from the upper row on."""
+    print_target(target, folder / "grid.png", dpi=600)
+    picture = cv2.imread(str(folder / "grid.png"), cv2.IMREAD_GRAYSCALE)
+    px_per_m, pitch = 600 / 0.0254, target.tag_m + target.space_m
+    if upside_down:
+        top = round((target.tag_m + target.space_m / 2) * px_per_m)
+        rows = [picture[top + round(j * pitch * px_per_m) : top + round((j + 1) * pitch * px_per_m)] for j in range(target.rows)]
+        size = min(len(row) for row in rows)
+        picture = np.concatenate([picture[:top], *(row[:size] for row in rows[::-1])])
+    camera = Camera(np.array([[700.0, 0, 325], [0, 700, 236], [0, 0, 1]]), np.array([-0.2, 0.05, 0, 0, 0]), (640, 480))
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(np.array(tilt))[0]
+    T[:3, 3] = T[:3, :3] @ [-3 * pitch, -2.5 * pitch, 0] + [0, 0, 0.45]
+    image = rendered(camera, T, picture, px_per_m, np.full(2, -pitch))
+    return image, camera.project(target.points_m @ T[:3, :3].T + T[:3, 3])
+
+
+@pytest.mark.parametrize("tilt", [(0.3, -0.2, 0.1), (-0.4, 0.3, 2.0), (0.1, 0.5, -3.0)])
+def test_grids_of_apriltags_are_found_at_any_turn(tilt, tmp_path: Path) -> None:
+    board = parse_target(GRID)
+    assert isinstance(board, AprilGrid)
+    image, truth = photographed(board, tmp_path, tilt)
+    corners = board.detect(image)
+    assert corners is not None
+    assert corners.ids.size > 0.9 * len(board.points_m)
+    assert np.sqrt(((corners.pixels - truth[corners.ids]) ** 2).sum(axis=1).mean()) < 0.1
+
+
+def test_grids_of_apriltags_are_found_in_haze_and_where_rows_count_downwards(tmp_path: Path) -> None:
+    board = parse_target(GRID)
+    assert isinstance(board, AprilGrid)
+    image, truth = photographed(board, tmp_path, (0.3, -0.2, 0.1), upside_down=True)
+    hazy = (100 + 0.12 * image + np.random.default_rng(0).normal(0, 2, image.shape)).astype(np.uint8)
+    for seen, error_px in ((image, 0.5), (hazy, 0.7)):
+        corners = board.detect(seen)
+        assert corners is not None
+        assert corners.ids.size > 0.8 * len(board.points_m)
+        assert np.sqrt(((corners.pixels - truth[corners.ids]) ** 2).sum(axis=1).mean()) < error_px
+    assert board.detect(np.full((480, 640), 90, np.uint8)) is None
+
+
+def test_a_printed_tag_is_the_one_that_kalibr_prints() -> None:
+    """Code 0 of the family 36h11 is 0xd5d628584, read row by row from the upper left; Kalibr's border has two cells."""
+    code = np.array([int(bit) for bit in f"{0xD5D628584:036b}"]).reshape(6, 6)
+    np.testing.assert_array_equal(~marker(0), np.pad(code, 2).astype(bool))
+    points = AprilGrid(3, 2, 0.1, 0.03).points_m.reshape(-1, 4, 3)
+    np.testing.assert_allclose(points[0, 0], [0, 0.13, 0])  # tag 0 at the lower left, then to the right, then up
+    np.testing.assert_allclose(points[[1, 3], 0], [[0.13, 0.13, 0], [0, 0, 0]])
+
+
+@pytest.mark.slow
+def test_a_rig_is_calibrated_by_a_grid_of_apriltags(tmp_path: Path, cli) -> None:
+    (tmp_path / "april.yaml").write_text(
+        "target_type: 'aprilgrid' #gridtype\ntagCols: 6\ntagRows: 5\ntagSize: 0.03 #m\ntagSpacing: 0.3\ncodeOffset: 0\n"
+    )
+    truth = photograph_board(tmp_path, str(tmp_path / "april.yaml"))
+    sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
+    code, _, said = cli("calibrate", "--target", tmp_path / "april.yaml", *sides, "--out", tmp_path / "rig.yaml")
+    assert code == 0, said
+    found = load_rig(str(tmp_path / "rig.yaml"))
+    assert found.baseline_m == pytest.approx(truth.baseline_m, rel=0.01)
+    assert found.left.K[0, 0] == pytest.approx(truth.left.K[0, 0], rel=0.01)
+    again = cli("calibrate", "--target", GRID, *sides, "--out", tmp_path / "again.yaml")
+    assert (again[0], (tmp_path / "again.yaml").read_bytes()) == (0, (tmp_path / "rig.yaml").read_bytes())
+
+
+def test_target_files_of_kalibr(tmp_path: Path) -> None:
+    file = tmp_path / "target.yaml"
+    file.write_text("target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.06\ncolSpacingMeters: 0.06\n")
+    assert parse_target(str(file)) == Chessboard(6, 7, 0.06)
+    for text, message in (
+        ("target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.05\ncolSpacingMeters: 0.06", "not square"),
+        ("target_type: circlegrid\ntargetCols: 6\ntargetRows: 7\nspacingMeters: 0.02", "aprilgrid and checkerboard are read"),
+        ("target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 88\ntagSpacing: 0.3", "cannot be a target's"),
+        ("target_type: aprilgrid\ntagCols: 6.5\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3", "whole number"),
+        ("tagCols: 6", "no 'target_type'"),
+    ):
+        file.write_text(text + "\n")
+        with pytest.raises(CalibrationError, match=message):
+            parse_target(str(file))
+
+
+@pytest.mark.parametrize(("drop", "place"), [((0,), "from view1 on"), ((4, 9), "from view5 on")])
+def test_sides_out_of_step_are_named_and_no_rig_is_made(drop: tuple[int, ...], place: str) -> None:
+    views = projected_views(pinhole_rig(), BOARD, 20, 0.1, np.random.default_rng(2))
+    rights = [view.right for number, view in enumerate(views) if number not in drop]
+    shifted = []
+    for view, right in zip(views, rights, strict=False):
+        assert view.left is not None and right is not None
+        shifted.append(replace(view, right=BOARD.same_labels(view.left, right)))
+    with pytest.raises(
+        CalibrationError, match=rf"out of step: {place} the right image 1 pair earlier fits.*right side lacks images"
+    ):
+        calibrate(shifted, BOARD)
+
+
+def test_a_rig_that_its_views_contradict_is_refused() -> None:
+    views = projected_views(pinhole_rig(), BOARD, 12, 0.1, np.random.default_rng(2))
+    mixed = [replace(view, right=views[(5 * number + 3) % 12].right) for number, view in enumerate(views)]
+    with pytest.raises(CalibrationError):
+        calibrate(mixed, BOARD)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("aprilgrid:6x6:88mm:88mm", "space between tags"),
+        ("aprilgrid:30x30:20mm:6mm", "587 tags"),
+        ("aprilgrid:6x6:88mm", "expected chessboard"),
         ("chessboard:9x6", "expected chessboard"),
         ("chessboard:9x6:24.23", "length with its unit"),
         ("chessboard:9by6:24mm", "columns x rows"),

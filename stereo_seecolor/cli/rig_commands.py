@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 Target = Annotated[
     str,
-    opt.option("--target", "TARGET", "chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker)."),
+    opt.option(
+        "--target",
+        "TARGET",
+        "chessboard:9x6:24.23mm (inner corners), charuco:5X5_100:11x8:30mm:22mm (squares, marker), "
+        "aprilgrid:6x6:88mm:26.4mm (tags, space), or a target file of Kalibr.",
+    ),
 ]
 TargetLeft = Annotated[Path | None, opt.option("--left", "FOLDER", "Folder of left images of the target, or a video.")]
 TargetRight = Annotated[Path | None, opt.option("--right", "FOLDER", "Folder of right images of the target.")]
@@ -67,7 +72,7 @@ def calibrate(
     *,
     report: Report,
 ) -> None:
-    """Calibrate a rig from image pairs of a chessboard or ChArUco board (docs/calibration.md)."""
+    """Calibrate a rig from image pairs of a chessboard, ChArUco board or AprilGrid (docs/calibration.md)."""
     from stereo_seecolor.commands import calibrate as commands
     from stereo_seecolor.dive.run_options import RunOptions
 

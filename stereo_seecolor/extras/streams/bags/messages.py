@@ -91,7 +91,7 @@ def rig_of(left: Entry, right: Entry, T_right_left: NDArray[np.float64] | None =
     try:
         if T_right_left is None:
             return ros.parse(*sections)
-        return StereoRig(*(ros.parse_camera(section) for section in sections), T_right_left)
+        return StereoRig(ros.parse_camera(sections[0]), ros.parse_camera(sections[1]), T_right_left)
     except CalibrationError as error:
         if str(left.path) in str(error):
             raise
