@@ -28,7 +28,7 @@ def waters_of(frames, **settings):
     corrector = Corrector(ColorConfig(input_encoding="as-is", **settings))
     fitter = corrector.survey_fitter()
     for i, (image, range_m) in enumerate(frames):
-        fitter.add(str(i), corrector.measure(image, range_m), lambda image=image, range_m=range_m: (image, range_m))
+        fitter.add(str(i), corrector.measure(image, range_m))
     return corrector, fitter.waters()
 
 

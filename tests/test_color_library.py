@@ -51,7 +51,7 @@ def test_a_batch_shares_its_water_and_its_exposure() -> None:
     corrector = Corrector(ColorConfig(lock="survey"))
     fitter = corrector.survey_fitter()
     for i, (image, range_m) in enumerate(zip(images, ranges, strict=True)):
-        fitter.add(str(i), corrector.measure(image, range_m), lambda image=image, range_m=range_m: (image, range_m))
+        fitter.add(str(i), corrector.measure(image, range_m))
     survey = fitter.waters()["0"]
     np.testing.assert_allclose(fit(images, ranges).y, survey.y)
     found = correct(images, ranges)

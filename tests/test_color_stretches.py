@@ -27,7 +27,7 @@ def fitted(frames, lock="auto"):
     corrector = Corrector(ColorConfig(input_encoding="as-is", lock=lock))
     fitter = corrector.survey_fitter()
     for i, (image, range_m) in enumerate(frames):
-        fitter.add(str(i), corrector.measure(image, range_m), lambda: None)
+        fitter.add(str(i), corrector.measure(image, range_m))
     return fitter, fitter.waters()
 
 
@@ -77,7 +77,7 @@ def test_frames_that_show_the_same_are_not_cut_apart():
     corrector = Corrector(ColorConfig(input_encoding="as-is"))
     fitter = corrector.survey_fitter(linked=["2", "3"])
     for i, (image, range_m) in enumerate(frames_under(CLEAR, CLEAR, GREEN, GREEN, BLUE, BLUE)):
-        fitter.add(str(i), corrector.measure(image, range_m), lambda: None)
+        fitter.add(str(i), corrector.measure(image, range_m))
     fitter.waters()
     assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]
 

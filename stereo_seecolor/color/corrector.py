@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_model import Light, lit_by
-from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
+from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.render.tone import Tone
@@ -54,50 +54,36 @@ class Corrector:
             return measure(image, range_m, self.config.device)
         return table
 
-    def fit(self, table: MomentTable, start: Water | None = None) -> Water:
+    def fit(self, table: MomentTable, start: Water | None = None, until_s: float | None = None) -> Water:
         """Fit the water to a moment table: of one frame, or the sum of many. Warnings say where the table does not determine it.
 
-        start: an earlier water to begin from; it is returned where the table does not determine the paper's parameters.
+        start: the water of a frame of the same scene, to begin from; method paper returns it where the table does not determine its
+        parameters. until_s: time of ``time.perf_counter`` after which method paper takes no further step.
         Raises ColorError for a table without pixels, unless there is a start.
         """
         if not table.pixels.any():
-            return self._without_pixels(start)
-        return replace(self._fit(table, start), typical_range_m=table.median_range_m)
+            if start is None:
+                raise ColorError("no pixel with a known range: there is nothing to fit a water to")
+            return start
+        return replace(self._fit(table, start, until_s), typical_range_m=table.median_range_m)
 
-    def _fit(self, table: MomentTable, start: Water | None) -> Water:
-        from stereo_seecolor.color.fitting import robust, table_solver
-
+    def _fit(self, table: MomentTable, start: Water | None, until_s: float | None) -> Water:
         if self.config.method == "robust":
+            from stereo_seecolor.color.fitting import robust
+
             water = robust.fit(table, self.config, start)
             doubt = doubts(table) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
             return replace(water, warnings=doubt) if doubt else water
+        from stereo_seecolor.color.fitting import paper
+
         doubt = doubts(table)
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
-        paper = self.config.paper if self.config.method == "paper" else self.config.paper_adam
-        return replace(table_solver.fit(table, paper.penalty, self.config.input_encoding, start), warnings=doubt)
+        return replace(paper.fit(table, self.config.paper, self.config.input_encoding, start, until_s), warnings=doubt)
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """Fit the water of one frame by the method of the settings. image, range_m, start: as in ``measure`` and ``fit``."""
-        return self._fit_measured(self.measure(image, range_m), lambda: (image, range_m), start)
-
-    def _fit_measured(self, table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
-        if self.config.method != "paper-adam" or not table.pixels.any():
-            return self.fit(table, start)
-        return replace(self.fit_dense(*pixels(), start), warnings=doubts(table), typical_range_m=table.median_range_m)
-
-    def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
-        """Fit by the paper's own solver: its networks are trained on every pixel by Adam.
-
-        Raises DeviceError where CUDA is set and absent.
-        """
-        from stereo_seecolor.color.fitting import dense
-
-        check_pair(image, range_m)
-        known = (np.isfinite(range_m) & (range_m > 0)).reshape(-1)
-        if not known.any():
-            return self._without_pixels(start)
-        return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)
+        return self.fit(self.measure(image, range_m), start)
 
     def survey_fitter(self, light: Light | None = None, linked: Collection[str] = ()) -> Fitter:
         """The fitter for the frames of a dive, by ``color.lock``.
@@ -109,11 +95,8 @@ class Corrector:
         def fit(table: MomentTable, start: Water | None) -> Water:
             return lit_by(self.fit(table, start), light)
 
-        def fit_measured(table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
-            return lit_by(self._fit_measured(table, pixels, start), light)
-
         if self.config.lock == "frame":
-            return FrameFitter(fit_measured)
+            return FrameFitter(fit, linked)
         from stereo_seecolor.color.photometry.stretches import AutoFitter  # loads numba
 
         if self.config.lock == "auto":
@@ -153,8 +136,3 @@ class Corrector:
                 f"water: was fitted to images read as {water.input_encoding}, and these are read as {self.config.input_encoding}; "
                 f"set color.input_encoding={water.input_encoding}"
             )
-
-    def _without_pixels(self, start: Water | None) -> Water:
-        if start is None:
-            raise ColorError("no pixel with a known range: there is nothing to fit a water to")
-        return start

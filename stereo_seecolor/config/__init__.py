@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from stereo_seecolor.config.color import ColorConfig, PaperAdamConfig, PaperConfig, RobustConfig
+from stereo_seecolor.config.color import ColorConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.input import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
 from stereo_seecolor.config.matching import MatchingConfig
@@ -20,7 +20,6 @@ __all__ = [
     "MeasuringConfig",
     "MountConfig",
     "OutputConfig",
-    "PaperAdamConfig",
     "PaperConfig",
     "RobustConfig",
     "RunConfig",

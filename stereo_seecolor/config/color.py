@@ -46,33 +46,44 @@ class RobustConfig(StageConfig):
 
 
 class PaperConfig(StageConfig):
-    """DeepSeeColor's losses and model, minimized over moment tables."""
+    """The paper's method (DeepSeeColor): two networks over range, trained by Adam on a moment table."""
 
+    iterations: int = Field(default=500, ge=1, description="Steps of both networks on a frame, or on frames that share a water.")
+    iterations_per_frame: int = Field(
+        default=20,
+        ge=1,
+        description="Steps on a frame of a stream, from the water of the frame before: in live, with lock sliding, and with lock "
+        "frame where run finds that it shows the same spots. live takes fewer where --budget-ms leaves no time for them.",
+    )
+    learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate.")
+    final_sigmoid: bool = Field(
+        default=False,
+        description="true: the backscatter network ends in a sigmoid, as printed. false: its two intensities pass through one "
+        "each.",
+    )
     penalty: float = Field(
         default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
     )
 
 
-class PaperAdamConfig(PaperConfig):
-    """The same as the paper does it: both networks trained by Adam on every pixel."""
-
-    first_steps: int = Field(default=500, ge=1, description="Adam steps on a first frame.")
-    next_steps: int = Field(default=20, ge=1, description="Adam steps on a frame that starts from another's water.")
-    learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate.")
-
-
 class ColorConfig(StageConfig):
     """The water and how it is fitted: images and range maps -> corrected images."""
 
-    method: Literal["robust", "paper", "paper-adam"] = Field(
+    method: Literal["robust", "paper"] = Field(
         default="robust",
-        description="robust: physics with a white point, from quantiles of color over range. paper: DeepSeeColor's losses and "
-        "model, minimized over moment tables. paper-adam: the same by Adam on every pixel, as published; where frames share a "
-        "water, from their tables.",
+        description="robust: physics with a white point, from quantiles of color over range. paper: DeepSeeColor as published, its "
+        "two networks trained by Adam.",
     )
+
+    @field_validator("method", mode="before")
+    @classmethod
+    def _renamed(cls, value: Any) -> Any:
+        if value == "paper-adam":
+            raise ValueError("it is now paper, which trains by Adam")
+        return value
+
     robust: RobustConfig = RobustConfig()
     paper: PaperConfig = PaperConfig()
-    paper_adam: PaperAdamConfig = PaperAdamConfig()
     lock: Literal["auto", "frame", "sliding", "survey"] = Field(
         default="auto",
         description="auto: one water for all frames that share it; where they do not (several sites, a change of depth), one for "
@@ -88,7 +99,7 @@ class ColorConfig(StageConfig):
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
-        description="cuda: tables, corrections and method paper-adam run on it. auto: only paper-adam does, where there is a GPU.",
+        description="cuda: pixels are counted and corrected there; waters are fitted on the processor. auto: the processor.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",

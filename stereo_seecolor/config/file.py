@@ -24,11 +24,14 @@ _Content = dict[str, Any]
 
 RENAMED = {
     "color.objective": "it is now color.method: objective=robust is method=robust, objective=paper is method=paper",
-    "color.solver": "it is now color.method: solver=dense is method=paper-adam, solver=table is method=robust or paper",
+    "color.solver": "it is now color.method: solver=dense is method=paper, solver=table is method=robust or paper",
     "color.clipped_share": "it is now color.clipped_fraction",
-    "color.penalty": "it is now color.paper.penalty, and color.paper_adam.penalty for method=paper-adam",
+    "color.penalty": "it is now color.paper.penalty",
     **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
-    **{f"color.{key}": f"it is now color.paper_adam.{key}" for key in ("first_steps", "next_steps", "learning_rate")},
+    "color.first_steps": "it is now color.paper.iterations",
+    "color.next_steps": "it is now color.paper.iterations_per_frame",
+    "color.learning_rate": "it is now color.paper.learning_rate",
+    "color.paper_adam": "its settings are now color.paper.iterations, iterations_per_frame, learning_rate and penalty",
 }
 """Settings of earlier versions -> what has replaced them."""
 
@@ -199,8 +202,8 @@ def _holds(content: object, key: Sequence[str]) -> bool:
 
 
 def _suggestion(key: str) -> str:
-    if key in RENAMED:
-        return f"; {RENAMED[key]}"
+    if renamed := next((RENAMED[old] for old in RENAMED if key == old or key.startswith(f"{old}.")), ""):
+        return f"; {renamed}"
     near = difflib.get_close_matches(key, [*known_keys(), *RunConfig.model_fields], n=1, cutoff=0.5)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known_keys())}"
 

@@ -121,12 +121,12 @@ class FrameStages:
         """Measure the pair's range unless it is known; returns its row."""
         return self.ranged(pair, clock).row
 
-    def counted(self, pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
-        """The pair's row, and its range (without pixels) and moment table."""
+    def counted(self, pair: Pair, clock: Clock) -> tuple[FrameRow, MomentTable]:
+        """The pair's row and moment table."""
         ranged = self.ranged(pair, clock)
         if ranged.pixels:
             self._keep(ranged, *ranged.pixels)
-        return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
+        return ranged.row, self.table(ranged, clock)
 
     def prepared(self, pair: Pair, clock: Clock) -> tuple[FrameRow, Pair]:
         """The pair's row, and the pair. Its moment table is made, too, while its pixels are in memory, for a later pass."""
@@ -197,14 +197,10 @@ class FrameStages:
             keep_table(path, key, table.packed())
         return table
 
-    def read(self, ranged: Ranged) -> tuple[Image, Map]:
-        """A frame's rectified image without the dive's light, and its measured ranges, for fits that need every pixel."""
-        image, range_map = self.pixels(ranged, Clock())
-        return self._evened(ranged.pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
-
     def read_pair(self, pair: Pair) -> tuple[Image, Map]:
-        """``read`` for a pair whose range this run has measured."""
-        return self.read(self.ranged(pair, Clock()))
+        """A pair's rectified image without the dive's light, and its measured ranges."""
+        image, range_map = self.pixels(self.ranged(pair, Clock()), Clock())
+        return self._evened(pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
 
     def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
         """Correct the frame's colors and write it, unless an earlier run has with the same inputs. Returns its row."""

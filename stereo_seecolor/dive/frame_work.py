@@ -12,7 +12,6 @@ from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.dive.frame_stages import FrameStages
-from stereo_seecolor.dive.source import Ranged
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow, Water
@@ -65,7 +64,7 @@ class GroupCount:
     known: an earlier pass has made the rows of these pairs, so that only times and errors are sent back.
     """
 
-    work: FrameWork[tuple[Ranged, MomentTable]]
+    work: FrameWork[MomentTable]
     config: ColorConfig
     known: bool = False
 
@@ -79,7 +78,7 @@ class GroupCount:
                 row = replace(outcome.row, hashes={}, facts={}, left="", right="") if self.known else outcome.row
                 outcomes.append(replace(outcome, row=row, result=outcome.result is not None))  # type: ignore[arg-type]
                 if outcome.result is not None:
-                    yield pair.name, outcome.result[1]
+                    yield pair.name, outcome.result
 
         return outcomes, CountedFrames.of(tables(), self.config)
 

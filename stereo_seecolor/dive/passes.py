@@ -9,13 +9,12 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.survey import CountedFrames, ReadPixels
+from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.dive.channel_order import channel_order_notes
@@ -79,15 +78,15 @@ class Dive:
         self._expect(pairs, "ranges")
         self.each("ranges", pairs, self._stages.range_row)
 
-    def count(self, pairs: Sequence[Pair], take: Callable[[str, MomentTable, ReadPixels], None] = lambda *_: None) -> None:
+    def count(self, pairs: Sequence[Pair], take: Callable[[str, MomentTable], None] = lambda *_: None) -> None:
         """Make the first pass alone: range maps and moment tables, for a water fitted to all shards of a dive or to several dives.
 
-        take: called with each frame's name, its moment table, and a function that reads its pixels.
+        take: called with each frame's name and its moment table.
         """
         self._begin_ranges()
         self._expect(pairs, "ranges")
-        for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
-            take(row.name, table, partial(self._stages.read, ranged))
+        for row, table in self._pass("ranges", pairs, self._stages.counted):
+            take(row.name, table)
 
     def waters(self, pairs: Sequence[Pair]) -> Mapping[str, Water]:
         """Each frame's water, by name: an earlier run's if it was fitted to the same inputs, else fitted in a first pass."""
@@ -99,8 +98,8 @@ class Dive:
                 self.notes += kept.notes
                 return waters
         waters, notes = self._fit(pairs)
-        notes += channel_order_notes(waters)
-        if self._config.color.method == "robust":
+        if self._config.color.method == "robust":  # the paper's water has no white point, so that its veil takes part in the cast
+            notes += channel_order_notes(waters)
             notes += range_scale_notes(waters, given=not self._makes_ranges)
         self._linked = ()
         self.notes += notes
@@ -124,8 +123,8 @@ class Dive:
             for counted in self._sums(stage, pairs):
                 fitter.join(counted)
         else:
-            for row, (ranged, table) in self._pass(stage, pairs, self._stages.counted):
-                fitter.add(row.name, table, partial(self._stages.read, ranged))
+            for row, table in self._pass(stage, pairs, self._stages.counted):
+                fitter.add(row.name, table)
         return fitter.waters(), fitter.notes()
 
     def _sums(self, stage: str, pairs: Sequence[Pair]) -> Iterator[CountedFrames]:

@@ -32,6 +32,7 @@ LIMITS = Limits()
 
 _LIGHT, _RATE = (0.0, LIMITS.light), (0.0, LIMITS.rate_per_m)
 _SIGNED = (-LIMITS.rate_per_m, LIMITS.rate_per_m)
+_LOGIT = (-700.0, 700.0)  # of light before a sigmoid: beyond, exp overflows
 BOUNDS = {
     "gamma_inf": _LIGHT,
     "beta": _RATE,
@@ -52,13 +53,16 @@ _LEAST, _GREATEST = (np.array([[bounds[end]] for bounds in BOUNDS.values()]) for
 
 def problem_of(water: Mapping[str, Any]) -> str:
     """The first problem of these fields of a water, as "name must be ... (got ...)"; "" for none."""
-    problems = [] if _all_inside(water) else [_channels_problem(name, water[name], *bounds) for name, bounds in BOUNDS.items()]
+    printed = _number_problem("final_sigmoid", water["final_sigmoid"], 0.0, LIMITS.light)
+    bounds_of = BOUNDS | ({"gamma_inf": _LOGIT, "eta": _LOGIT} if not printed and water["final_sigmoid"] else {})
+    problems = [] if _all_inside(water) else [_channels_problem(name, water[name], *bounds) for name, bounds in bounds_of.items()]
     if not any(problems) and not _light_falls(water):
         problems.append("w and y let light grow with range: w exp(-v z) + y exp(-x z) must not be negative at any range")
     if water["input_encoding"] not in ("srgb", "linear", "as-is"):
         problems.append(f"input_encoding must be srgb, linear or as-is (got {water['input_encoding']!r:.80})")
     if water["exposure"] is not None:
         problems.append(_number_problem("exposure", water["exposure"], 1 / LIMITS.exposure))
+    problems.append(printed)
     problems.append(_number_problem("highlights", water["highlights"], 1.0))
     problems.append(_number_problem("fall_off", water["fall_off"], 0.0, LIMITS.fall_off))
     if water["typical_range_m"] is not None:

@@ -35,13 +35,15 @@ class Water:
     w, y: 1/m; one may be negative as long as light never grows with range.
     standard_errors: name of a parameter -> (3,) standard error, NaN where the data add nothing to the prior. They are marginal:
     each holds what all other parameters leave open. Method robust gives those of y, w, beta, gamma_inf, white (of white the color:
-    its level is exposure); the paper's losses those of all eight parameters of their model.
+    its level is exposure); the paper's method none.
     input_encoding: encoding of the images that it was fitted to. warnings: of the fit.
     exposure: gain at which its frames are shown, None where each frame has its own. highlights: light of so many times the
     brightest light shown is rolled off to it at that exposure, 1 = no roll-off.
     fall_off: power of the range by which the light of lamps on the rig falls off, beside A: 0 for daylight, 2 for lamps at the
     camera. matrix: (3, 3) from the camera's colors to those of sRGB, applied to J in linear light; rows sum to 1, so that gray
     stays gray. matrix_errors: (3, 3) its standard errors; None where it was not measured.
+    final_sigmoid: above 0, the backscatter is this times the sigmoid of B above, as the paper prints it, and gamma_inf and eta have
+    any sign.
     typical_range_m: median range of the pixels that it was fitted to, at which frames without any known range are corrected; None
     where it is not known.
 
@@ -65,6 +67,7 @@ class Water:
     fall_off: float = 0.0
     matrix: Matrix = field(default_factory=lambda: np.eye(3))
     matrix_errors: Matrix | None = None
+    final_sigmoid: float = 0.0
     typical_range_m: float | None = None
 
     def __post_init__(self) -> None:
@@ -81,7 +84,8 @@ class Water:
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """B_c(z), shape (..., 3), as a fraction of full scale."""
         z, gamma_inf, beta, eta, alpha = _by_channel(range_m, self.gamma_inf, self.beta, self.eta, self.alpha)
-        return np.moveaxis(physics.backscatter(z, gamma_inf, beta, eta, alpha), 0, -1)
+        light = physics.backscatter(z, gamma_inf, beta, eta, alpha)
+        return np.moveaxis(self.final_sigmoid * physics.sigmoid(light) if self.final_sigmoid else light, 0, -1)
 
     def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """A_c(z) in (0, 1], shape (..., 3); the white point is not in it."""
@@ -89,8 +93,8 @@ class Water:
         return np.moveaxis(physics.attenuation(z, w, v, y, x), 0, -1)
 
     def content(self) -> dict[str, Any]:
-        """The water as JSON: lists in the order R, G, B, null for unknown values. A color matrix only where it mixes channels."""
-        left_out = MATRICES if (self.matrix == np.eye(3)).all() else ()
+        """The water as JSON: lists in the order R, G, B, null for unknown values. What changes nothing is left out."""
+        left_out = (*(MATRICES if (self.matrix == np.eye(3)).all() else ()), *(() if self.final_sigmoid else ("final_sigmoid",)))
         return {part.name: plain(getattr(self, part.name)) for part in fields(self) if part.name not in left_out}
 
     @classmethod

@@ -21,6 +21,11 @@ def cged(x: Any) -> Any:
     return -of.expm1(-of.clip(x, 0, None))
 
 
+def sigmoid(x: Any) -> Any:
+    """1 / (1 + exp(-x)); the last layer of the paper's backscatter network (fig. backscatter-net)."""
+    return 1 / (1 + _library(x).exp(-x))
+
+
 def backscatter(z: Any, gamma_inf: Any, beta: Any, eta: Any, alpha: Any) -> Any:
     """B(z) as a fraction of full scale (paper eq. sea-thru-backscatter-residual)."""
     return gamma_inf * cged(beta * z) + eta * ged(alpha * z)

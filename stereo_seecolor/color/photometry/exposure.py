@@ -70,4 +70,6 @@ def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> Mome
 
 def exposed(water: Water, factor: float) -> Water:
     """The water as it looks at a ``factor`` times longer exposure."""
+    if water.final_sigmoid:
+        return replace(water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor)
     return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor, white=water.white * factor)

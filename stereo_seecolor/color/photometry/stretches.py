@@ -24,7 +24,6 @@ from stereo_seecolor.color.photometry.survey import (
     FitTable,
     Fitter,
     FrameBrightness,
-    ReadPixels,
     add_to,
     completed,
     survey_waters,
@@ -132,7 +131,7 @@ class AutoFitter(Fitter):
         self._chunk_frames = 1
         self._stretches: list[range] = []
 
-    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
+    def add(self, name: str, table: MomentTable) -> None:
         """Add a frame."""
         self.join(CountedFrames.of([(name, table)], self._config))
 

@@ -2,7 +2,7 @@
 
 from array import array
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -17,11 +17,9 @@ from stereo_seecolor.compute.names import ByName, Names
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.records import Image, Map, Water
+from stereo_seecolor.records import Water
 
 FitTable = Callable[[MomentTable, Water | None], Water]
-ReadPixels = Callable[[], tuple[Image, Map]]
-FitFrame = Callable[[MomentTable, ReadPixels, Water | None], Water]
 
 CLASS_STOPS = 2.0
 """Frames are sorted by brightness into classes this wide; more than a class from most is another exposure, not another reef."""
@@ -32,8 +30,8 @@ BLACK = -10_000
 class Fitter(Protocol):
     """Takes frames one at a time and in order, and fits a water for each of them."""
 
-    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
-        """Add a frame and its table. pixels: reads its image and range map, for fits that need every pixel."""
+    def add(self, name: str, table: MomentTable) -> None:
+        """Add a frame and its table."""
 
     @property
     def joins(self) -> bool:
@@ -53,17 +51,20 @@ class Fitter(Protocol):
 
 
 class FrameFitter(Fitter):
-    """``color.lock: frame``: each frame has its own water; the fit starts from that of the frame before."""
+    """``color.lock: frame``: each frame has its own water.
 
-    def __init__(self, fit: FitFrame) -> None:
-        self._fit = fit
+    linked: names of frames that show the same spots as the frame before them: their fits start from its water, no others do.
+    """
+
+    def __init__(self, fit: FitTable, linked: Collection[str] = ()) -> None:
+        self._fit, self._linked = fit, linked
         self._waters: dict[str, Water | None] = {}
         self._last: Water | None = None
 
-    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
+    def add(self, name: str, table: MomentTable) -> None:
         """One more frame."""
         if table.pixels.any():
-            self._last = self._fit(table, pixels, self._last)
+            self._last = self._fit(table, self._last if name in self._linked else None)
         self._waters[name] = self._last if table.pixels.any() else None
 
     def waters(self) -> Mapping[str, Water]:
@@ -81,7 +82,7 @@ class SlidingFitter(Fitter):
         self._total = MomentTable.empty()
         self._last: Water | None = None
 
-    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
+    def add(self, name: str, table: MomentTable) -> None:
         """Add a frame to the window; the oldest leaves it."""
         water = self.water(table)
         self._waters[name] = water if table.pixels.any() else None
@@ -180,7 +181,7 @@ class SurveyFitter(Fitter):
         self._frames = FrameBrightness()
         self._classes: dict[int, ExposureClass] = {}
 
-    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
+    def add(self, name: str, table: MomentTable) -> None:
         """One more frame."""
         frame = CountedFrames.of([(name, table)], self._config)
         reference = self._classes.get(0)

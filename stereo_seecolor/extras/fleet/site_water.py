@@ -56,7 +56,7 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
 
 def _adding(fitter: Fitter, dive: SiteDive) -> Passes:
     def passes(measured: Dive, _: RunFolder, pairing: Pairing) -> None:
-        measured.count(pairing.pairs, lambda name, table, read: fitter.add(_key(dive.water, name), table, read))
+        measured.count(pairing.pairs, lambda name, table: fitter.add(_key(dive.water, name), table))
 
     return passes
 

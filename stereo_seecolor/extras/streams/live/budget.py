@@ -14,6 +14,7 @@ class BudgetConstants:
     growth: float = 3.0  # times that a pair takes longer at twice the size: matching takes 4 to 8, reading and color stay
     patience: int = 20  # pairs before the larger size is tried again; doubled each time that it turns out too slow
     most_patience: int = 2000
+    fitting: float = 0.9  # fraction of the budget in which a fit may take steps: a pair that is matched in time stays within it
 
 
 CONSTANTS = BudgetConstants()
@@ -41,6 +42,10 @@ class Budget:
             f"matched at 1/{self.shrink} of the size to hold {1000 * self._budget_s:.0f} ms a pair "
             f"({1000 * self._too_slow_s:.0f} ms at {larger})"
         )
+
+    def until_s(self, began_s: float, rest_s: float) -> float | None:
+        """When the steps of a fit end for a pair that began then, of which ``rest_s`` seconds follow the fit; None for no limit."""
+        return None if self._budget_s is None else began_s + CONSTANTS.fitting * self._budget_s - rest_s
 
     def took(self, seconds: float) -> None:
         """Note the time that a pair took; the size may change."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.inputs.pairing import Pair
@@ -27,26 +28,37 @@ class LiveFrame:
 class LiveProcessor:
     """Measures each pair, and removes the water that is fitted to the last ``color.sliding_frames`` frames.
 
+    Method paper trains its networks for ``color.paper.iterations_per_frame`` steps on each pair, or as many as its budget leaves.
+
     pipeline: used by this processor alone. read: reads the unrectified images of a pair. budget: the time for a pair.
     """
 
     def __init__(self, pipeline: Pipeline, read: Callable[[Pair], StereoFrame], budget: Budget | None = None) -> None:
         self._pipeline, self._read = pipeline, read
         self._budget = budget or Budget(None)
-        self._fitter = SlidingFitter(pipeline.config.color, pipeline.corrector.fit)
+        self._fitter = SlidingFitter(pipeline.config.color, self._fit)
+        self._until_s: float | None = None  # when the steps of this pair's fit end
+        self._fitted_s, self._after_fit_s = 0.0, 0.0  # when the fit ended, and how long the rest of the last pair took
 
     def process(self, pair: Pair) -> LiveFrame:
         """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError, ColorError as in a run."""
         began_s, reduced = time.perf_counter(), self._budget.text
+        self._until_s = self._budget.until_s(began_s, self._after_fit_s)
         frame = self._read(pair)
         result = self._pipeline.process(frame, self._water, self._match)
-        seconds = time.perf_counter() - began_s
+        ended_s = time.perf_counter()
+        seconds, self._after_fit_s = ended_s - began_s, ended_s - self._fitted_s
         self._budget.took(seconds)
         return LiveFrame(pair, result, seconds, reduced)
 
     def _match(self, frame: StereoFrame) -> RangeMap:
         shrink = self._budget.shrink
         return self._pipeline.match(frame) if shrink == 1 else self._pipeline.matcher.at(shrink).match(frame)
+
+    def _fit(self, table: MomentTable, start: Water | None) -> Water:
+        water = self._pipeline.corrector.fit(table, start, self._until_s)
+        self._fitted_s = time.perf_counter()
+        return water
 
     def _water(self, image: Image, range_map: RangeMap) -> Water:
         """The water with this pair's colors. Of a pair matched at reduced size every second or fourth row and column counts."""
