@@ -135,7 +135,9 @@ SHAPES: dict[str, Shape] = {
     "view": {"out": str, "mesh": (str, None), "viewer": str},
     "metrics": {
         "out": str,
-        "structure": [{"edge_m": float, "squares": int, **keys(STRUCTURE, "mean standard_error between_squares")}],
+        "structure": [
+            {"edge_m": float, "scale_m": float, "squares": int, **keys(STRUCTURE, "mean standard_error between_squares mapped")}
+        ],
         "colonies": [
             {**keys(str, "name label"), **keys(MEASURED, "measured standard_error"), **keys(float, "unseen views counted")}
         ],

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -22,7 +23,7 @@ from stereo_seecolor.extras.reef.metrics.cover import cover
 from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
 from stereo_seecolor.extras.reef.metrics.outlines import Outline
 from stereo_seecolor.extras.reef.metrics.rdh import mean_height_range, rdh
-from stereo_seecolor.extras.reef.metrics.structure import structure
+from stereo_seecolor.extras.reef.metrics.structure import Numbers, numbers_of, squares_of, structure
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
 from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
@@ -54,7 +55,8 @@ def mesh_of(height: Callable[[Array, Array], Array], half_m: float = 0.3) -> Sit
 
 def site(mesh: SiteMesh, std_m: float = 0.003, correlation_m: float = 0.01) -> tuple[Terrain, TerrainErrors]:
     terrain = terrain_of(mesh, grid_of(mesh, CELL_M))
-    return terrain, TerrainErrors(np.full(terrain.grid.shape, std_m), np.full(terrain.grid.shape, 4, np.int32), correlation_m)
+    std, views = np.full(terrain.grid.shape, std_m), np.full(terrain.grid.shape, 4, np.int32)
+    return terrain, TerrainErrors(std, std, views, correlation_m)
 
 
 def circle(radius_m: float, name: str = "a", label: str = "") -> Outline:
@@ -128,8 +130,8 @@ def test_the_mesh_counts_what_overhangs() -> None:
     )
     terrain, errors = site(both)
     (scale, *_) = structure(both, terrain, errors)
-    assert scale.mean.rugosity_area == pytest.approx(1, abs=1e-9)
-    assert scale.mean.mesh_rugosity == pytest.approx(2, abs=0.05)  # a cell at the edge is half covered
+    assert scale.mapped.rugosity_area == pytest.approx(1, abs=1e-9)
+    assert scale.mapped.mesh_rugosity == pytest.approx(2, abs=0.05)  # a cell at the edge is half covered
 
 
 def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
@@ -145,6 +147,31 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
         found.append((colony.measured.volume_l, colony.standard_error.volume_l))
     volumes, said = np.array(found).T
     assert 0.6 < volumes.std(ddof=1) / said.mean() < 1.6
+
+
+@pytest.mark.parametrize(("wave_m", "tall_m"), [(0.3, 0.0), (0.3, 0.02), (0.2, 0.02), (0.3, 0.04)])
+def test_structure_is_that_of_the_ground_and_not_of_its_noise(wave_m: float, tall_m: float) -> None:
+    """Waves, smoothed as matching does, with noise of 5 mm: what the map has is too rough by many of its standard errors."""
+    rng = np.random.default_rng(3)
+    x, y = np.meshgrid(*(np.arange(200) * CELL_M,) * 2)
+    true_m = tall_m * np.sin(2 * np.pi * x / wave_m) * np.cos(2 * np.pi * y / wave_m)
+    noise = cv2.GaussianBlur(rng.standard_normal(x.shape), (0, 0), 1.5 / np.sqrt(2))
+    grid = Grid(0.0, 2.0, CELL_M, true_m.shape)
+    height_m = cv2.GaussianBlur(true_m, (0, 0), 1.3) + 0.005 * noise / noise.std()
+    terrain = Terrain(grid, height_m, np.full((*true_m.shape, 3), np.nan, np.float32))
+    std_m = np.full(grid.shape, 0.005)
+    flat = mesh_of(lambda x, y: 0 * x)
+    errors = TerrainErrors(std_m, std_m, np.ones(grid.shape, np.int32), 0.015)
+    (scale,) = (each for each in structure(flat, terrain, errors) if each.edge_m == 1)
+    cells = round(scale.scale_m / CELL_M)
+    coarse = replace(terrain, height_m=true_m).averaged(cells)
+    true = numbers_of(coarse.height_m, scale.scale_m, squares_of(coarse)[1.0]).mean(axis=0)
+    for name, value in zip(Numbers.names(), true, strict=False):
+        found, std = getattr(scale.mean, name), getattr(scale.standard_error, name)
+        assert abs(found - value) < 2.5 * std, name
+        assert std < 0.5 * max(value, 0.05), name
+    if tall_m == 0:
+        assert scale.mapped.rugosity_area > 1.04 and scale.mean.rugosity_area < 1.01
 
 
 def test_cover_is_of_what_was_seen_and_of_what_was_outlined() -> None:

@@ -29,14 +29,14 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     """The dive in numbers; what is unknown is left out."""
     done = phrase("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
     range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
-    rugosity = facts.map.site.get("surface_rugosity") if facts.map else None
+    rugosity, cell_m = (facts.map.site.get("surface_rugosity"), facts.map.cell_m["dem_m"]) if facts.map else (None, 0.0)
     area_m2 = facts.map.area_m2 if facts.map else None
     values = {
         "frames": done,
         "duration": facts.duration_s and duration(facts.duration_s),
         "track": facts.track_m and length(facts.track_m),
         "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
-        "rugosity": rugosity and f"{rugosity:.2f}",
+        "rugosity": rugosity and phrase("fact.rugosity_value", rugosity=f"{rugosity:.2f}", cell=length(cell_m)),
         "range": range_m and length(range_m),
         "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
         "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),

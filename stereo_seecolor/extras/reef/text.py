@@ -79,6 +79,7 @@ def _structure(result: "SiteMetrics") -> str:
         return "no square of 0.25 m or more was seen well enough\n"
     names = tuple(vars(result.structure[0].mean))
     rows = [("squares", *(f"{each.squares}" for each in result.structure))]
+    rows += [("heights averaged over, mm", *(f"{1000 * each.scale_m:g}" for each in result.structure))]
     rows += [
         (name, *(_concise(vars(each.mean)[name], vars(each.standard_error)[name]) for each in result.structure)) for name in names
     ]

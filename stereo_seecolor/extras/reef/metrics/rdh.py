@@ -44,17 +44,26 @@ class Rdh:
 def rdh(height_m: NDArray[np.floating], cell_m: float) -> Rdh:
     """Measure a square of terrain (H, W), NaN where unknown, at the scales of its edge halved up to four times."""
     heights = np.asarray(height_m, np.float64)
-    edge_m = min(heights.shape) * cell_m
-    parts = [2**k for k in range(SETTINGS.halvings + 1) if edge_m / 2**k >= SETTINGS.finest_cells * cell_m]
-    edges = edge_m / np.array(parts, np.float64)
-    ranges = np.array([mean_height_range(heights, part) for part in parts])
-    finest = ranges[-1] / edges[-1] if parts else np.nan
+    edges, ranges = height_ranges(heights, cell_m)
     return Rdh(
-        rugosity_hvar=float(np.sqrt(finest**2 / 2 + 1)),
+        rugosity_hvar=rugosity_hvar(edges, ranges),
         rugosity_area=surface_rugosity(heights, cell_m),
-        fractal_dimension=_dimension(edges, ranges),
+        fractal_dimension=dimension(edges, ranges),
         height_range_m=float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else float("nan"),
     )
+
+
+def height_ranges(heights: Heights, cell_m: float) -> tuple[Heights, Heights]:
+    """Edges of squares, from that of all the terrain down, and the mean height range of each: (K,) meters."""
+    edge_m = min(heights.shape) * cell_m
+    parts = [2**k for k in range(SETTINGS.halvings + 1) if edge_m / 2**k >= SETTINGS.finest_cells * cell_m]
+    return edge_m / np.array(parts, np.float64), np.array([mean_height_range(heights, part) for part in parts])
+
+
+def rugosity_hvar(edges_m: Heights, ranges_m: Heights) -> float:
+    """R from the height range at the finest edge."""
+    finest = ranges_m[-1] / edges_m[-1] if len(edges_m) else np.nan
+    return float(np.sqrt(finest**2 / 2 + 1))
 
 
 def mean_height_range(heights: Heights, parts: int) -> float:
@@ -69,9 +78,19 @@ def mean_height_range(heights: Heights, parts: int) -> float:
     return float((high - low)[full].mean()) if full.any() else float("nan")
 
 
-def _dimension(edges_m: Heights, ranges_m: Heights) -> float:
+def dimension(edges_m: Heights, ranges_m: Heights) -> float:
     """3 - slope of log range over log edge; a surface without any height is flat."""
     usable = np.isfinite(ranges_m) & (ranges_m > 0)
     if usable.sum() >= SETTINGS.fewest_scales:
         return 3 - float(np.polyfit(np.log(edges_m[usable]), np.log(ranges_m[usable]), 1)[0])
     return 2.0 if len(ranges_m) and (ranges_m == 0).all() else float("nan")
+
+
+def dimension_std(edges_m: Heights, ranges_m: Heights) -> float:
+    """Standard error of the dimension by how far the ranges lie off a power law; NaN of fewer than three."""
+    usable = np.isfinite(ranges_m) & (ranges_m > 0)
+    if usable.sum() < SETTINGS.fewest_scales:
+        return float("nan")
+    x, y = np.log(edges_m[usable]), np.log(ranges_m[usable])
+    off = y - np.polyval(np.polyfit(x, y, 1), x)
+    return float(np.sqrt((off**2).sum() / (len(x) - 2) / ((x - x.mean()) ** 2).sum()))

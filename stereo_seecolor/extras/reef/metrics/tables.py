@@ -45,9 +45,9 @@ def write_tables(folder: Path, content: dict[str, list[Row]]) -> None:
 
 
 def _scale(scale: StructureAtScale) -> Row:
-    return {"edge_m": scale.edge_m, "squares": scale.squares} | _with_errors(
-        asdict(scale.mean), {"std": asdict(scale.standard_error), "between": asdict(scale.between_squares)}
-    )
+    others = {"std": scale.standard_error, "between": scale.between_squares, "mapped": scale.mapped}
+    head = {"edge_m": scale.edge_m, "scale_m": scale.scale_m, "squares": scale.squares}
+    return head | _with_errors(asdict(scale.mean), {name: asdict(each) for name, each in others.items()})
 
 
 def _outline(colony: Colony) -> Row:

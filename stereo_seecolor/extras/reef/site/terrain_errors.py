@@ -38,11 +38,13 @@ SETTINGS = ErrorSettings()
 class TerrainErrors:
     """Standard errors of a terrain.
 
-    std_m: (H, W) standard error of each height, NaN where no frame's range was left. views: (H, W) frames behind each cell.
+    std_m: (H, W) standard error of each height, NaN where no frame's range was left. noise_m: the part of it by the errors
+    of ranges, without what views differ by at edges, which roughens a surface. views: (H, W) frames behind each cell.
     correlation_m: distance over which errors of neighboring cells are correlated.
     """
 
     std_m: Array
+    noise_m: Array
     views: NDArray[np.int32]
     correlation_m: float
 
@@ -112,9 +114,9 @@ class _Sums:
         weight = np.where(known, self._weight, 1)
         spread = np.maximum(self._square - self._mean**2 / weight, 0)
         birge = np.maximum(spread / np.maximum(self._views - 1, 1), 1)
-        std_m = np.where(known & self._terrain.known, np.sqrt(birge / weight), np.nan)
+        noise_m = np.where(known & self._terrain.known, 1 / np.sqrt(weight), np.nan)
         footprint = float(np.median(self._footprints_m)) if self._footprints_m else self._terrain.grid.cell_m
-        return TerrainErrors(std_m, self._views, SETTINGS.match_px * footprint)
+        return TerrainErrors(noise_m * np.sqrt(birge), noise_m, self._views, SETTINGS.match_px * footprint)
 
     def _window(self, frame: SurveyFrame, T: Array) -> tuple[slice, slice] | None:
         """The cells that a frame can see."""
