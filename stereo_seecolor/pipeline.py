@@ -14,11 +14,9 @@ import numpy as np
 from calibration import Rectification, RectifiedPair, StereoRig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render.carried_colors import within_measured
-from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.device import make_matcher, memory_of
+from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.frames import FrameReader
@@ -56,11 +54,11 @@ class Pipeline:
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
         self.original = OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
-        self.matcher = DetailMatcher(
-            self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory_of(self.config.matching.device))
-        )
+        memory = memory_of(self.config.matching.device)
+        self._rectifier = make_rectifier(self.rectification, memory)
+        self.matcher = DetailMatcher(self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory))
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
-        self.corrector = Corrector(self.config.color)
+        self.corrector = make_corrector(self.config.color)
         self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
 
@@ -132,7 +130,7 @@ class Pipeline:
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
         """Rectify both images onto one plane, with the baseline along +x. Raises CalibrationError for images of another size."""
-        left, right = self.rectification.apply_left(frame.left), self.rectification.apply_right(frame.right)
+        left, right = self._rectifier.apply_left(frame.left), self._rectifier.apply_right(frame.right)
         return replace(frame, left=left, right=right)
 
     def match(self, frame: StereoFrame) -> RangeMap:
@@ -156,7 +154,7 @@ class Pipeline:
             if callable(water):
                 water = water(rectified.left, range_map)
             water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
-            ranges = ranges_for_color(rectified.left, range_map, self.config, water, self.seen)
+            ranges = ranges_for_color(self.corrector, rectified.left, range_map, water, self.seen)
             correction = correct(self.corrector, self.config, rectified.left, ranges, water)
         return FrameResult(rectified, range_map, correction, clock.seconds)
 
@@ -171,29 +169,29 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
     if config.output.image_format == "tiff32":
         linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
         correction = replace(correction, linear=linear)
-    correction = _carried_as_measured(correction, range_map)
+    correction = _carried_as_measured(corrector, correction, range_map)
     if range_map.filled.any() and not np.isfinite(range_map.measured_m).any():
         correction = replace(correction, warnings=(*correction.warnings, AT_TYPICAL_RANGE.format(water.typical_range_m)))
     return correction.one_band() if is_monochrome(image) else correction
 
 
-def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correction:
+def _carried_as_measured(corrector: Corrector, correction: Correction, range_map: RangeMap) -> Correction:
     """The correction with colors limited to those of measured pixels where the range was carried over."""
     measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
-    image = within_measured(correction.image, range_map.filled, measured)
-    linear = None if correction.linear is None else within_measured(correction.linear, range_map.filled, measured)
+    image = corrector.within_measured(correction.image, range_map.filled, measured)
+    linear = None if correction.linear is None else corrector.within_measured(correction.linear, range_map.filled, measured)
     return replace(correction, image=image, linear=linear)
 
 
-def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, water: Water, seen: Mask | None = None) -> RangeMap:
+def ranges_for_color(corrector: Corrector, image: Image, range_map: RangeMap, water: Water, seen: Mask | None = None) -> RangeMap:
     """The range map that a frame is corrected with: unknown ranges are carried over from neighbors and marked as filled.
 
     A frame without any known range gets the water's typical range everywhere. seen: where the image shows something, None =
     everywhere.
     """
-    if config.color.unknown_pixels != "interpolate":
+    if corrector.config.unknown_pixels != "interpolate":
         return range_map
-    range_m = carry_ranges(image, range_map.range_m, seen)
+    range_m = corrector.carry_ranges(image, range_map.range_m, seen)
     if water.typical_range_m is not None and not np.isfinite(range_m).any():
         range_m = np.where(True if seen is None else seen, np.float32(water.typical_range_m), range_m)
     return range_map.with_ranges(range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(range_map.range_m)))

@@ -14,19 +14,26 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibration.errors import CalibrationError
 from calibration.formats import load_rig
 from stereo_seecolor import device
-from stereo_seecolor.config import MatchingConfig, RunConfig
-from stereo_seecolor.device import sgm
+from stereo_seecolor import pipeline as pipeline_module
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.config import ColorConfig, MatchingConfig, RunConfig
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.device import color, sgm
+from stereo_seecolor.device.color import DeviceCorrector
 from stereo_seecolor.device.matching import DeviceMatcher
 from stereo_seecolor.device.memory import Memory
+from stereo_seecolor.device.rectify import Rectifier, remap
+from stereo_seecolor.device.surroundings import refine
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.sgm import search as compiled
 from stereo_seecolor.matching.sgm.band import Band
 from stereo_seecolor.matching.sgm.layout import LANES, TILE
-from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
 from stereo_seecolor.records import StereoFrame
 
 REEF = Path(__file__).parents[1] / "data_samples/reef"
@@ -193,3 +200,82 @@ def test_without_a_gpu_auto_takes_the_compiled_loops_and_cuda_is_refused(monkeyp
     with pytest.raises(DeviceError, match="finds no CUDA device"):
         device.memory_of("cuda")
     assert type(reef()[0].matcher._full) is Matcher
+
+
+@pytest.fixture
+def torch_stages(monkeypatch):
+    """Pipelines whose stages run in torch on its CPU device."""
+    monkeypatch.setattr(device, "memory_of", lambda name: None if name == "cpu" else device.memory_on("cpu"))
+    monkeypatch.setattr(pipeline_module, "memory_of", device.memory_of)
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_rectified_images_are_those_of_opencv(depth):
+    rectification = reef()[0].rectification
+    width, height = rectification.raw_size
+    image = np.random.default_rng(0).integers(0, np.iinfo(depth).max, (height, width, 3)).astype(depth)
+    found = Rectifier(Memory(CPU), rectification).apply_right(image)
+    off = np.abs(found.astype(int) - rectification.apply_right(image).astype(int))
+    assert found.dtype == depth
+    assert off.max() <= (0 if depth is np.uint8 else 1)
+    with pytest.raises(CalibrationError):
+        Rectifier(Memory(CPU), rectification).apply_left(image[:-1])
+
+
+@pytest.mark.slow
+def test_a_frame_through_all_stages_is_that_of_the_compiled_pipeline(torch_stages):
+    rig = load_rig(str(REEF / "cam.yaml"))
+    in_torch, compiled_stages = Pipeline(rig), Pipeline(rig, load_config(None, ["matching.device=cpu", "color.device=cpu"]))
+    assert isinstance(in_torch.matcher._full, DeviceMatcher)
+    assert isinstance(in_torch.corrector, DeviceCorrector)
+    assert type(compiled_stages.corrector) is Corrector
+    left, right = (sorted((REEF / side).iterdir())[2] for side in ("left", "right"))
+    frame = StereoFrame(left.name, *(read_image(path, in_torch.config.input) for path in (left, right)))
+    found, wanted = in_torch.process(frame), compiled_stages.process(frame)
+    np.testing.assert_array_equal(found.frame.left, wanted.frame.left)
+    off = np.abs(found.correction.image.astype(int) - wanted.correction.image.astype(int))
+    assert (off > 1).mean() < 1e-4
+    assert (found.correction.unknown == wanted.correction.unknown).all()
+    assert found.correction.exposure == pytest.approx(wanted.correction.exposure, rel=1e-4)
+    assert found.warnings == wanted.warnings
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("unknown_pixels", ["interpolate", "raw"])
+def test_colors_are_those_of_the_compiled_corrector(depth, unknown_pixels):
+    pipeline, frame = reef()
+    image = frame.left if depth == 8 else frame.left.astype(np.uint16) * 257
+    range_map = Matcher(pipeline.rectification.matching_pair, MatchingConfig()).match(frame)
+    range_m = range_map.range_m.copy()
+    range_m[100:180, 200:290] = np.nan  # wide enough for its colors to be limited
+    range_map = range_map.with_ranges(range_m, range_map.filled)
+    config = RunConfig(color=ColorConfig(unknown_pixels=unknown_pixels))
+    wanted, found = Corrector(config.color), DeviceCorrector(Memory(CPU), config.color)
+    table, also = wanted.measure(image, range_m), found.measure(image, range_m)
+    np.testing.assert_array_equal(table.counts, also.counts)
+    np.testing.assert_array_equal(table.offset_sum, also.offset_sum)
+    water = wanted.fit(table)
+    ranges = [ranges_for_color(corrector, image, range_map, water) for corrector in (wanted, found)]
+    np.testing.assert_allclose(ranges[1].range_m, ranges[0].range_m, rtol=1e-5)
+    shown = [correct(corrector, config, image, of, water) for corrector, of in zip((wanted, found), ranges, strict=True)]
+    off = np.abs(shown[0].image.astype(int) - shown[1].image.astype(int))
+    assert off.max() <= (1 if depth == 8 else 257)
+    assert (shown[0].unknown == shown[1].unknown).all()
+    assert (shown[0].unrecoverable != shown[1].unrecoverable).mean() < 1e-5
+
+
+def test_the_shapes_of_the_color_stages_fit_on_the_meta_device():
+    """What has shapes that do not follow the values: the smoother, the limits of colors, and rectification."""
+    image, carried = (
+        torch.zeros((60, 90, 3), dtype=torch.uint8, device="meta"),
+        torch.zeros((60, 90), dtype=torch.bool, device="meta"),
+    )
+    limit = torch.ones(3, device="meta")
+    assert color.within(image, carried, limit, limit).shape == (60, 90, 3)
+    smoothed = color.smooth(image.permute(2, 0, 1).float(), torch.zeros((2, 60, 90), device="meta"), 10.0, 5.0, 2)
+    assert smoothed.shape == (2, 60, 90)
+    places = torch.zeros((4, 40, 50), dtype=torch.int64, device="meta")
+    assert remap(image[None].expand(3, -1, -1, -1), places, places.int()).shape == (3, 40, 50, 3)
+    gray = torch.zeros((60, 90), device="meta")
+    assert refine(gray, gray, gray, gray).disparity.shape == (60, 90)

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.light_model import Light, lit_by
 from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
+from stereo_seecolor.color.render.carried_colors import within_measured
+from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.render.tone import Tone
 from stereo_seecolor.color.table.black_rim import without_rim
@@ -17,7 +20,7 @@ from stereo_seecolor.color.table.measure import check_pair, measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.records import Correction, Image, Map, Water
+from stereo_seecolor.records import Correction, Image, Map, Mask, Water
 
 
 @dataclass(frozen=True)
@@ -49,10 +52,11 @@ class Corrector:
         check_pair(image, range_m)
         range_m = without_rim(image, range_m, self.config.input_encoding)
         every = max(range_m.size // SAMPLING.pixels, 1)
-        table = measure(image, range_m, self.config.device, every)
-        if every > 1 and table.pixels.sum() < SAMPLING.least_known:
-            return measure(image, range_m, self.config.device)
-        return table
+        table = self._count(image, range_m, every)
+        return self._count(image, range_m) if every > 1 and table.pixels.sum() < SAMPLING.least_known else table
+
+    def _count(self, image: Image, range_m: Map, every: int = 1) -> MomentTable:
+        return measure(image, range_m, self.config.device, every)
 
     def fit(self, table: MomentTable, start: Water | None = None, until_s: float | None = None) -> Water:
         """Fit the water to a moment table: of one frame, or the sum of many. Warnings say where the table does not determine it.
@@ -123,7 +127,18 @@ class Corrector:
             exposure, highlights = water.exposure, water.highlights
         if exposure is None:
             exposure, highlights = choose(table or self.measure(image, range_m), water, self.config)
-        return correct(image, range_m, water, Tone(exposure, highlights), self.config)
+        return self._correct(image, range_m, water, Tone(exposure, highlights))
+
+    def _correct(self, image: Image, range_m: Map, water: Water, tone: Tone) -> Correction:
+        return correct(image, range_m, water, tone, self.config)
+
+    def carry_ranges(self, image: Image, range_m: Map, seen: Mask | None = None) -> Map:
+        """The range map with its unknown pixels filled (see ``render.carried_ranges``)."""
+        return carry_ranges(image, range_m, seen)
+
+    def within_measured(self, image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
+        """The corrected image with the colors of carried ranges limited to measured ones (see ``render.carried_colors``)."""
+        return within_measured(image, carried, measured)
 
     def apply_linear(self, image: Image, range_m: Map, water: Water, exposure: float = 1.0) -> NDArray[np.float32]:
         """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is unknown."""

@@ -21,7 +21,7 @@ class Memory:
         held = self._held.get(id(array))
         if held is not None and held[0]() is array:
             return held[1]
-        tensor = torch.from_numpy(np.ascontiguousarray(array))
+        tensor = torch.from_numpy(np.ascontiguousarray(array) if array.flags.writeable else array.copy())
         return self._hold(array, tensor.pin_memory().to(self.device, non_blocking=True) if self.device.type == "cuda" else tensor)
 
     def array(self, tensor: Tensor) -> NDArray[Any]:

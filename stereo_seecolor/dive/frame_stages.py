@@ -223,7 +223,7 @@ class FrameStages:
         source = self._source
         before, measured = self.pixels(ranged, clock)
         with clock("color"):
-            ranges = ranges_for_color(before, measured, source.config, water, source.seen)
+            ranges = ranges_for_color(source.corrector, before, measured, water, source.seen)
         image = self._evened(ranged.pair.name, before, ranges.range_m, clock)
         with clock("color"):
             exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)
@@ -267,7 +267,7 @@ class FrameStages:
         with clock("color"):
             range_m = view.ranges(rectified.range_m)
             range_map = RangeMap.of_ranges(range_m, ~view.mask(rectified.filled))
-            for_color = ranges_for_color(image, range_map, source.config, water)
+            for_color = ranges_for_color(source.corrector, image, range_map, water)
             if self.light:
                 light = self.light.on(pair.name, rectified.range_m.shape[::-1]).seen_through(view.smooth)
                 image = even_light(image, for_color.range_m, light, source.config.color.input_encoding)

@@ -25,13 +25,19 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     by_range = gains(water, config, tone.exposure)
     shown, clipped = _apply(flat, bits, by_range, display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights), config)
-    corrected, unknown = shown.image.reshape(image.shape), shown.unknown.reshape(shape)
+    whole = kernels.Shown(shown.image.reshape(image.shape), shown.unknown.reshape(shape), shown.unrecoverable.reshape(shape))
+    return corrected(image, whole, clipped, water, tone, config)
+
+
+def corrected(image: Image, shown: kernels.Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig) -> Correction:
+    """The correction of an image, of its corrected pixels, at its shape. clipped: the fraction of clipped pixels."""
+    unknown = shown.unknown
     if config.unknown_pixels == "raw":
-        corrected[unknown] = image[unknown]
+        shown.image[unknown] = image[unknown]
     return Correction(
-        image=corrected,
+        image=shown.image,
         unknown=unknown,
-        unrecoverable=shown.unrecoverable.reshape(shape),
+        unrecoverable=shown.unrecoverable,
         clipped_fraction=clipped,
         water=water,
         exposure=tone.exposure,

@@ -56,7 +56,8 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
 
     image: encoded uint8 or uint16, or float32 in linear light.
     """
-    bounds = _bounds(image, measured) if carried.any() else None
+    every = slice(None, None, SETTINGS.every_px), slice(None, None, SETTINGS.every_px)
+    bounds = bounds_of(image[every], measured[every]) if carried.any() else None
     if bounds is None:
         return image
     at = np.flatnonzero(_wide(carried))
@@ -84,11 +85,11 @@ def _others(c: int) -> list[int]:
     return [o for o in range(3) if o != c]
 
 
-def _bounds(image: NDArray[Any], measured: Mask) -> Bounds | None:
-    """The bounds from measured pixels; None where there are too few."""
-    every, encoded = SETTINGS.every_px, np.issubdtype(image.dtype, np.integer)
+def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
+    """The bounds from measured pixels among those that are examined; None where there are too few."""
+    encoded = np.issubdtype(image.dtype, np.integer)
     dark = encode_srgb(np.array(SETTINGS.least_light)) * np.iinfo(image.dtype).max if encoded else SETTINGS.least_light
-    seen = image[::every, ::every][measured[::every, ::every]].astype(np.float32)
+    seen = image[measured].astype(np.float32)
     bounds = Bounds(np.full(3, np.inf, np.float32), np.zeros(3, np.float32))
     for c in range(3):
         others = seen[:, _others(c)]

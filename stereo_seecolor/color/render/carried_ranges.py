@@ -36,7 +36,7 @@ class Smoother:
     strays: float = 0.002
 
 
-_SAMPLE = 2
+SAMPLE = 2
 """Quantiles are those of every second row and column at the smoother's resolution: all take four times as long."""
 
 
@@ -69,7 +69,7 @@ def _smoothed(image: Image, range_m: Map, known: Mask, smoother: Smoother) -> ND
     total = cv2.resize(cv2.copyTo(range_m, mask), size, interpolation=cv2.INTER_AREA)
     density = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     mean_m = np.divide(total, density, out=np.zeros_like(total), where=density > 0)
-    sample_m = mean_m[::_SAMPLE, ::_SAMPLE][density[::_SAMPLE, ::_SAMPLE] > 0]
+    sample_m = mean_m[::SAMPLE, ::SAMPLE][density[::SAMPLE, ::SAMPLE] > 0]
     near_m, far_m = np.quantile(sample_m, [smoother.strays, 1 - smoother.strays]) if sample_m.size else (0.0, np.inf)
     weight = density * mean_m**2 * ((mean_m >= near_m) & (mean_m <= far_m))
     farther = smoother.farther * float(weight.sum() / np.count_nonzero(density))

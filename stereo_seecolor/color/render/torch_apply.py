@@ -15,13 +15,23 @@ from stereo_seecolor.color.table.torch_counting import on_device, pixels_on, pos
 
 def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device) -> tuple[Shown, float]:
     """``kernels.apply`` on a device."""
-    pixels, fine = pixels_on(image, device), positions(torch.from_numpy(bits).to(device)) >> FINE_SHIFT
-    unknown, top = fine == FINE_BINS, np.iinfo(image.dtype).max
+    pixels, eight = pixels_on(image, device), image.dtype == np.uint8
+    out, unknown, unrecoverable, clipped = apply_on(pixels, torch.from_numpy(bits).to(device), gains, shown, eight)
+    return Shown(out.cpu().numpy().astype(image.dtype), unknown.cpu().numpy(), unrecoverable.cpu().numpy()), clipped
+
+
+def apply_on(pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool) -> tuple[Tensor, Tensor, Tensor, float]:
+    """``kernels.apply`` of (N, 3) pixels and (N,) bits that are on a device. eight: of 8 bits, else 16.
+
+    Returns corrected pixels, as int32; where the range is unknown; where they cannot be recovered; and the fraction clipped.
+    """
+    device, fine = pixels.device, positions(bits) >> FINE_SHIFT
+    unknown, top = fine == FINE_BINS, 255 if eight else 65535
     known = on_device(shown.known, device)[pixels.to(torch.int64)]
     capped = on_device(gains.capped, device)[fine] & ~unknown
     light = _above_noise(_mixed(_light(pixels, fine, known, gains, shown.decoded), gains), fine, gains)
-    codes = _codes(light, on_device(shown.curve, device), image.dtype == np.uint8)
-    if image.dtype == np.uint8 and not gains.matrix.size:
+    codes = _codes(light, on_device(shown.curve, device), eight)
+    if eight and not gains.matrix.size:
         plain = (~capped & (known == 1).all(dim=1)) | unknown
         codes[plain] = _looked_up(pixels[plain], fine[plain], code_table(gains, shown))
     knee, length, bend, unit, zero = on_device(shown.shoulder, device).unbind()
@@ -32,8 +42,7 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
     out[unknown] = 0
     unrecoverable = (capped | (known == 0).any(dim=1)) & ~unknown
     clipped = int((out == top).any(dim=1).sum()) / max(int((~unknown).sum()), 1)
-    values = out.cpu().numpy().astype(image.dtype)
-    return Shown(values, unknown.cpu().numpy(), unrecoverable.cpu().numpy()), clipped
+    return out, unknown, unrecoverable, clipped
 
 
 def linear(

@@ -82,5 +82,5 @@ def warm_up(pipeline: Pipeline) -> None:
     image = pipeline.rectification.upright(rectified.left)
     water = SlidingFitter(pipeline.config.color, pipeline.corrector.fit).water(pipeline.corrector.measure(image, range_m))
     assert water is not None
-    ranges = ranges_for_color(image, RangeMap.of_ranges(range_m, np.isfinite(range_m)), pipeline.config, water, pipeline.seen)
+    ranges = ranges_for_color(pipeline.corrector, image, RangeMap.of_ranges(range_m, np.isfinite(range_m)), water, pipeline.seen)
     correct(pipeline.corrector, pipeline.config, image, ranges, water)
