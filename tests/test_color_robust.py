@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE
-from stereo_seecolor.color.fitting.scene_prior import SCENE, whole_prior
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER, water_prior
+from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra, sea_floor
+from stereo_seecolor.color.fitting.scene_prior import whole_prior
+from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER, drawn_camera, water_prior
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS, RangeQuantiles, quantiles_by_range
@@ -239,13 +240,42 @@ def test_known_depth_narrows_the_white_point() -> None:
 
 def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
     known, prior = np.full(3, 1e-6), np.array([10.0, 0.3, 0.1])
-    np.testing.assert_allclose(robust.error_with_cast(known, prior), (prior**-2 + SCENE.cast**-2) ** -0.5, rtol=1e-3)
+    cast = np.sqrt(np.diag(sea_floor().cast))
+    np.testing.assert_allclose(robust.error_with_cast(known, prior), (prior**-2 + cast**-2) ** -0.5, rtol=1e-3)
     np.testing.assert_allclose(robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3)  # hardly anything learned
     set_by_user = ColorConfig(robust=RobustConfig(white_point=(0.9, 1.0, 0.8)))
     rng = np.random.default_rng(3)
     table = measure(seen_through(BLUE, reef(rng), slope(), rng), slope())
     errors = [robust.fit(table, config).standard_errors["white"] for config in (CONFIG, set_by_user)]
-    assert (errors[0] > 0.1).all() and not (errors[1] > 0.01).any()
+    assert (errors[0] > 0.06).all() and not (errors[1] > 0.01).any()
+
+
+def test_published_spectra_have_the_colors_that_are_known() -> None:
+    kinds, _, spectra = read_spectra()
+    assert ((spectra > 0) & (spectra < 1)).all()
+    red, green, blue = np.log(spectra @ drawn_camera(np.full(4, 0.5)).T).T
+    sand = np.array(kinds) == "sand"
+    assert ((red - green)[sand] > np.log(1.1)).all() and ((red - green)[sand] < np.log(1.2)).all()
+    assert ((blue - green)[sand] > np.log(0.7)).all() and ((blue - green)[sand] < np.log(0.85)).all()
+    for kind, channels in {"green algae": green - red, "brown algae": red - green, "blue coral": blue - green}.items():
+        assert channels[np.array(kinds) == kind].mean() > 0.02, kind
+
+
+def test_magenta_costs_more_than_brown() -> None:
+    """A scene all of whose colors are off from warm to cool is likelier than one that is as far off toward magenta."""
+    precision = whole_prior(5, CONFIG.robust)[1]
+    content = precision[WATER:-5, WATER:-5]
+    warm, magenta = (
+        np.repeat(np.array(axis) / np.linalg.norm(axis), len(FRACTIONS)) for axis in ([1.0, 0.0, -1.0], [1.0, -2.0, 1.0])
+    )
+    assert magenta @ content @ magenta > 3 * (warm @ content @ warm)
+
+
+@pytest.mark.slow
+def test_kept_colors_of_the_sea_floor_are_those_of_the_spectra() -> None:
+    kept, made = sea_floor(), mixed()
+    for name in ("mean", "channels", "cast"):
+        np.testing.assert_allclose(getattr(kept, name), getattr(made, name), atol=2e-4)
 
 
 @pytest.mark.real_data
@@ -277,7 +307,7 @@ def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64])
             break
     loss = range_m * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * range_m))
     reflectance, brightness = x[WATER : -range_m.size].reshape(3, 1, -1), x[-range_m.size :, None]
-    cast = SCENE.cast * rng.standard_normal((3, 1, 1))
+    cast = rng.multivariate_normal(np.zeros(3), sea_floor().cast, check_valid="ignore").reshape(3, 1, 1)
     direct = np.exp(reflectance + cast + brightness) * (white * np.exp(-loss))[..., None]
     veil = np.broadcast_to((backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape)
     spread = np.hypot(NOISE.content * direct / (direct + veil), NOISE.all)

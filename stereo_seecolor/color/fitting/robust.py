@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.robust_solver import NOISE, Problem, minimize
-from stereo_seecolor.color.fitting.scene_prior import SCENE, deviations, whole_prior
+from stereo_seecolor.color.fitting.scene_colors import sea_floor
+from stereo_seecolor.color.fitting.scene_prior import deviations, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
@@ -154,10 +155,10 @@ def error_with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]
     """(3,) standard errors of the logarithm of the white point, where all of a scene may be of one color.
 
     Quantiles of a scene have a cast in common, which no number of them averages away: what they say of the white point is no more
-    exact than ``SCENE.cast``. (3,) error: as if it were; prior_error: before any image.
+    exact than the cast of the sea floor's scenes. (3,) error: as if it were; prior_error: before any image.
     """
     from_images = np.maximum(error**-2.0 - prior_error**-2.0, 1e-6)
-    return np.asarray((prior_error**-2.0 + 1 / (1 / from_images + SCENE.cast**2)) ** -0.5)
+    return np.asarray((prior_error**-2.0 + 1 / (1 / from_images + np.diag(sea_floor().cast))) ** -0.5)
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.fitting.scene_colors import sea_floor
 from stereo_seecolor.color.fitting.water_prior import WATER, Vector, water_prior
 from stereo_seecolor.config import RobustConfig
 
@@ -23,20 +24,21 @@ class ScenePrior:
     """Mean of a channel, as a fraction of the brightest thousandth's. With a darkest of 0.009
     backscatter came out too low in every kind of water; with one of 0.001, too high over sand."""
     natural: tuple[float, float, float] = (0.2, 0.0, -0.25)
-    """Natural scenes are warm: sand, rock, algae and coral reflect more red than blue (logarithm against green). Coral sand is at
-    0.16, 0, -0.27; the mean of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25."""
+    """Natural scenes are warm (logarithm against green). Coral sand is at 0.16, 0, -0.27; the mean of photographs in daylight,
+    ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25."""
+    sea_floor: float = 0.25
+    """Share of the mean color of the sea floor's spectra (0.27, 0, -0.41 at the median), the rest ``natural``. With a half, or all,
+    FLSea's white targets come out yellower, by 0.1 and 0.4 degrees, and drawn scenes of such spectra better."""
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.9, 0.6, 0.25)
     """Fraction of ``natural`` at each quantile: brighter things are nearer to gray; the brightest are white, or reflections."""
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
-    """Standard deviation of a channel about that: dark things have any color, bright ones less."""
+    """Standard deviation from warm to cool about that: dark things have any color, bright ones less. How channels vary together,
+    and less from green to magenta, is that of the sea floor's spectra (``scene_colors``)."""
     alike: float = 0.2
     """Correlation of the colors of neighboring quantiles, and its powers of those beyond: what is strongly colored is so from dark
     to bright. In 30 photographs 0.8 to 0.95, which takes white from the brightest alone and suits reefs less."""
     reflectance_all: float = 1.0
     """Standard deviation of a quantile's reflectance, all channels together."""
-    cast: float = 0.22
-    """Standard deviation of a channel of the color that all of a scene has in common; of the white point's error alone, where its
-    size was measured (docs/lab/color.md): the fit itself holds reefs to natural colors better without it."""
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0
@@ -68,13 +70,20 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
     mean, precision = np.zeros(size), np.zeros((size, size))
     mean[:WATER], water_covariance = _water(settings)
     precision[:WATER, :WATER] = np.linalg.inv(water_covariance)
-    warm = np.array(SCENE.natural) * (settings.scene_colors == "natural")
-    mean[content] = (np.log(SCENE.reflectance) + warm[:, None] * np.array(SCENE.natural_fraction)).ravel()
+    mean[content] = (np.log(SCENE.reflectance) + _mean_color() * (settings.scene_colors == "natural")).ravel()
     apart = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
     colors, together = np.outer(SCENE.color, SCENE.color) * SCENE.alike**apart, SCENE.reflectance_all**2 * np.eye(number)
-    precision[content, content] = np.linalg.inv(np.kron(np.eye(3), colors) + np.kron(np.ones((3, 3)), together))
+    channels = sea_floor().channels + 1 / 3  # brightness varies as warmth does
+    precision[content, content] = np.linalg.inv(np.kron(channels, colors) + np.kron(np.ones((3, 3)), together))
     precision[brightness, brightness] = np.eye(groups) / SCENE.brightness**2 + SCENE.mean_brightness
     return mean, precision, deviations(water_covariance)
+
+
+def _mean_color() -> Matrix:
+    """(3, 9) mean logarithms of the channels at each quantile, but for what they have in common."""
+    natural = np.array(SCENE.natural)[:, None] - np.mean(SCENE.natural)
+    of_all = SCENE.sea_floor * sea_floor().mean + (1 - SCENE.sea_floor) * natural
+    return np.asarray(of_all * np.array(SCENE.natural_fraction))
 
 
 def deviations(covariance: Matrix) -> Matrix:

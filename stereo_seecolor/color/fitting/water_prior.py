@@ -20,7 +20,7 @@ WATER = 15
 """Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white, each for R, G, B."""
 
 _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid coast
-_WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
+WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
 RATE_OF_CHANGE = 0.25
 """1/m: over 4 m a coefficient goes from near to far. Any light stays monotone in range while near is below 8 times far."""
@@ -115,17 +115,17 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     """(15,) parameters of one water, from (10,) draws in [0, 1)."""
     at = draw[0] * (len(_KD) - 1)
     table = _KD[int(at)] * (1 - at % 1) + _KD[int(at) + 1] * (at % 1)
-    kd = np.interp(_WAVELENGTH_NM, TABLE_NM, table)
+    kd = np.interp(WAVELENGTH_NM, TABLE_NM, table)
     scattering = max(scattering_per_m(table), ENSEMBLE.least_scattering_per_m)
     beam = kd + ENSEMBLE.beam_scattering * draw[1] * scattering
     depth_m = draw[2] * min(ENSEMBLE.deepest_m, ENSEMBLE.most_optical_depth / kd.min()) if depth_m is None else depth_m
     sunlight = np.exp(-kd * depth_m)
-    channels = _channels(draw[3:7])
+    channels = drawn_camera(draw[3:7])
     white = channels @ sunlight
     transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
     fall, far = np.polyfit(np.exp(-RATE_OF_CHANGE * _RANGE_M), -np.log(transmission) / _RANGE_M[:, None], 1)
     above = np.exp(kd * 2 * ENSEMBLE.lit_above_m * (draw[7] - 0.5))
-    scattered = sunlight * above * (_WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8] * scattering / beam
+    scattered = sunlight * above * (WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8] * scattering / beam
     backscatter = channels @ scattered
     reached = channels @ (scattered * -np.expm1(-ENSEMBLE.seen_at_m * beam)) / backscatter
     log_white = np.log(white)
@@ -141,9 +141,9 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     )
 
 
-def _channels(draw: Vector) -> NDArray[np.float64]:
+def drawn_camera(draw: Vector) -> NDArray[np.float64]:
     """(3, wavelengths) a camera's filters, of unit sum. draw: (4,) numbers in [0, 1), for peaks and widths."""
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
     widths = np.array(ENSEMBLE.widths_nm) * (1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3])
-    filters = np.exp(-0.5 * ((_WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
+    filters = np.exp(-0.5 * ((WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
     return np.asarray(filters / filters.sum(axis=1, keepdims=True))
