@@ -56,7 +56,7 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.first_steps=3", r"it is now color\.paper\.iterations$"),
         ("color.paper_adam.next_steps=3", r"its settings are now color\.paper\.iterations, iterations_per_frame"),
         ("color.penalty=3", r"it is now color\.paper\.penalty"),
-        ("color.clipped_share=0.1", r"it is now color\.clipped_fraction$"),
+        ("color.clipped_fraction=0.1", r"brightness is now set by color\.median_luminance$"),
         ("color.robust.white_point=[1, yes, 1]", r"^--set: color\.robust\.white_point: "),
         ("input.video_every=1.5", r"input\.video_every: input should be a valid integer"),
         ("output.clouds=1", r"output\.clouds: input should be a valid boolean"),

@@ -135,7 +135,7 @@ def calibrations(folder: Path) -> list[Path]:
 
 def configs(folder: Path) -> list[Path]:
     (folder / "run.yaml").write_text(
-        "color:\n  lock: survey\n  clipped_fraction: 0.01\nmatching: {max_range_m: 7}\noutput:\n  clouds: no\n"
+        "color:\n  lock: survey\n  median_luminance: 0.1\nmatching: {max_range_m: 7}\noutput:\n  clouds: no\n"
     )
     return sorted(folder.iterdir())
 

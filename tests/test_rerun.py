@@ -26,7 +26,7 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))
     ranges = {path: path.stat().st_mtime_ns for path in (out / "range").iterdir()}
-    cli(*dive.command(out, "--set", "color.clipped_fraction=0.1"))
+    cli(*dive.command(out, "--set", "color.median_luminance=0.1"))
     assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, "ranges do not depend on color settings"
     cv2.imwrite(str(dive.root / "R" / "0001.png"), read_pixels(dive.root / "R" / "0001.png") // 2)
     cli(*dive.command(out))

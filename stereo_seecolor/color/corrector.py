@@ -119,7 +119,7 @@ class Corrector:
         """Remove the water from an image, at the image's size and bit depth.
 
         table: the image's moment table, if it has been measured. exposure, highlights: the brightness, as in another correction;
-        None: the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_fraction``.
+        None: the water's, or else this frame's own, by ``config.highlights`` and ``config.median_luminance``.
         Raises ColorError where image and range map differ in size, or the water was fitted to another encoding.
         """
         self._check(water)

@@ -112,17 +112,17 @@ class ColorConfig(StageConfig):
         "from spots that several frames of run show, and divided out where that makes them agree better. "
         "none: nothing is divided out.",
     )
-    clipped_fraction: float = Field(
-        default=0.0005,
-        ge=0,
-        lt=1,
-        description="Exposure is set so that at most this fraction of the pixels has a channel at full scale; a white card far "
-        "away may be but a thousandth of a frame, and must not clip.",
+    median_luminance: float = Field(
+        default=0.18,
+        gt=0,
+        le=0.5,
+        description="How bright frames are shown: the median luminance of all frames that share a water, in linear light, as a "
+        "fraction of full scale. 0.18 is mid-gray. Not for images read as as-is.",
     )
     highlights: Literal["roll-off", "clip"] = Field(
         default="roll-off",
-        description="roll-off: a scene that is dark against its brightest is shown up to two stops brighter, and light above "
-        "mid-gray is compressed, all channels of a pixel alike. clip: light is shown in proportion, as it always is where "
+        description="roll-off: light above mid-gray is compressed where the brightest would clip, all channels of a pixel alike. "
+        "clip: light is shown in proportion, and darker where more than 0.05 % of the pixels would clip; it always is where "
         "input_encoding is as-is.",
     )
     input_noise: float = Field(

@@ -25,7 +25,7 @@ _Content = dict[str, Any]
 RENAMED = {
     "color.objective": "it is now color.method: objective=robust is method=robust, objective=paper is method=paper",
     "color.solver": "it is now color.method: solver=dense is method=paper, solver=table is method=robust or paper",
-    "color.clipped_share": "it is now color.clipped_fraction",
+    **dict.fromkeys(("color.clipped_fraction", "color.clipped_share"), "brightness is now set by color.median_luminance"),
     "color.penalty": "it is now color.paper.penalty",
     **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
     "color.first_steps": "it is now color.paper.iterations",

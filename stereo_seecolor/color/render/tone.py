@@ -1,8 +1,8 @@
 """The exposure of an image for display, and the roll-off of highlights beyond full scale.
 
-If the brightest pixel may not clip, a few white targets or specular reflections set the exposure, and a shaded reef is shown black.
-So a scene that is dark relative to its brightest is shown brighter, and light above mid-gray is compressed: all channels of a pixel
-by one factor, which depends on its brightest channel alone. Chromaticity does not change, and light up to mid-gray stays linear.
+A scene is shown at one median brightness (``render.exposure``). Where its brightest would then clip, light above mid-gray is
+compressed: all channels of a pixel by one factor, which depends on its brightest channel alone. Chromaticity does not change, and
+light up to mid-gray stays linear.
 """
 
 from functools import lru_cache
@@ -22,7 +22,8 @@ BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
 NODES = 16384
 """Steps of the encoding curve from light 0 to 1: where it is steepest, in the dark, one is a fifth of an 8-bit step."""
 REACH = 4
-"""Light up to this many times full scale keeps its order before it rolls off: as much as a scene is lifted."""
+"""Light up to this many times full scale keeps its order before it rolls off. Exposure goes no further, two stops: with more, the
+bright parts of a picture turn flat and pale, and noise is brightened, too."""
 CODES = {8: 128, 16: 1}
 """Codes a value, by bit depth: 8-bit values are rounded from codes, in 16 bits."""
 FULL_FROM, FULL_AT = 0.95, 0.99
