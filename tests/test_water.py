@@ -13,6 +13,7 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.evaluate import evaluate
 from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
+from stereo_seecolor.records import Water
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
@@ -56,10 +57,10 @@ def test_the_chart_of_the_sample_dive_gives_its_white(sample_run: SampleRun, tmp
     measured = measure_white(tmp_path / "out", targets)
     assert [chart.frame for chart in measured.charts] == list(corners)
     assert max(chart.residual_deg for chart in measured.charts) < 1
-    white = np.array(json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]["white"])
-    off = np.log(measured.water.white / measured.water.white.prod() ** (1 / 3)) - np.log(white / white.prod() ** (1 / 3))
-    error = measured.water.standard_errors["white"] / measured.water.white
-    assert (np.abs(off) < 2 * error).all()
+    found, true = measured.water, Water.from_content(json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"])
+    gains = [np.log(water.white * water.attenuation(np.array(found.typical_range_m))) for water in (found, true)]
+    off = (gains[0] - gains[0].mean()) - (gains[1] - gains[1].mean())
+    assert (np.abs(off) < 2 * found.standard_errors["white"] / found.white).all(), "of colors at the dive's typical range"
     assert np.abs(off).max() < 0.15
     assert measured.trend and (np.abs(measured.trend.per_m) < 3 * measured.trend.error).all()
     assert measured.matrix is None and "left out of the fit gain too little" in measured.no_matrix  # its camera is sRGB's

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from stereo_seecolor.color.white_point import DOUBT, white_doubt
 from stereo_seecolor.report.dive_facts import DiveFacts, RowFacts
 from stereo_seecolor.report.texts import phrase
 
@@ -36,7 +37,7 @@ def judge_so_far(facts: RowFacts) -> Verdict:
 
 def judge(facts: DiveFacts) -> Verdict:
     """The verdict on a finished run."""
-    reasons = (*_of_shards(facts), *_of_pairs(facts), *_of_pixels(facts), *_of_map(facts))
+    reasons = (*_of_shards(facts), *_of_pairs(facts), *_of_pixels(facts), *_of_white(facts), *_of_map(facts))
     if not facts.run.frames:
         return Verdict(False, phrase("verdict.nothing"), reasons)
     return Verdict(not reasons, phrase("verdict.look" if reasons else "verdict.good"), reasons)
@@ -52,7 +53,7 @@ def _of_pairs(facts: RowFacts) -> list[str]:
     for status in ("failed", "pending", "unpaired"):
         if count := facts.count(status):
             reasons.append(phrase(f"verdict.{status}", count=count, pairs=len(facts.pairs)))
-    warned = sum(bool(row.warnings) for row in facts.pairs)
+    warned = sum(any(not warning.startswith(DOUBT) for warning in row.warnings) for row in facts.pairs)
     if warned > LIMITS.warned_fraction * len(facts.pairs):
         reasons.append(phrase("verdict.warned", count=warned, pairs=len(facts.pairs)))
     return reasons
@@ -66,6 +67,13 @@ def _of_pixels(facts: RowFacts) -> list[str]:
     if lost is not None and lost > LIMITS.unrecoverable_fraction:
         reasons.append(phrase("verdict.unrecoverable", percent=f"{lost:.0%}"))
     return reasons
+
+
+def _of_white(facts: DiveFacts) -> list[str]:
+    """The doubt of the white point of most frames, as in frames.csv."""
+    doubts = [white_doubt(water) for water in {id(water): water for water in facts.waters.values()}.values()]
+    named = [f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts if doubt]
+    return named[:1] if len(named) > len(doubts) / 2 else []
 
 
 def _of_map(facts: DiveFacts) -> list[str]:

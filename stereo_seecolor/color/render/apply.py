@@ -11,6 +11,7 @@ from stereo_seecolor.color.render.tone import Display, Tone, display
 from stereo_seecolor.color.table.bins import range_bits
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.color.table.measure import check_pair
+from stereo_seecolor.color.white_point import white_doubt
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water
 
@@ -42,7 +43,7 @@ def corrected(image: Image, shown: kernels.Shown, clipped: float, water: Water, 
         water=water,
         exposure=tone.exposure,
         highlights=tone.highlights,
-        warnings=(*water.warnings, *([NOTHING_KNOWN] if unknown.all() else [])),
+        warnings=tuple(filter(None, (*water.warnings, white_doubt(water), NOTHING_KNOWN if unknown.all() else ""))),
     )
 
 

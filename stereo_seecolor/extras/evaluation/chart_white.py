@@ -6,13 +6,14 @@ Charts at several ranges also test the water: the color of their white is the sa
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import decoded_values
+from stereo_seecolor.color.white_point import with_white
 from stereo_seecolor.extras.evaluation.camera_matrix import SETTINGS as MATRIX
 from stereo_seecolor.extras.evaluation.camera_matrix import SeenPatches
 from stereo_seecolor.extras.evaluation.chart_spread import MOST_CLIPPED
@@ -40,8 +41,6 @@ class WhiteSettings:
     """Least difference of the farthest and the nearest target's range, fraction of their mean, for a trend with range."""
     likely: float = 3.0
     """Standard errors by which the white of something found, which looks like a card, may differ from the fitted one."""
-    least_error: float = 0.02
-    """Standard error of the color of one target's white, logarithm: print, tilt, and light from the side."""
 
 
 SETTINGS = WhiteSettings()
@@ -86,7 +85,7 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
     light = decoded_values(8 * image.dtype.itemsize, water.input_encoding)
     for target in targets:
         patches = tuple(_patch(light, image[patch], range_m[patch], water) for patch in target.patches)
-        colors, ranges_m = _white_of_grays(patches, target.type)
+        colors, ranges_m = _white_of_grays(patches, target)
         if not colors:
             continue
         middle, scatter = np.median(colors, axis=0), 0.0
@@ -97,16 +96,16 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
             target=target.name,
             range_m=float(np.median(ranges_m)),
             white=middle - middle.mean(),
-            error=float(np.hypot(scatter, SETTINGS.least_error)),
+            error=float(np.hypot(scatter, target.error)),
             patches=patches if target.type else (),
             type=target.type,
         )
 
 
-def _white_of_grays(patches: Sequence[Patch], type: ChartType | None) -> tuple[list[Array], list[float]]:
-    """The color of white (3,), as logarithms of mean 0, by each usable gray patch, and its range. type: None for a card."""
-    grays = patches[type.grays] if type else patches
-    published = decode_srgb(type.srgb[type.grays]) if type else np.ones((len(grays), 3))
+def _white_of_grays(patches: Sequence[Patch], target: Target) -> tuple[list[Array], list[float]]:
+    """The color of white (3,), as logarithms of mean 0, by each usable gray patch of a target, and its range."""
+    grays = patches[target.type.grays] if target.type else patches
+    published = decode_srgb(target.type.srgb[target.type.grays]) if target.type else np.array([target.reflectance] * len(grays))
     colors, ranges_m = [], []
     for gray, color in zip(grays, published, strict=True):
         if color.mean() >= SETTINGS.least_reflectance and np.isfinite(gray.white).all():
@@ -184,16 +183,13 @@ class ChartWhite:
         return tuple(_angle_deg(one.white - self.white) for one in self.seen)
 
     def set_in(self, water: Water) -> Water:
-        """The water with this white point, at the water's own level; other parameters do not change.
-
-        Standard errors include those of the attenuation over the range of the charts.
+        """The water with this white point (``with_white``). Its standard errors are those of colors at the water's typical range:
+        they include those of the attenuation over the difference of that range and the targets'.
         """
-        level = np.exp(np.log(water.white).mean())
-        white = level * np.exp(self.white)
         rate = np.nan_to_num(water.standard_errors.get("y", np.zeros(3)))
-        error = np.hypot(self.error, np.median([one.range_m for one in self.seen]) * rate)
-        errors = {**water.standard_errors, "white": white * error}
-        return replace(water, white=white, standard_errors=errors, exposure=None, highlights=1.0)
+        range_m = float(np.median([one.range_m for one in self.seen]))
+        error = np.hypot(self.error, abs(range_m - (water.typical_range_m or 0.0)) * rate)
+        return with_white(water, np.exp(self.white), error)
 
 
 def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPatches | None:

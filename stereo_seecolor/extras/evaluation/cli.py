@@ -96,22 +96,39 @@ WhiteTargets = Annotated[
 ]
 
 
-@command("Single steps of run", "water OUT --poses nav.tum", "water OUT --chart")
+WhiteSpots = Annotated[
+    list[str] | None,
+    opt.option("--white", "FRAME:x,y", "White point from a spot that is white: a pixel of a corrected image. May be repeated."),
+]
+SandSpots = Annotated[
+    list[str] | None, opt.option("--sand", "FRAME:x,y", "White point from a spot of carbonate sand. May be repeated.")
+]
+
+
+@command("Single steps of run", "water OUT --poses nav.tum", "water OUT --chart", "water OUT --white FRAME:x,y")
 def water(
     out: opt.Finished,
     poses: Poses = None,
     chart: OfCharts = False,
     targets: WhiteTargets = None,
+    white: WhiteSpots = None,
+    sand: SandSpots = None,
     *,
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or from charts (--chart)."""
+    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or its white point from charts
+    (--chart) or spots that you know (--white, --sand)."""
     from stereo_seecolor.errors import InputError
     from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
 
     with report.working():
-        if (poses is None) != chart:
-            raise InputError("water: give --poses FILE for attenuation and backscatter, or --chart for the white point")
-        result = measure_water(out, poses, settings.load(run=out)) if poses else measure_white(out, targets)
+        if [poses is not None, chart, bool(white or sand)].count(True) != 1:
+            raise InputError(
+                "water: give --poses FILE for attenuation and backscatter; or for the white point --chart, or spots by --white or "
+                "--sand"
+            )
+        result = (
+            measure_water(out, poses, settings.load(run=out)) if poses else measure_white(out, targets, white or (), sand or ())
+        )
     report.end({"out": out, **vars(result)}, water_text(result))

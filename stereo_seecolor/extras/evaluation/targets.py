@@ -22,14 +22,28 @@ _INNER = 0.25
 CHARTS = {"chart": CLASSIC, "dkk": DKK, "spyder": SPYDER}
 """Kind of a target in a file of targets -> type of chart."""
 
+SPOT = 0.01
+"""Edge of a spot that a user names, as a fraction of the image's width: some centimeters on a reef."""
+SPOTS = {"white": ((1.0, 1.0, 1.0), 0.025), "sand": ((1.17, 1.0, 0.77), 0.03)}
+"""Kind of a spot -> its reflectance, and the standard error of the logarithms of its color: a guess of white plates that have lain
+in the sea; of carbonate sand, red over green 1.1 to 1.2 and blue over green 0.70 to 0.85 in published spectra (Hochberg, Atkinson
+and Andrefouet 2003, read off the figure): 4 and 5 % in these ratios."""
+Targets = dict[str, list[dict[str, NDArray[np.float64]]]]
+"""Image stem -> its targets, each a kind -> corners (K, 2), or the pixel (2,) of a spot."""
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A target. patches: an (H, W) mask of each; type: of a chart, None for a white object."""
+    """A target. patches: an (H, W) mask of each; type: of a chart, None for an object of one color.
+
+    reflectance: of such an object, R, G, B. error: standard error of its logarithm.
+    """
 
     name: str
     patches: tuple[NDArray[np.bool_], ...]
     type: ChartType | None = None
+    reflectance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    error: float = 0.02
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -68,7 +82,13 @@ def neutral(name: str, polygon: NDArray[np.floating], image: Image, range_m: Map
     return Target(name, (bright & unclipped & np.isfinite(range_m),))
 
 
-def read_targets(path: Path) -> dict[str, list[dict[str, NDArray[np.float64]]]]:
+def spot(name: str, kind: str, at: NDArray[np.floating], shape: tuple[int, ...]) -> Target:
+    """A spot of white or sand around a pixel (x, y): a square that is a hundredth of the image's width."""
+    half = max(SPOT * shape[1] / 2, 2.0)
+    return Target(name, (_filled(at + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), shape),), None, *SPOTS[kind])
+
+
+def read_targets(path: Path) -> Targets:
     """Targets by image stem from JSON: {"0006": [{"polygon": [[x, y], ...]}, {"chart": [[x, y] four times]}]};
 
     "dkk" instead of "chart" for a DGK or DKK chart of 18 patches, "spyder" for a SpyderCheckr 24.
@@ -99,6 +119,10 @@ def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_
     targets = []
     for number, entry in enumerate(given, 1):
         for kind, points in entry.items():
+            if kind in SPOTS:
+                x, y = points.astype(int)
+                targets.append(spot(f"{kind} at pixel {x}, {y}", kind, points, image.shape[:2]))
+                continue
             label = f"{kind} {number}"
             type = CHARTS.get(kind)
             targets.append(chart(label, points, image.shape[:2], type) if type else neutral(label, points, image, range_m))

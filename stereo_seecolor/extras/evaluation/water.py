@@ -1,6 +1,6 @@
 """``water``: measure the water of a finished run, for another run with ``--water``: from overlapping frames, or from charts."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
 from stereo_seecolor.extras.evaluation.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
-from stereo_seecolor.extras.evaluation.targets import read_targets, targets_of
+from stereo_seecolor.extras.evaluation.targets import Targets, read_targets, targets_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_file
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.placement import place
@@ -89,25 +89,27 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     return MeasuredWater(out / MEASURED_WATER, water)
 
 
-def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
+def measure_white(out: Path, targets: Path | None = None, white: Sequence[str] = (), sand: Sequence[str] = ()) -> MeasuredWater:
     """Write OUT/water_measured.json: the run's water with the white point of the charts and white cards that its frames show, and
     with the camera's color matrix where charts show enough patches.
 
     out: a run with one water for all frames. targets: JSON of chart corners and polygons (see ``read_targets``), of which only
-    frames that it names count; without it every frame is searched for charts. Raises InputError, also where nothing is found.
+    frames that it names count; without it every frame is searched for charts. white, sand: "FRAME:x,y", pixels of corrected
+    images that show white or carbonate sand: then only these count. Raises InputError, also where nothing is found.
     """
     run = open_run(out)
     names = tuple(frame.name for frame in run.frames)
-    scene, given = _one_water(run, list(names)), read_targets(targets) if targets else None
+    given = _spots(names, {"white": white, "sand": sand}) or (read_targets(targets) if targets else None)
+    scene = _one_water(run, list(names))
     search = _TargetSearch(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
     seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
-    kept = seen if targets else believed(seen, scene)
+    kept = believed(seen, scene) if given is None else seen
     left_out = tuple(f"{one.frame}: {one.target}" for one in seen if one not in kept)
     if not kept:
-        raise _nothing_seen(out, targets, left_out)
-    white = survey_white(kept)
-    water = white.set_in(scene)
-    charts = white.patches_in(water)
+        raise _nothing_seen(out, given, left_out)
+    found = survey_white(kept)
+    water = found.set_in(scene)
+    charts = found.patches_in(water)
     matrix = camera_matrix([chart for chart in charts if chart])
     if isinstance(matrix, CameraMatrix):
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
@@ -116,19 +118,37 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
     return MeasuredWater(
         path=out / MEASURED_WATER,
         water=water,
-        charts=tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True)),
-        trend=white.trend(),
+        charts=tuple(_reading(*of, water) for of in zip(found.seen, found.residuals_deg, charts, strict=True)),
+        trend=found.trend(),
         matrix=matrix if isinstance(matrix, CameraMatrix) else None,
         no_matrix="" if isinstance(matrix, CameraMatrix) else matrix,
         left_out=left_out,
     )
 
 
-def _nothing_seen(out: Path, targets: Path | None, left_out: tuple[str, ...]) -> InputError:
-    where = f"{targets}: none of its targets" if targets else f"{out}: no color chart or white card"
+def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:
+    """The targets of spots given as "FRAME:x,y", by kind. Raises InputError for something else."""
+    targets: Targets = {}
+    for kind, given in spots.items():
+        for one in given:
+            frame, _, pixel = one.rpartition(":")
+            try:
+                x, y = map(float, pixel.split(","))
+            except ValueError:
+                raise InputError(
+                    f"--{kind} {one}: needs FRAME:x,y, a frame and a pixel of it, such as {names[0]}:310,225"
+                ) from None
+            if frame not in names:
+                raise InputError(f"--{kind} {one}: the run has no frame {frame!r}")
+            targets.setdefault(frame, []).append({kind: np.array([x, y])})
+    return targets
+
+
+def _nothing_seen(out: Path, given: Targets | None, left_out: tuple[str, ...]) -> InputError:
+    where = f"{out}: no color chart or white card" if given is None else f"{out}: none of the given targets"
     unlikely = f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
     shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
-    return InputError(f"{where} {shown}: give corners with --targets")
+    return InputError(f"{where} {shown}: give corners with --targets, or other spots with --white or --sand")
 
 
 def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water) -> ChartReading:
@@ -145,7 +165,7 @@ class _TargetSearch:
     raw: RawImages
     water: Water
     light: Light | None
-    targets: Mapping[str, list[dict[str, NDArray[np.float64]]]] | None
+    targets: Targets | None
 
     def __call__(self, number: int) -> list[SeenWhite]:
         name = self.names[number]
@@ -153,8 +173,8 @@ class _TargetSearch:
             return []
         image, range_m = self.raw.rectified(name), self.frames[number].range_m
         found = targets_of(self.targets[name] if self.targets else [], image, range_m)
-        if self.targets is None and any(target.type is None for target in found):
-            range_m = carry_ranges(image, range_m)  # a card is too even to be matched but at its border
+        if any(target.type is None for target in found):
+            range_m = carry_ranges(image, range_m)  # a card or sand may be too even to be matched but at its border
         if self.light and found:
             light = self.light.on(name, (image.shape[1], image.shape[0]))
             image = even_light(image, range_m, light, self.water.input_encoding)
