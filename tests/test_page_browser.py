@@ -17,6 +17,7 @@ from conftest import Dive
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from stereo_seecolor.color.white_point import white_errors, with_white
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
@@ -24,7 +25,9 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.extras.reef.commands.measure import measure
+from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.records import Water
 from stereo_seecolor.report.map_mesh import MeshSizes
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -142,6 +145,52 @@ def test_the_range_under_the_pointer_is_the_one_measured(opened: Callable[[str],
     page.mouse.move(box["x"] + box["width"] * (90.5 / width), box["y"] + box["height"] * (64.5 / height))
     expected_m = open_run(out).frame("0000").measured_range_m()[64, 90]
     assert page.locator(".viewer > .readout").inner_text().startswith(f"{expected_m:.3f} m ±")
+
+
+def test_a_white_within_its_error_is_chosen_by_sliders_and_saved_for_a_rerun(
+    browser: Browser, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    """What the page shows with it is what a run with the saved water makes."""
+    dive, out = make_dive(2), tmp_path / "out"
+    config = load_config(None, ["color.lock=survey"])
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config)
+    report(out)
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
+    page.get_by_role("button", name="White point").click()
+    until(page, "document.querySelector('.stage img').naturalWidth > 0")
+    before = decode_srgb(screen(page, tmp_path))
+    page.get_by_label("Red against green").fill("1")
+    page.get_by_label("Blue against green").fill("-0.5")
+    gains = np.median(decode_srgb(screen(page, tmp_path)) / np.maximum(before, 1e-6), axis=(0, 1))
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save the water").click()
+    saved.value.save_as(tmp_path / "water_white.json")
+    page.locator(".stage img").click(position={"x": 5, "y": 5})
+    assert "--white 0000:" in page.locator(".white .readout").inner_text()
+    page.close()
+    old, new = Water.load(out / "water.json"), Water.load(tmp_path / "water_white.json")
+    red, blue = white_errors(old) * [1, -0.5]
+    np.testing.assert_allclose(np.log(new.white / old.white), np.array([red, 0, blue]) - (red + blue) / 3, atol=1e-9)
+    assert old.exposure and new.exposure == pytest.approx(with_white(old, new.white, np.zeros(3)).exposure)
+    np.testing.assert_allclose(gains, old.white / new.white * new.exposure / old.exposure, rtol=0.03)
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "again",
+        config,
+        RunOptions(water=tmp_path / "water_white.json"),
+    )
+    np.testing.assert_allclose(Water.load(tmp_path / "again/water.json").white, new.white)
+
+
+def screen(page: Page, folder: Path) -> np.ndarray:
+    """The middle of the picture as the screen shows it, RGB in [0, 1], in which nothing is clipped or nearly black."""
+    page.locator(".stage img").screenshot(path=folder / "screen.png")
+    shown = cv2.imread(str(folder / "screen.png"))[..., ::-1] / 255.0
+    height, width = shown.shape[:2]
+    return shown[height // 3 : -height // 3, width // 3 : -width // 3]
 
 
 def clicked(page: Page, *places: tuple[float, float]) -> None:

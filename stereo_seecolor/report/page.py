@@ -5,9 +5,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError
+from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
@@ -122,9 +125,15 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "image_suffix": _suffix(run),
         "shelves": _shelves(run),
+        **_white(facts.water),
         "shown": {name: [product.split("/")[1] for product in products] for name, products in shown.items()},
         **columns(facts),
     }
+
+
+def _white(water: Water | None) -> dict[str, Any]:
+    """The water that all frames share, as in water.json, and the errors of its white point; empty where each has its own."""
+    return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
 
 
 def _poses(facts: DiveFacts) -> dict[str, list[float]]:

@@ -29,6 +29,8 @@ export interface Dive {
   problems: string[];
   problems_of: Record<string, number[]>;
   plots: Record<string, Record<string, Column>>;
+  water: Record<string, unknown> | null; // as in water.json, where all frames share one
+  white_errors: (number | null)[] | null; // of its white point, red and blue over green, relative
 }
 
 /** The text of a key with its {names} filled in. */

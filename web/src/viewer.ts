@@ -8,8 +8,9 @@ import type { MeasureTable } from "./measuretable";
 import { ranges, STD_BLOCK_PX, type Ranges } from "./ranges";
 import { scaleBar } from "./scale";
 import { slider } from "./slider";
+import { White } from "./white";
 
-type View = "compare" | "measure" | "range" | "confidence" | "mask";
+type View = "compare" | "white" | "measure" | "range" | "confidence" | "mask";
 
 export class Viewer {
   readonly root: HTMLElement;
@@ -18,6 +19,7 @@ export class Viewer {
   private readonly readout = element("output", { class: "readout", "aria-live": "off" });
   private readonly choice: Choice;
   private readonly measuring: Measuring;
+  private readonly white: White;
   private view: View = "compare";
   private name = "";
 
@@ -27,15 +29,17 @@ export class Viewer {
     table: MeasureTable,
   ) {
     this.measuring = new Measuring(dive, text, table);
+    this.white = new White(dive, text);
     const views: [View, string][] = [["compare", text("view.compare")]];
+    if (dive.water) views.push(["white", text("view.white")]);
     if (dive.geometry) views.push(["measure", text("view.measure")], ["range", text("view.range")], ["confidence", text("view.confidence")], ["mask", text("view.mask")]);
     this.choice = new Choice(text("view.name"), views, (view) => {
       this.view = view as View;
       this.draw();
     });
     this.choice.show(this.view);
-    this.root = element("div", { class: "viewer" }, this.measuring.tools, this.stage, this.legend, this.readout, this.measuring.root);
-    this.measuring.root.hidden = this.measuring.tools.hidden = true;
+    this.root = element("div", { class: "viewer" }, this.measuring.tools, this.white.root, this.stage, this.legend, this.readout, this.measuring.root);
+    this.measuring.root.hidden = this.measuring.tools.hidden = this.white.root.hidden = true;
   }
 
   /** The buttons that choose what is shown. */
@@ -62,6 +66,7 @@ export class Viewer {
     this.readout.textContent = "";
     const isMeasured = this.view === "measure" && has(this.dive, this.name, "ranges");
     this.measuring.root.hidden = this.measuring.tools.hidden = !isMeasured;
+    this.white.root.hidden = this.view !== "white" || !this.picture;
     this.root.classList.toggle("is-measured", isMeasured);
     if (!this.picture) return;
     if (this.view === "compare") {
@@ -72,6 +77,9 @@ export class Viewer {
         this.stage.replaceChildren(element("img", { src: this.picture, alt: this.name }));
         this.legend.textContent = this.text(has(this.dive, this.name, "after") ? "view.no_before" : "view.brief");
       }
+    } else if (this.view === "white") {
+      this.legend.replaceChildren();
+      this.white.show(this.stage, this.name, this.picture);
     } else if (isMeasured) {
       this.legend.replaceChildren();
       void this.measuring.show(this.stage, this.name, this.picture);
