@@ -58,7 +58,12 @@ RANGE_SCORE = keys(UNKNOWN, "median_relative_error bad_1_px bad_2_px coverage")
 COLOR_SCORE = keys(UNKNOWN, "angle_deg angle_after_gains_deg ciede2000 range_consistency clipped_fraction pixels")
 SCORES = {"range": RANGE_SCORE, "color": COLOR_SCORE, "raw_color": COLOR_SCORE}
 TRUTH = {"frames": [{"name": str, **SCORES}], "missing": [str], **SCORES}
-SPREAD = {**keys(float, "luminance frame_offsets angle_deg"), "spots": int}
+SPREAD = {
+    **keys(float, "luminance frame_offsets angle_deg"),
+    "spots": int,
+    **keys([UNKNOWN], "border border_error"),
+    "far_red_to_blue": UNKNOWN,
+}
 SPREAD_ROW = {**keys(str, "method chart"), "charts": int, **keys(NUMBER, "nearest_m farthest_m angle_deg luminance")}
 CHART_ROW = {
     **keys(str, "frame target method"),

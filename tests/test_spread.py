@@ -46,3 +46,28 @@ def test_frames_of_other_brightness_are_offset_and_not_spread_within() -> None:
 def test_a_single_frame_cannot_be_compared() -> None:
     with pytest.raises(InputError, match="no two frames up to four apart show the same spots"):
         measure_spread([frame(1.0, 1.0)], RECTIFICATION.pair, "srgb")
+
+
+def lit(name: str, border: float, per_m: float) -> ComparedFrame:
+    """A frame of the sample dive in its true colors; uncorrected, red is brighter at the border, and falls with range."""
+    shown = read_image(REEF / "truth" / "color" / f"{name}.png")
+    range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
+    light, (height, width) = decode_srgb(shown / 255.0), range_m.shape
+    edge = np.ones((height, width), bool)
+    edge[height // 10 : -height // 10, width // 10 : -width // 10] = False
+    light[..., 0] *= np.where(edge, 1 + border, 1.0) * np.exp(-per_m * np.nan_to_num(range_m))
+    raw = np.round(255 * encode_srgb(np.clip(light, 0, 1))).astype(np.uint8)
+    std_m, known = estimated_range_std_m(range_m, RECTIFICATION.pair), np.isfinite(range_m).astype(np.uint8) * np.uint8(255)
+    return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))
+
+
+@pytest.mark.slow
+def test_a_pink_border_and_lost_red_are_measured() -> None:
+    names = sorted(path.stem for path in (REEF / "left").iterdir())[:6]
+    report = measure_spread([lit(name, 0.2, 0.0) for name in names], RECTIFICATION.pair, "srgb")
+    assert report.raw.border[1] - report.corrected.border[1] == pytest.approx(np.log(1.2), abs=0.02)
+    assert abs(report.corrected.border[1]) < max(3 * report.corrected.border_error[1], 0.01)
+    assert report.raw.border[2] == pytest.approx(report.corrected.border[2], abs=0.01)
+    faded = measure_spread([lit(name, 0.0, 0.5) for name in names], RECTIFICATION.pair, "srgb")
+    assert faded.corrected.far_red_to_blue == pytest.approx(report.corrected.far_red_to_blue)
+    assert faded.raw.far_red_to_blue < 0.95 * faded.corrected.far_red_to_blue

@@ -1,4 +1,4 @@
-"""Differences of the same spots between the frames of a run; needs no truth.
+"""Differences of the same spots between the frames of a run, and trends of color over the picture and over range; needs no truth.
 
 Frames up to four apart are registered by matched features. Spots whose range agrees in both are compared: means of 5x5 pixels of
 linear light, uncorrected and corrected.
@@ -41,6 +41,15 @@ class SpreadSettings:
     """Linear light of each channel, of full scale: below is noise, above may be clipped."""
     least: int = 200
     """Spots that both frames of a pair must show for the offset between them to be counted."""
+    border: float = 0.1
+    """Spots are at the border within this fraction of the picture's width or height from it,"""
+    center: float = 0.25
+    """and at the center farther from it than this."""
+    nearest: float = 0.25
+    farthest: float = 0.15
+    """Of the pixels by range: their red to blue is compared (Jamieson, How and Girdhar 2023, of ORCA's dives)."""
+    ranged_points: int = 2000
+    """Pixels of each frame for that."""
 
 
 SETTINGS = SpreadSettings()
@@ -51,12 +60,18 @@ class Spread:
     """Differences between views. luminance: robust standard deviation (1.4826 MAD) of the logarithm of the ratio of two views.
 
     frame_offsets: rms over pairs of frames of its median. angle_deg: median angle between the two views' colors. spots: compared.
+    border (3,): of spots that one frame shows at the border and another at the center, the median logarithm of border over center:
+    luminance, red over green, blue over green. border_error (3,): its standard error, from the pairs of frames. NaN without such.
+    far_red_to_blue: red over blue of the farthest 15 % of the pixels over that of the nearest 25 %.
     """
 
     luminance: float
     frame_offsets: float
     angle_deg: float
     spots: int
+    border: tuple[float, float, float]
+    border_error: tuple[float, float, float]
+    far_red_to_blue: float
 
 
 @dataclass(frozen=True)
@@ -104,17 +119,50 @@ def measure_spread(frames: Sequence[ComparedFrame], geometry: RectifiedPair, enc
 
     Raises InputError where no two frames show the same spots.
     """
+    ranged: list[_Ranged] = []
     ready = (_Ready.of(frame, geometry, encoding) for frame in frames)
-    pairs = list(_compared(ready, geometry))
+    pairs = list(_compared(_noted(ready, ranged), geometry))
     if not pairs:
         raise InputError("no two frames up to four apart show the same spots: there is nothing to compare")
-    raw, corrected, *others = (_spread([pair[view] for pair in pairs]) for view in range(len(pairs[0])))
+    places, range_m = [pair.edges for pair in pairs], np.concatenate([frame.range_m for frame in ranged])
+    raw, corrected, *others = (
+        _spread([pair.views[view] for pair in pairs], places, range_m, np.concatenate([frame.views[view] for frame in ranged]))
+        for view in range(len(pairs[0].views))
+    )
     methods = frames[0].others if others else ()
     return SpreadReport(raw, corrected, dict(zip(methods, others, strict=True)), len(pairs))
 
 
-def _compared(frames: Iterable[_Ready], geometry: RectifiedPair) -> Iterator[list[Array]]:
-    """For each pair of frames the two views (N, 2, 3) of its spots: raw, corrected, and each other method's."""
+@dataclass(frozen=True, eq=False)
+class _Ranged:
+    """Some pixels of a frame, by range. range_m (N,). views: (N, 3) linear light, as of _Ready."""
+
+    range_m: Array
+    views: list[Array]
+
+
+def _noted(frames: Iterable[_Ready], ranged: list[_Ranged]) -> Iterator[_Ready]:
+    """The frames, of each of which some pixels are added to ``ranged``."""
+    for number, frame in enumerate(frames):
+        known = np.flatnonzero(np.isfinite(frame.range_m))
+        some = np.random.default_rng(number).choice(known, min(SETTINGS.ranged_points, known.size), replace=False)
+        views = [view.reshape(-1, 3)[some].astype(np.float64) for view in frame.views]
+        ranged.append(_Ranged(frame.range_m.ravel()[some].astype(np.float64), views))
+        yield frame
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The spots of a pair of frames. views: (N, 2, 3) in both: raw, corrected, and each other method's. edges (N, 2): distance of
+    each from the picture's border, fraction of its width or height.
+    """
+
+    views: list[Array]
+    edges: Array
+
+
+def _compared(frames: Iterable[_Ready], geometry: RectifiedPair) -> Iterator[_Pair]:
+    """The spots of each pair of frames."""
     last: list[_Ready] = []
     for number, ready in enumerate(frames):
         for other in last:
@@ -122,8 +170,17 @@ def _compared(frames: Iterable[_Ready], geometry: RectifiedPair) -> Iterator[lis
             if found is not None:
                 at, there = _same_spots(other.range_m, ready.range_m, inverse(found.T_a_b), geometry, number)
                 views = zip(other.views, ready.views, strict=True)
-                yield [np.stack([a[at], b[there]], axis=1).astype(np.float64) for a, b in views]
+                yield _Pair(
+                    [np.stack([a[at], b[there]], axis=1).astype(np.float64) for a, b in views],
+                    np.stack([_edge(at, ready.range_m.shape), _edge(there, ready.range_m.shape)], axis=1),
+                )
         last = [*last, ready][-SETTINGS.apart :]
+
+
+def _edge(at: "Pixels", shape: tuple[int, ...]) -> Array:
+    """(N,) distance of pixels from the border of their image."""
+    part = np.stack([at[0] / shape[0], at[1] / shape[1]])
+    return np.asarray(np.minimum(part, 1 - part).min(axis=0))
 
 
 Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -155,11 +212,15 @@ def _light(image: Image, encoding: InputEncoding) -> NDArray[np.float32]:
     return np.asarray(cv2.blur(light, (SETTINGS.window_px, SETTINGS.window_px)))
 
 
-def _spread(pairs: Sequence[Array]) -> Spread:
-    """The differences between views. pairs: of each pair of frames, (N, 2, 3) linear light of its spots in both."""
-    ratios, angles, squares = [], [], []
-    for views in pairs:
-        usable = views[((views > SETTINGS.darkest) & (views < SETTINGS.brightest)).all(axis=(1, 2))]
+def _spread(pairs: Sequence[Array], edges: Sequence[Array], range_m: Array, light: Array) -> Spread:
+    """The differences between views. pairs: of each pair of frames, (N, 2, 3) linear light of its spots in both. edges: (N, 2)
+    their distances from the border. range_m, light: (M,) and (M, 3) of pixels of all frames.
+    """
+    ratios, angles, squares, borders = [], [], [], []
+    for views, edge in zip(pairs, edges, strict=True):
+        good = ((views > SETTINGS.darkest) & (views < SETTINGS.brightest)).all(axis=(1, 2))
+        usable = views[good]
+        borders.append(_border(usable, edge[good]))
         ratio = np.log(usable[:, 0] @ LUMINANCE) - np.log(usable[:, 1] @ LUMINANCE)
         unit = usable / np.linalg.norm(usable, axis=2, keepdims=True)
         ratios.append(ratio)
@@ -169,6 +230,49 @@ def _spread(pairs: Sequence[Array]) -> Spread:
     every, angle = np.concatenate(ratios), np.concatenate(angles)
     if not every.size:
         raise InputError("no spot is bright enough in two frames: there is nothing to compare")
+    trend, error = _median_and_error([border for border in borders if border is not None])
     return Spread(
-        deviation(every), float(np.sqrt(np.mean(squares))) if squares else float("nan"), float(np.median(angle)), int(every.size)
+        luminance=deviation(every),
+        frame_offsets=float(np.sqrt(np.mean(squares))) if squares else float("nan"),
+        angle_deg=float(np.median(angle)),
+        spots=int(every.size),
+        border=trend,
+        border_error=error,
+        far_red_to_blue=_far_red_to_blue(range_m, light),
     )
+
+
+def _border(views: Array, edges: Array) -> Array | None:
+    """(3,) median logarithm of border over center of a pair's spots (``Spread.border``); None where too few lie so."""
+    logs = np.log(views)
+    ratios = np.stack([np.log(views @ LUMINANCE), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]], axis=-1)
+    outer, inner = edges < SETTINGS.border, edges > SETTINGS.center
+    first, second = outer[:, 0] & inner[:, 1], inner[:, 0] & outer[:, 1]
+    found = np.concatenate([(ratios[:, 0] - ratios[:, 1])[first], (ratios[:, 1] - ratios[:, 0])[second]])
+    return np.median(found, axis=0) if len(found) >= SETTINGS.least else None
+
+
+Three = tuple[float, float, float]
+UNKNOWN: Three = (np.nan, np.nan, np.nan)
+
+
+def _median_and_error(borders: Sequence[Array]) -> tuple[Three, Three]:
+    """The median over pairs of frames, and its standard error from their scatter; pairs share frames, so that a quarter counts."""
+    if len(borders) < 2:
+        return UNKNOWN, UNKNOWN
+    independent = max(len(borders) / SETTINGS.apart, 1.0)
+    middle, scatter = np.median(borders, axis=0), np.array([deviation(part) for part in np.transpose(borders)])
+    return _three(middle), _three(scatter / np.sqrt(independent))
+
+
+def _three(values: Array) -> Three:
+    first, second, third = map(float, values)
+    return first, second, third
+
+
+def _far_red_to_blue(range_m: Array, light: Array) -> float:
+    """Red over blue of the farthest pixels over that of the nearest; NaN where there are none."""
+    near, far = np.quantile(range_m, [SETTINGS.nearest, 1 - SETTINGS.farthest])
+    usable = ((light > SETTINGS.darkest) & (light < SETTINGS.brightest)).all(axis=1)
+    sums = [light[usable & which].sum(axis=0) for which in (range_m >= far, range_m <= near)]
+    return float(sums[0][0] / sums[0][2] / (sums[1][0] / sums[1][2])) if all((each > 0).all() for each in sums) else float("nan")

@@ -86,8 +86,13 @@ def spread_text(report: "SpreadReport") -> str:
     )
     methods = {"corrected": report.corrected, "raw images": report.raw, **report.others}
     rows = [(what, *(format(getattr(spread, name), style) for spread in methods.values())) for what, name, style in measures]
+    for number, what in enumerate(("brightness", "red over green", "blue over green")):
+        borders = ((spread.border[number], spread.border_error[number]) for spread in methods.values())
+        rows.append((f"{what} of a spot at the border over at the center", *(f"{trend:+.3f} +- {e:.3f}" for trend, e in borders)))
+    far = (format(spread.far_red_to_blue, ".3f") for spread in methods.values())
+    rows.append(("red/blue, farthest 15 % over nearest 25 %, even reef = 1", *far))
     return table(("between frames", *methods), rows) + lines(
-        f"{report.pairs} pairs of frames; brightness as natural logarithm of a ratio"
+        f"{report.pairs} pairs of frames; brightness, and changes at the border (the outer tenth), as natural logarithm of a ratio"
     )
 
 
