@@ -22,7 +22,7 @@ def white_errors(water: Water) -> NDArray[np.float64]:
     """
     red, green, blue = (water.standard_errors.get("white", np.full(3, np.nan)) / water.white) ** 2
     variances = np.array([2 * red + 2 * green - blue, 2 * blue + 2 * green - red])
-    return np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
 def white_doubt(water: Water) -> str:
