@@ -38,7 +38,6 @@ from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import Ranged
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.mapping.track.known_steps import STEP
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import DiveRecord
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
@@ -185,14 +184,14 @@ class Workers:
                 yield from pickle.loads(answer)
             self._meter.say("differences")
 
-        def differing(i: int) -> tuple[Any, Any, Any]:
+        def differing(i: int) -> tuple[Any, Any]:
             others = [i - back for back in (1, 2, 4) if i >= back]
             found = []
             for other in others:
                 step = np.array([gains[i] - gains[other], 0.01, 0, -0.01])
                 measured = (step + 0.01 * rng.standard_normal(4) for _ in range(3))
                 found.append((i, other, 300, *measured, np.full(4, 0.1)))
-            return np.array([i, *others]), np.array(found, DIFFERENCE), np.zeros(0, STEP)
+            return np.array([i, *others]), np.array(found, DIFFERENCE)
 
         return looked
 

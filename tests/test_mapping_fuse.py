@@ -4,7 +4,6 @@ import dataclasses
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -37,9 +36,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.mapping.track.known_steps import STEP
-from stereo_seecolor.records import FrameRow, SurveyFrame
-from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
+from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.lock import held
 
 MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)
@@ -256,58 +253,6 @@ def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     summary = fuse_small(small_run, poses)
     assert not (small_run / "map" / "piece_1").exists()
     assert sorted(path.name for path in summary.files) == sorted(path.name for path in (small_run / "map").iterdir())
-
-
-@dataclass
-class Onlooker:
-    """Keeps the first look at a map as it is when tiles are fused, and the stages."""
-
-    out: Path
-    picture: NDArray[np.uint8] | None = None
-    stages: list[str] = field(default_factory=list)
-
-    def begin(self, stage: str, total: int) -> None:
-        self.stages.append(stage)
-        if stage in ("finding features", "fusing tiles"):
-            self.picture = cv2.imread(str(self.out / "map_preview.png"), cv2.IMREAD_UNCHANGED)
-
-    def advance(self, row: FrameRow) -> None:
-        pass
-
-
-@pytest.mark.slow
-def test_a_first_look_is_there_until_the_map_is(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    onlooker, config = Onlooker(small_run), RunConfig(mapping=CONFIG)
-    poses = small_run.with_name("track.tum")
-    monkeypatch.setattr(survey_map, "FIRST_FRAMES", 1)  # first of one frame, then of all
-    fuse(small_run, poses, config, onlooker)
-    assert onlooker.stages[:4] == 2 * ["reading the frames", f"first look at the map: {small_run / 'map_preview.png'}"]
-    assert onlooker.picture is not None
-    height, width = onlooker.picture.shape[:2]  # four frames of 1.2 m by 0.96 m, 0.3 m apart, cells of 2 cm
-    assert abs(width * 0.02 - 2.1) < 0.1 and abs(height * 0.02 - 0.96) < 0.1
-    seen = onlooker.picture[..., 3] == 255
-    assert seen.mean() > 0.95
-    assert (onlooker.picture[seen][:, 2::-1] == (200, 120, 40)).all()
-    assert not (small_run / "map_preview.png").exists()
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(survey_map, "write_preview", stop)
-    with pytest.raises(KeyboardInterrupt):
-        fuse(small_run, poses, config)
-    assert not (small_run / "map_preview.png").exists()
-
-
-def test_without_poses_the_first_look_comes_from_what_the_run_found(small_run: Path) -> None:
-    names, T = [f"f{i}" for i in range(4)], track(4).T_world_camera
-    steps = np.array([(i + 1, i, np.linalg.inv(T[i + 1]) @ T[i], 50) for i in range(3)], STEP)
-    KeptSteps.of(PAIR, [frame_mark(name, "") for name in names], steps).save(small_run)
-    onlooker = Onlooker(small_run)
-    with pytest.raises(MappingError):  # flat color has no features: there is no track
-        fuse(small_run, None, RunConfig(mapping=CONFIG), onlooker)
-    assert onlooker.picture is not None
-    assert abs(onlooker.picture.shape[1] * 0.02 - 2.1) < 0.1, "four frames of 1.2 m, 0.3 m apart"
 
 
 @pytest.mark.slow

@@ -1,14 +1,11 @@
 """``fuse``: fuse the frames of a finished run into one map."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.wording import counted
 from stereo_seecolor.commands.placed_frames import describe_frames
@@ -20,8 +17,7 @@ from stereo_seecolor.progress import Both, Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
-from stereo_seecolor.run_folder.layout import FIRST_LOOK, MAP, state
+from stereo_seecolor.run_folder.layout import MAP, state
 from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
 from stereo_seecolor.run_folder.progress_file import ProgressFile
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
@@ -68,8 +64,8 @@ def fuse(
         frames = SurveyFrames(run, frames=[frame for frame in run.frames if frame.name not in stalled])
         trajectory = given_trajectory(poses, config.mapping, frames.T_rectified_left)
         progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
-        with compute.sharing(state(out), ()), _building(folder) as building:
-            workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress), _steps(frames, out))
+        with compute.sharing(state(out), ()), building_map(folder, folder.dive.digest("corrected")) as building:
+            workspace = Workspace(fusion_folder(out), progress, compute)
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
         describe_frames(folder)
     aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.owned.set_aside)
@@ -83,29 +79,6 @@ def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
         return ()
     what = f"{counted(len(stalled), 'frame')} with an image of the frame before, the first: {stalled[0]}"
     return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
-
-
-def _steps(frames: SurveyFrames, out: Path) -> NDArray[np.void] | None:
-    """(S,) STEP: relative poses of neighboring frames that the run found; None where it kept none."""
-    kept = KeptSteps.load(out)
-    if kept is None:
-        return None
-    return kept.among(frames.geometry, (frame_mark(frame.name, frame.sha256) for frame in frames.finished))
-
-
-@contextmanager
-def _building(folder: RunFolder) -> Iterator[Path]:
-    """``building_map``, after which the first look at the map is removed, also after an error."""
-    try:
-        with building_map(folder, folder.dive.digest("corrected")) as building:
-            yield building
-    finally:
-        folder.dive.remove(FIRST_LOOK)
-
-
-def _show(folder: RunFolder, progress: Callable[[str, int, int], None], picture: bytes) -> None:
-    folder.dive.write(FIRST_LOOK, picture, folder.dive.digest("corrected"))
-    progress(f"first look at the map: {folder.root / FIRST_LOOK}", 1, 1)
 
 
 def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:

@@ -14,19 +14,19 @@ from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences,
 from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
+from stereo_seecolor.color.photometry.sightings import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.names import Names, SomeNames
-from stereo_seecolor.dive.overlap import LOOK, FrameLook, PlacedWindow, ReadFrame, Stretch, reduced, reduction
-from stereo_seecolor.mapping.track.known_steps import STEP
+from stereo_seecolor.dive.overlap import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
-Differing = tuple[NDArray[np.int64], tuple[Differences, Parts], NDArray[np.void]]
-"""A window's frame numbers, the differences between these frames and between parts of them, and their relative poses (STEP)."""
+Differing = tuple[NDArray[np.int64], tuple[Differences, Parts]]
+"""A window's frame numbers, and the differences between these frames and between parts of them."""
 
 
 @dataclass(frozen=True)
@@ -60,20 +60,16 @@ class StretchSettings:
 STRETCH = StretchSettings()
 MOST_SHADED = 100_000
 """Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again to solve it."""
-MOST_STEPS = 20_000
-"""Most frames of a dive whose relative poses are kept for a first look at its map: 10 MB of memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """The result of the search. light: None where no two frames show the same spots. linked: names of frames that show the same
     spots as a frame before them, with all frames between the two: the dive is not cut before them.
-    steps: (S,) STEP, relative poses of the examined frames.
     """
 
     light: SurveyLight | None
     linked: SomeNames
-    steps: NDArray[np.void]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +87,10 @@ class LightSearch:
     geometry: RectifiedPair
     encoding: InputEncoding
     compute: Compute
-    windows: Sequence[PlacedWindow] | None = None
+    windows: Sequence[SeenWindow] | None = None
     examined: Callable[[str], None] = lambda _: None
 
-    def windows_of(self, frames: Iterable[Any]) -> list[PlacedWindow]:
+    def windows_of(self, frames: Iterable[Any]) -> list[SeenWindow]:
         """The ``windows`` of a short dive. frames: keys of its frames, each examined as soon as the iterator gives it."""
         return list(self._frame_look.windows(Stretch(0, enumerate(frames)), LOOK.loops))
 
@@ -117,17 +113,17 @@ class LightSearch:
             windows = list(self._looked(sample, _WindowLook(self._frame_look), parts))
         links = _Links(len(names))
         for window in windows:
-            links.add(window.frames, window.steps)
+            links.add(window.frames)
         light, recorded = self._pattern(windows, names, allowed, is_sampled)
         if light and is_sampled and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(self._frame_look, light), self.compute.parts)
             light = self._with_gains(light, names, every, links, recorded, None)
         elif light and (allowed.gains or light.recorded):
-            few = [(seen.frames, differences(seen, light, self._size), seen.steps) for seen in windows]
+            few = [(seen.frames, differences(seen, light, self._size)) for seen in windows]
             nothing = np.zeros(3 * SHADING)
             shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(-1, SHADING, 3)
             light = self._with_gains(light, names, few, links, recorded, shading)
-        return Found(light, SomeNames(names, links.frames), links.all_steps)
+        return Found(light, SomeNames(names, links.frames))
 
     @property
     def _size(self) -> tuple[int, int]:
@@ -135,7 +131,7 @@ class LightSearch:
         return reduced(self.geometry).image_size
 
     def _pattern(
-        self, windows: Sequence[PlacedWindow], names: Names, allowed: Use, is_sampled: bool
+        self, windows: Sequence[SeenWindow], names: Names, allowed: Use, is_sampled: bool
     ) -> tuple[SurveyLight | None, Array | None]:
         """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they explain differences of frames."""
         light = solve_light(windows, names, self._size, allowed, is_sampled=is_sampled)
@@ -151,7 +147,7 @@ class LightSearch:
                 light = replace(light, refused=offsets)
         return light and beside_water(light, windows, names, self._size, used), used
 
-    def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[PlacedWindow]) -> tuple[float, float] | None:
+    def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
         """Differences between frames, without and with the (F,) records; None where no two frames show the same spots."""
         found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, self._size)[0] for window in windows)])
         return offsets_about(found, recorded) if len(found) else None
@@ -170,8 +166,8 @@ class LightSearch:
         shading: (F, SHADING, 3) of all frames; None to solve it from the windows. links: gets the frames of each window.
         """
         table = DifferenceTable()
-        for frames, differing, steps in windows:
-            links.add(frames, steps)
+        for frames, differing in windows:
+            links.add(frames)
             table.add(*differing)
         judged = shading is not None and light.luminance.judged  # a sample does not judge other frames
         luminance, color = (True if one.use.gains else False if judged else None for one in (light.luminance, light.color))
@@ -225,7 +221,7 @@ class _WindowLook:
 
     frames: FrameLook
 
-    def __call__(self, stretch: Stretch) -> list[PlacedWindow]:
+    def __call__(self, stretch: Stretch) -> list[SeenWindow]:
         return list(self.frames.windows(stretch, LOOK.loops))
 
 
@@ -241,30 +237,22 @@ class _DifferenceLook:
     def __call__(self, stretch: Stretch) -> list[Differing]:
         return list(self.frames.of_windows(stretch, 0, self._differing))
 
-    def _differing(self, seen: PlacedWindow) -> Differing:
-        return seen.frames, differences(seen, self.light, self.frames.geometry.image_size), seen.steps
+    def _differing(self, seen: SeenWindow) -> Differing:
+        return seen.frames, differences(seen, self.light, self.frames.geometry.image_size)
 
 
 class _Links:
     """Collects which frames show the same spots. frames: (F,) True for frames that show the same as a frame before them, and for
-    all between the two. steps: relative poses of each frame and those before it, in dives of at most ``MOST_STEPS`` frames.
+    all between the two.
     """
 
     def __init__(self, frames: int) -> None:
         self.frames = np.zeros(frames, np.bool_)
-        self.steps: dict[int, NDArray[np.void]] = {}
 
-    @property
-    def all_steps(self) -> NDArray[np.void]:
-        """(S,) STEP, of all windows."""
-        return np.concatenate([np.zeros(0, STEP), *self.steps.values()])
-
-    def add(self, frames: NDArray[np.int64], steps: NDArray[np.void]) -> None:
+    def add(self, frames: NDArray[np.int64]) -> None:
         """Add the frames of a window, its own first. Frames of loops, which are farther back, are not linked."""
         near = frames[frames[0] - frames <= max(LOOK.back)]
         self.frames[near.min() + 1 : near.max() + 1] = True
-        if len(self.frames) <= MOST_STEPS:
-            self.steps.setdefault(int(frames[0]), steps)
 
 
 def is_short(frames: int) -> bool:

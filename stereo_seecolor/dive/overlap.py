@@ -15,7 +15,6 @@ from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m, inverse
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
-from stereo_seecolor.mapping.track.known_steps import STEP
 from stereo_seecolor.mapping.track.relative_pose import RelativePose, relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
 
@@ -95,13 +94,6 @@ class _Placed:
         return self.seen.number
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedWindow(SeenWindow):
-    """A window with relative poses. steps: (k,) STEP, of the window's other frames and its own."""
-
-    steps: NDArray[np.void]
-
-
 _Others = Sequence[tuple[_Placed, RelativePose]]
 _Near = tuple[_Seen, View, Sequence[tuple[int, RelativePose]]]
 
@@ -115,11 +107,11 @@ class FrameLook:
     every: int
     encoding: InputEncoding
 
-    def windows(self, stretch: Stretch, loops: int) -> Iterator[PlacedWindow]:
+    def windows(self, stretch: Stretch, loops: int) -> Iterator[SeenWindow]:
         """The windows of a stretch's own frames, each with at most ``loops`` frames of other survey lines."""
         return self.of_windows(stretch, loops, lambda window: window)
 
-    def of_windows(self, stretch: Stretch, loops: int, work: Callable[[PlacedWindow], Shown]) -> Iterator[Shown]:
+    def of_windows(self, stretch: Stretch, loops: int, work: Callable[[SeenWindow], Shown]) -> Iterator[Shown]:
         """``work`` on each window of ``windows``. All but the chain of poses is done on all cores."""
         on_cores = Threads(cores())
         seen = on_cores.each(self._seen, stretch.frames)
@@ -144,13 +136,12 @@ class FrameLook:
         seen, view, before = frame
         return seen, view, [(other.number, pose) for other in before if (pose := self._pose(seen, other))]
 
-    def _window(self, frame: _Placed, others: _Others) -> PlacedWindow:
+    def _window(self, frame: _Placed, others: _Others) -> SeenWindow:
         """The sightings of spots that a frame and others, placed by features, show."""
         view = frame.view or self._view(frame.seen)
         views = [replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b) for other, pose in others]
         seen_by = [frame.number, *(other.number for other, _ in others)]
-        steps = np.array([(frame.number, other.number, pose.T_a_b, len(pose.index_a)) for other, pose in others], STEP)
-        return PlacedWindow(np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views]), steps)
+        return SeenWindow(np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views]))
 
     def _placed(self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]) -> _Placed:
         """The frame placed by the nearest of the frames before it; without one, it starts a new chain."""

@@ -34,7 +34,6 @@ from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
 from stereo_seecolor.run_folder.kept_light import KeptLight
 from stereo_seecolor.run_folder.kept_plan import KeptPlan
-from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
 from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.progress_file import USUAL, Expected, ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
@@ -194,7 +193,6 @@ class Dive:
         in_memory = is_short(len(pairs)) and self._options.compute.parts == 1
         self._expect(pairs, "ranges", *(() if in_memory else ("light",)), "waters", "colors")
         captures: list[Capture] = []
-        marks: list[int] = []
         search = LightSearch(
             frames=Named(pairs),
             read=self._stages.read_pair,
@@ -204,7 +202,7 @@ class Dive:
             compute=self._options.compute,
             examined=self._examined,
         )
-        with closing(self._measured(pairs, captures, marks)) as measured:
+        with closing(self._measured(pairs, captures)) as measured:
             if in_memory:  # a short dive's frames are examined while their pixels are in memory
                 search = replace(search, windows=search.windows_of(measured))
             else:
@@ -213,7 +211,6 @@ class Dive:
         if not in_memory:
             self._begin_pass("light", len(frames))
         found = replace(search, frames=frames).solve(allowed)
-        KeptSteps.of(geometry, marks, found.steps).save(self._folder.root)
         content = found.light.content() if found.light and found.light.light else None
         note = found.light.note if found.light else NO_OVERLAP
         kept = KeptLight(self._fit_key(pairs) or "", note, content, found.linked)
@@ -230,15 +227,14 @@ class Dive:
             return self._stages.fit_key(self._stages.ranges_key(pairs))
         return None if self.table.failed else self._stages.fit_key(self._ranges.value)
 
-    def _measured(self, pairs: Sequence[Pair], captures: list[Capture], marks: list[int]) -> Generator[Pair, None, None]:
+    def _measured(self, pairs: Sequence[Pair], captures: list[Capture]) -> Generator[Pair, None, None]:
         """Make the first pass for the light; yields each pair when its range is known.
 
-        captures: receives what the camera recorded of each frame. marks: receives each frame's mark for KeptSteps.
+        captures: receives what the camera recorded of each frame.
         """
         different: dict[Capture, Capture] = {}  # a dive has few, and many frames
         for row, pair in self._pass("ranges", pairs, self._stages.prepared):
             capture = recorded_capture(row.facts)
-            marks.append(frame_mark(row.name, row.hashes["left"]))
             captures.append(different.setdefault(capture, capture))
             yield pair
 

@@ -1,6 +1,6 @@
 """The survey that all stages of a map share, and the placement of its frames."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,6 @@ class Survey:
     """Frames, the rectified geometry that they share, their index, what receives the progress, and where the work runs.
 
     scratch: a folder for features, which are used again if they were found in the same frames; None for one that is deleted.
-    look: called with the frames' poses, z up, as soon as these are roughly known.
     """
 
     frames: Frames
@@ -28,7 +27,6 @@ class Survey:
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
     scratch: Path | None = None
-    look: "Callable[[Placement], None] | None" = None
 
     def scaled(self, scale: float) -> "Survey":
         """Scale all ranges by a factor."""

@@ -5,18 +5,15 @@ It places the frames, fuses their ranges tile by tile into a surface, and writes
 
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.lazy import Chosen
 from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.threads import Threads, beside
 from stereo_seecolor.config import MappingConfig
@@ -27,10 +24,9 @@ from stereo_seecolor.mapping.kept_frames import KeptFrames
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.map_records import comment, write_description, write_poses, write_track
 from stereo_seecolor.mapping.raster import georeference
-from stereo_seecolor.mapping.raster.first_look import first_look
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
-from stereo_seecolor.mapping.raster.products import Rasters, encoded, write_preview, write_rasters
+from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
 from stereo_seecolor.mapping.surface import islands
 from stereo_seecolor.mapping.surface.engines import engine
@@ -40,18 +36,14 @@ from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
-from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track.known_steps import placed_by
+from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.marks import read_known
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
-from stereo_seecolor.mapping.track.placing import Placed, place_survey, show_first
+from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
-FIRST_FRAMES = 100
-"""Frames of the first picture of a map. With poses they are spread over the dive, which takes some three seconds to read; without,
-they are its first ones, which overlap, and take some ten seconds."""
 WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
 
 
@@ -83,18 +75,15 @@ class MapSummary:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where a map is made: the folder of unfinished work, the receivers of progress and pictures, and the machine.
+    """Where a map is made: the folder of unfinished work, the receiver of progress, and the machine.
 
     scratch: a folder of features and tiles, from which a stopped map continues if they were made from the same inputs; None
-    for one in the map's folder. It is deleted when the map is done. look: called with a picture of the map, a PNG, as soon as the
-    frames' poses are roughly known. steps: (S,) STEP, relative poses known from an earlier run, used for that picture alone.
+    for one in the map's folder. It is deleted when the map is done.
     """
 
     scratch: Path | None = None
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
-    look: Callable[[bytes], None] | None = None
-    steps: NDArray[np.void] | None = None
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
@@ -141,43 +130,14 @@ def build_map(
     config = with_voxel(config, found, geometry)
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
-    survey = _shown(kept, geometry, config, trajectory, workspace, scratch)
+    index = _index(kept, geometry, config.voxel_edge_m, workspace)
+    survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
         survey = survey.scaled(placed.range_scale)
     built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
-
-
-def _shown(
-    kept: Frames, geometry: RectifiedPair, config: MappingConfig, trajectory: Trajectory | None, workspace: Workspace, scratch: Path
-) -> Survey:
-    """The survey of all frames. Pictures of a few frames, then of all, are shown as soon as their poses are roughly known."""
-    has_poses = trajectory is not None and not trajectory.fixes
-    known = None if has_poses or workspace.steps is None else placed_by(workspace.steps, len(kept))
-    if workspace.look and len(kept) > 2 * FIRST_FRAMES:
-        spread = range(0, len(kept), -(-len(kept) // FIRST_FRAMES))
-        chosen = spread if has_poses or known else range(FIRST_FRAMES)
-        with suppress(MappingError):  # perhaps none of these frames can be read, or has a pose: there is nothing to show yet
-            first = _survey(Chosen(kept, chosen), geometry, config, workspace, scratch)
-            show_first(first, config, trajectory, known.chosen(chosen) if known else None)
-    survey = _survey(kept, geometry, config, workspace, scratch)
-    if known:
-        show_first(survey, config, trajectory, known)
-    return survey
-
-
-def _survey(frames: Frames, geometry: RectifiedPair, config: MappingConfig, workspace: Workspace, scratch: Path) -> Survey:
-    index = _index(frames, geometry, config.voxel_edge_m, workspace)
-    look = partial(_show, index, workspace.look) if workspace.look else None
-    return Survey(frames, geometry, index, workspace.progress, workspace.compute, scratch, look)
-
-
-def _show(index: FrameIndex, look: Callable[[bytes], None], placement: Placement) -> None:
-    picture = first_look(index, placement)
-    if picture is not None:
-        look(encoded(picture))
 
 
 def _in_crs(placed: Placed, config: MappingConfig) -> Placed:

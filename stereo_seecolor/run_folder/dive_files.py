@@ -6,7 +6,7 @@ from pathlib import Path
 
 from stereo_seecolor.files.atomic import Content, holds
 from stereo_seecolor.files.keys import content_key_of
-from stereo_seecolor.run_folder.layout import FIRST_LOOK, INDEX, PAGE, Stage
+from stereo_seecolor.run_folder.layout import INDEX, PAGE, Stage
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours, remove_empty_folders
 from stereo_seecolor.run_folder.stamp import Stamp
@@ -86,8 +86,7 @@ class DiveFiles:
         """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
         folders = tuple(f"{name}/" for name in names)
         gone = [path for path in self.record.files if path in names or path.startswith(folders)]
-        again = (INDEX, FIRST_LOOK)  # these are written again
-        lost = [name for name in names if name not in again and not name.startswith(f"{PAGE}/")]
+        lost = [name for name in names if name != INDEX and not name.startswith(f"{PAGE}/")]
         self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in lost]
         self._owned.delete(gone, self.record.files)
         files = {path: stamps for path, stamps in self.record.files.items() if path not in gone}

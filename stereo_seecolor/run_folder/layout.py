@@ -16,8 +16,6 @@ LOCK, LEASE, PLAN = "lock", "lease.json", "plan.json"
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
 MAP = "map"
-FIRST_LOOK = "map_preview.png"
-"""A coarse picture of the map, there while the map is being made."""
 CLOUD, MESH, MOSAIC, TERRAIN = "cloud.ply", "mesh.ply", "orthomosaic.tif", "dem.tif"
 """Files in OUT/map that others read."""
 RIG, WATER, MEASURED_WATER = "rig.yaml", "water.json", "water_measured.json"
@@ -172,11 +170,6 @@ def plan_file(root: Path) -> Path:
 def light_file(root: Path) -> Path:
     """The file of the dive's light, and of what it was solved from."""
     return state(root, "light.json")
-
-
-def steps_file(root: Path) -> Path:
-    """The file of the relative poses of neighboring frames."""
-    return state(root, "steps.npz")
 
 
 def scratch_folder(root: Path) -> Path:

@@ -8,7 +8,6 @@ from pathlib import Path
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
-    FIRST_LOOK,
     FRAMES_TABLE,
     INDEX,
     MAP,
@@ -21,7 +20,7 @@ from stereo_seecolor.run_folder.layout import (
 
 RESULTS = (
     *dict.fromkeys(f"{name.partition('/')[0]}/" for name in (*PRODUCTS, MAP, PAGE)),
-    *(FIRST_LOOK, INDEX, *DIVE_FILES),
+    *(INDEX, *DIVE_FILES),
 )
 """All that the program writes into OUT for users; folders, with all in them, end in "/"."""
 
@@ -43,7 +42,7 @@ class Replaces:
 
 OF_STATE = f"{STATE}/"
 ALL_RESULTS = Replaces((*RESULTS, OF_STATE), "results that changed inputs or settings make stale; with `--overwrite` all results")
-FUSED = ("corrected/", "original/corrected/", FRAMES_TABLE, f"{MAP}/", FIRST_LOOK, INDEX, f"{PAGE}/", OF_STATE)
+FUSED = ("corrected/", "original/corrected/", FRAMES_TABLE, f"{MAP}/", INDEX, f"{PAGE}/", OF_STATE)
 
 REPLACES: dict[str, Replaces] = {
     **dict.fromkeys(("run", "range", "correct", "rectify", "merge"), ALL_RESULTS),

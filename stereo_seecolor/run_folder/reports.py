@@ -25,7 +25,6 @@ from stereo_seecolor.run_folder.frames_csv import frames_csv, with_residuals
 from stereo_seecolor.run_folder.frames_table import FrameTable, ProductSummary, RunSummary
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
-    FIRST_LOOK,
     FRAMES_TABLE,
     INDEX,
     MAP,
@@ -83,7 +82,7 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: C
     current = CurrentFrames.of(folder, run.names, run.last, compute if complete else None)
     if complete:
         folder.owned.remove_leftovers()  # of workers that were lost; not before, as a new worker looks for the cluster's own file
-        sources = dict.fromkeys((MAP, FIRST_LOOK, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
+        sources = dict.fromkeys((MAP, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
         made_from = folder.dive.record.made_from
         stale = [name for name, source in sources.items() if made_from.get(name, source) != source and not folder.reads(name)]
         if stale:

@@ -65,7 +65,7 @@ PLACES = (
         "page/.writing-x",
     ),
     *("map.json", "annotations/0000.json", "corrected/0000.jpg", "set_aside/range/0000.tiff", "../campaign.json", ".state/mine"),
-    *("water_measured.json", "map_preview.png", "rectified_left/0000.png", "original/corrected/0000.png", "../notes.txt"),
+    *("water_measured.json", "rectified_left/0000.png", "original/corrected/0000.png", "../notes.txt"),
 )
 POSES = "".join(f"{number} {0.1 * number} 0 0 0 0 0 1\n" for number in range(4))
 SETTINGS = ((), ("color.lock=survey",), ("output.image_format=jpg",), ("matching.min_confidence=0.5", "output.clouds=false"))

@@ -1,6 +1,6 @@
 """Stereo odometry: poses of the frames from what they show."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -126,29 +126,18 @@ class Track:
         return Edge(int(order[a]), int(order[b]), relation.T_a_b, relation.covariance, len(relation.index_a), loop)
 
 
-def follow(survey: Survey, look: Callable[[Placement], None] | None = None) -> Track:
+def follow(survey: Survey) -> Track:
     """Measure each frame, in the order of time, against the ones before it; then again without the errors that all images have.
 
-    The last frame comes first; poses from it tell where features of the frames before that are searched. look: called once with the
-    placement by chained relative poses, as soon as all frames are connected, or after the last of them.
+    The last frame comes first; poses from it tell where features of the frames before that are searched.
     """
     track = _featured(survey)
     guess: Guess | None = None
     for steps in range(1, SETTINGS.window + 1):
         track.measure_neighbors(steps, guess)
         guess = Guess(*chain(track.edges, survey.index.rank)) if track.edges else None
-        if look and guess and (steps == SETTINGS.window or not guess.components.any()):
-            look(Placement(guess.T, guess.components))
-            look = None
     track.take_out_image_errors()
     return track
-
-
-def first_places(survey: Survey) -> Placement | None:
-    """Chain the relative poses of neighboring frames; None if no two neighbors show the same."""
-    track = _featured(survey)
-    track.measure_neighbors(1, None)
-    return Placement(*chain(track.edges, survey.index.rank)) if track.edges else None
 
 
 def _featured(survey: Survey) -> Track:

@@ -1,7 +1,6 @@
 """Placement of a survey's frames: by their pictures, by given poses, or by both."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,24 +89,10 @@ def _on_earth(placed: Placed, survey: Survey, config: MappingConfig, trajectory:
     )
 
 
-def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None, known: Placement | None) -> None:
-    """Show the frames at their known poses, else at the given ones, else at those of a track through neighboring frames.
-
-    Raises MappingError if no frame has a pose.
-    """
-    if known:
-        _show(survey, known, "unknown")
-    elif trajectory and not trajectory.fixes:
-        _show(survey, place(survey.index, trajectory, config), trajectory.up)
-    elif placement := odometry.first_places(survey):
-        _show(survey, placement, "unknown")
-
-
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     if trajectory is None or trajectory.fixes:
         return _placed_by_pictures(survey, config, trajectory)
     given = place(survey.index, trajectory, config)
-    _show(survey, given, trajectory.up)
     exact = _placed_exactly(survey, config, trajectory, given)
     return _placed_by_poses(survey, config, trajectory, given) if exact is None else exact
 
@@ -115,7 +100,7 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
 def _placed_by_pictures(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     """Place the frames by the pictures alone; positions without attitudes, if there are any, move the track as a whole."""
     unknown = np.full(len(survey.index.names), np.nan)
-    track = odometry.follow(survey, lambda placement: _show(survey, placement, "unknown"))
+    track = odometry.follow(survey)
     own, markers = _upright(track, _own(track, config), config)
     if trajectory is None or (markers and markers.control):
         return Placed(own, None, unknown, unknown, markers.origin if markers else None, markers)
@@ -153,13 +138,6 @@ def _placed_by_poses(survey: Survey, config: MappingConfig, trajectory: Trajecto
     origin = trajectory.origin if used.in_their_world else None
     residuals = verdict.position_residual_m, verdict.attitude_residual_deg
     return Placed(placement, used.navigation, *residuals, origin, used.markers)
-
-
-def _show(survey: Survey, placement: Placement, up: str) -> None:
-    if survey.look is None:
-        return
-    with suppress(MappingError):  # poses upside down: there is nothing to show yet
-        survey.look(upright(placement, survey.index, up))
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
