@@ -25,18 +25,15 @@ from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
 from stereo_seecolor.color.photometry.sightings import SeenWindow
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.commands import dive_job, run
-from stereo_seecolor.commands.run import StereoCommand
+from stereo_seecolor.commands import reported_run
+from stereo_seecolor.commands import run as commands
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.interface import Usage
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.dive import light_search
-from stereo_seecolor.dive.frame_stages import FrameStages
-from stereo_seecolor.dive.frame_work import Outcome
+from stereo_seecolor.dive.dive_run import Outcome
 from stereo_seecolor.dive.pairs import GROUP
-from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.dive.source import Ranged
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import DiveRecord
@@ -95,7 +92,7 @@ class Sampled:
                 yield window
 
         with patch.object(light_search.LightSearch, "_looked", kept), patch.object(light_search, "is_short", lambda _: False):
-            run.run(SAMPLE / "left", SAMPLE / "right", SAMPLE / "cam.yaml", out)
+            commands.run(SAMPLE / "left", SAMPLE / "right", SAMPLE / "cam.yaml", out)
         self.frame = next(iter(Manifest(out).frames()))
         files = sorted((out / ".state/tables").rglob("*.table"))
         tables = [MomentTable.unpacked(zlib.decompress(file.read_bytes()[64:])) for file in files]
@@ -212,13 +209,7 @@ def dive_of(folder: Path, number: int) -> StereoInputs:
 def stand_ins(sampled: Sampled, workers: Workers, meter: Meter, number: int, recorded: bool) -> list[AbstractContextManager[Any]]:
     """What reads the images and the records of frames, replaced."""
 
-    def known(_: Any, pair: Pair) -> tuple[Ranged | None, bool]:
-        if not workers.seen:
-            return None, False
-        record = sampled.record(pair.name)
-        return Ranged(pair, record, record.inputs["left"].sha256), True
-
-    def closed(folder: Any, description: Any, *how: Any, close: Any = dive_job.close_run) -> Any:
+    def closed(folder: Any, description: Any, *how: Any, close: Any = reported_run.close_run) -> Any:
         with meter.aside():
             for name in description.names:
                 record = folder.manifest._frame_file(name, "spread")
@@ -230,19 +221,19 @@ def stand_ins(sampled: Sampled, workers: Workers, meter: Meter, number: int, rec
     return [
         patch.object(Manifest, "frame", lambda _, name: sampled.record(name)),
         patch.object(DiveRecord, "is_current", lambda _, frame, stage: stage in frame.stages),
-        patch.object(FrameStages, "_known", known),
         patch.object(light_search.LightSearch, "_looked", workers.looks(number)),
         patch.object(Opened, "for_dive", lambda opened, *_: opened),
         patch.object(light_search, "explain", lambda _: recorded),
-        patch.object(run, "need_bytes", lambda *_: 1),
-        patch.object(run, "compile_for", lambda *_: None),
-        patch.object(dive_job, "close_run", closed),
+        patch.object(reported_run, "need_bytes", lambda *_: 1),
+        patch.object(reported_run, "compile_for", lambda *_: None),
+        patch.object(reported_run, "close_run", closed),
     ]
 
 
 MEASURED = (
-    *((StereoInputs, "open"), (Dive, "_fit_key"), (light_search.LightSearch, "solve"), (Dive, "_fit"), (Dive, "correct")),
-    *((dive_job, name) for name in ("close_run", "write_reports", "products")),
+    *((StereoInputs, "open"), (light_search.LightSearch, "solve")),
+    *((commands, name) for name in ("measure_ranges", "find_light", "fit_waters", "correct_frames")),
+    *((reported_run, name) for name in ("close_run", "write_reports", "products")),
 )
 """A line is printed after each call of these."""
 
@@ -259,5 +250,5 @@ def client(number: int, recorded: bool) -> None:
         for place, name in MEASURED:
             stack.enter_context(meter.after(place, name))
         options = RunOptions(listener=workers, cluster=workers, page="none")
-        summary = StereoCommand(inputs, RunConfig(), options, "corrected").into(folder / "out", run._coloring(options))
+        summary = commands.run_inputs(inputs, folder / "out", RunConfig(), options)
         print(summary.count("ok"), *summary.notes, sep="\n")

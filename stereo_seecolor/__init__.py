@@ -11,10 +11,8 @@ from stereo_seecolor.version import __version__
 
 if TYPE_CHECKING:
     from stereo_seecolor.color.corrector import Corrector
-    from stereo_seecolor.commands.correct import correct
     from stereo_seecolor.commands.fuse import fuse
-    from stereo_seecolor.commands.rectify import rectify
-    from stereo_seecolor.commands.run import range_maps, run
+    from stereo_seecolor.commands.run import correct, range_maps, rectify, run
     from stereo_seecolor.config import RunConfig
     from stereo_seecolor.config.file import load_config
     from stereo_seecolor.dive.run_options import RunOptions
@@ -37,12 +35,12 @@ _PLACES = {
     "SeeColorError": "errors",
     "StereoFrame": "records",
     "Water": "records",
-    "correct": "commands.correct",
+    "correct": "commands.run",
     "fuse": "commands.fuse",
     "load_config": "config.file",
     "open_run": "run_folder.finished_run",
     "range_maps": "commands.run",
-    "rectify": "commands.rectify",
+    "rectify": "commands.run",
     "run": "commands.run",
 }
 """Where each public name is defined; OpenCV, torch and numba are loaded when a name that needs them is used."""

@@ -1,4 +1,4 @@
-"""START HERE: one pair through all stages. ``dive/passes.py`` takes all pairs of a dive through the same steps, in two passes.
+"""START HERE: one pair through all stages. ``commands/run.py`` takes all pairs of a dive through the same steps.
 
 A pair is read, rectified onto one image plane, and matched to a range map (``measure``). A water is fitted to its colors over
 range, and removed (``correct``). ``process`` does these steps in memory, for two arrays.
@@ -41,7 +41,7 @@ up to 47 megapixels."""
 class Pipeline:
     """Takes a pair through all stages. Made once for a rig; every method may be called from many threads.
 
-    geometry, seen, original, settings: see ``dive.source.Source``.
+    geometry, seen, original, settings: see ``dive.frames.Source``.
     """
 
     makes_ranges = True

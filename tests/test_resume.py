@@ -81,8 +81,8 @@ def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
 KILLED_AT_THE_END = """
 import os, signal, sys
 from stereo_seecolor.cli import main
-from stereo_seecolor.commands import dive_job
-dive_job.write_reports = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+from stereo_seecolor.commands import reported_run
+reported_run.write_reports = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 main()
 """
 
@@ -242,7 +242,7 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_pat
     assert len(fits) > first
     assert contents(out) == before
     first = len(fits)
-    monkeypatch.setattr("stereo_seecolor.dive.frame_stages.sources_digest", lambda file: f"newer {file.name}")
+    monkeypatch.setattr("stereo_seecolor.dive.passes.sources_digest", lambda file: f"newer {file.name}")
     run_in_process(dive, out)
     assert len(fits) > first, "an update of the code that fits"
     image = cv2.imread(str(dive.root / "L" / "0001.png"))

@@ -12,10 +12,8 @@ import pytest
 from conftest import AtPair, Dive, contents
 
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor.commands.correct import correct
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.rectify import rectify
-from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.commands.run import correct, range_maps, rectify, run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
@@ -348,7 +346,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
     assert summary.stopped
     assert summary.count("pending") >= 1
     assert statuses(out).keys() == {"0000", "0001", "0002"}
-    with pytest.raises(InputError, match="was stopped midway"):
+    with pytest.raises(InputError, match="was stopped midway|run it to its end first"):
         SurveyFrames(open_run(out))
     assert go(dive, out).all_done
     assert len(SurveyFrames(open_run(out))) == 3
@@ -356,7 +354,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
 
 def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    options = RunOptions(workers=1, listener=AtPair(8, KeyboardInterrupt))  # of three: ranges, waters, colors
+    options = RunOptions(workers=1, listener=AtPair(11, KeyboardInterrupt))  # of three: ranges, light, waters, colors
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
     corrected = {path.stem for path in (out / "corrected").iterdir()}
     assert {name for name, status in statuses(out).items() if status == "ok"} == corrected

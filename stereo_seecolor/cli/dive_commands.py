@@ -133,7 +133,7 @@ def correct(
     report: Report,
 ) -> None:
     """Correct colors only, of images that already have range maps."""
-    from stereo_seecolor.commands.correct import correct as correct_images
+    from stereo_seecolor.commands.run import correct as correct_images
 
     with report.working() as listener:
         options = replace(execution.options(workers, settings.config, listener), water=water)
@@ -178,7 +178,7 @@ def rectify(
     report: Report,
 ) -> None:
     """Rectify only: write the rectified images and their calibration."""
-    from stereo_seecolor.commands.rectify import rectify as rectify_pairs
+    from stereo_seecolor.commands.run import rectify as rectify_pairs
 
     with report.working() as listener:
         options = execution.options(workers, settings.config, listener)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.report.page import PageSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
-    from stereo_seecolor.run_folder.kept_plan import Compared
+    from stereo_seecolor.run_folder.kept_records import Compared
 
 MOST_NAMED = 20
 """Failed pairs that are named on the terminal; frames.csv names all."""

@@ -8,7 +8,7 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.process_usage import core_seconds, peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.kept_plan import Compared, Cost, KeptPlan, used_bytes
+from stereo_seecolor.run_folder.kept_records import Compared, Cost, KeptPlan, used_bytes
 
 
 class Meter:

@@ -12,7 +12,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.kept_refinement import KeptRefinement
+from stereo_seecolor.run_folder.kept_records import KeptRefinement
 from stereo_seecolor.version import __version__
 
 

@@ -1,33 +1,36 @@
-"""``run``: stereo pairs in; range maps, true-color frames, clouds and tables out. ``range`` stops after the range maps."""
+"""START HERE: ``run`` takes the stereo pairs of a dive to range maps, true-color frames, clouds and tables.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+``pipeline.py`` takes one pair through the same steps in memory; ``fuse.py`` makes the map.
+"""
+
 from functools import partial
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.dive_job import Job, claim, describe
-from stereo_seecolor.commands.first_run import compile_for, load_beside
-from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened, StereoInputs
+from stereo_seecolor.commands.reported_run import claim, reported, stereo_run
+from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
 from stereo_seecolor.compute.library_threads import one_thread_in_products
-from stereo_seecolor.compute.shard import WHOLE, Shard
+from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.dive_run import DiveRun
+from stereo_seecolor.dive.passes import NO_LIGHT, correct_frames, count_frames, find_light, fit_waters, make_pass, measure_ranges
+from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
-from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.disk_need import Room, need_bytes
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.compression import compression_notes
+from stereo_seecolor.inputs.file_form import form_notes
+from stereo_seecolor.inputs.listing import folders_of
+from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
+from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import RIG, WATER, Stage, state
+from stereo_seecolor.run_folder.layout import RECTIFIED_RIG, WATER
+from stereo_seecolor.run_folder.manifest import StageRecord
+from stereo_seecolor.run_folder.products import rectified_files
 from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters, waters_content
-
-KIND = "stereo"
-"""The kind of output folder that these commands write, in its manifest."""
-
-Passes = Callable[[Dive, RunFolder, Pairing], None]
-"""The passes that a command makes over the pairs of a dive, with results in its output folder."""
 
 
 def run(
@@ -41,7 +44,7 @@ def run(
     """Stereo pairs in; range maps, true-color frames, clouds and tables out, in ``out``.
 
     left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the same video that shows both.
-    calib: any calibration that load_rig reads. A shard without a water (``options.water``) stops after the first pass: the water
+    calib: any calibration that load_rig reads. A shard without a water (``options.water``) stops before the fit: the water
     of all shards is fitted by ``merge``.
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
@@ -55,89 +58,111 @@ def run_inputs(inputs: DiveInputs, out: Path, config: RunConfig | None = None, o
     Raises as ``run``, and DeviceError if a library for bags or videos is missing.
     """
     config, options = config or RunConfig(), options or RunOptions()
-    if options.shard.whole or options.water:
-        command = StereoCommand(inputs, config, options, last="corrected")
-        return command.into(out, partial(color, water=options.water, shard=options.shard))
-    command = StereoCommand(inputs, config, options, last="range")
-    return command.into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
+    if not options.shard.whole and options.water is None:
+        return _count_shard(inputs, out, config, options)
+    with stereo_run(inputs, out, config, options, "corrected", ("ranges", "light", "waters", "colors")) as run:
+        if options.shard.whole:
+            color(run, options.water)
+        elif options.water:
+            color_with(run, options.water)
+    return run.summary
+
+
+def color(run: DiveRun, water: Path | None = None) -> None:
+    """Take all pairs of a dive to true colors. water: a file of waters to remove; None: the water is fitted to the dive."""
+    ranges = measure_ranges(run)
+    light = find_light(run, ranges)
+    waters = read_waters(water, [pair.name for pair in run.pairs]) if water else fit_waters(run, ranges, light)
+    if waters and (water is None or water.resolve() != (run.folder.root / WATER).resolve()):
+        run.folder.dive.write(WATER, waters_content(waters, light.content))
+    correct_frames(run, light, waters)
+
+
+def color_with(run: DiveRun, water: Path) -> None:
+    """Take the pairs of a shard to true colors, with waters that were fitted to all shards and no light.
+
+    A pair that has no water there failed before the fit, and its row says again why.
+    """
+    measure_ranges(run)
+    waters = read_known_waters(water, [pair.name for pair in run.pairs])
+    run.folder.dive.write(WATER, waters_content(waters))
+    correct_frames(run, NO_LIGHT, waters)
+
+
+def _count_shard(inputs: DiveInputs, out: Path, config: RunConfig, options: RunOptions) -> RunSummary:
+    """Range maps and moment tables of a part of a dive, to which ``merge`` fits the water."""
+    with stereo_run(inputs, out, config, options, "range", ("ranges", "waters")) as run:
+        measure_ranges(run)
+        for _ in count_frames(run, None):
+            pass
+    return run.summary
 
 
 def range_maps(
     left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
     """Write range maps, without colors, into ``out``; arguments and errors as in ``run``."""
-    command = StereoCommand(StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions(), last="range")
-    return command.into(out, lambda dive, _, pairing: dive.measure(pairing.pairs))
+    inputs = StereoInputs(left, right, calib)
+    with stereo_run(inputs, out, config or RunConfig(), options or RunOptions(), "range", ("ranges",)) as run:
+        measure_ranges(run)
+    return run.summary
 
 
-@dataclass(frozen=True, eq=False)
-class StereoCommand:
-    """A command over stereo pairs. last: the last stage that it does with each pair."""
+def correct(
+    images: Path, ranges: Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+) -> RunSummary:
+    """Correct images that have range maps (see ``read_range_map``), into ``out``.
 
-    inputs: DiveInputs
-    config: RunConfig
-    options: RunOptions
-    last: Stage
-
-    def into(self, out: Path, passes: Passes) -> RunSummary:
-        """Open the inputs, take ``out``, make ``passes`` over the pairs, and write the reports.
-
-        Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which of their frames are pairs.
-        """
-        load_beside(self.config, self.options)
-        inputs, shard = self.inputs, self.options.shard
-        before = inputs.open_first(self.config)
-        owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
-        ranges = before.pipeline.settings if before and not self.config.input.refine else ""
-        with RunFolder(out, claim(owner, self.config, self.options, inputs.paths, ranges)) as folder:
-            opened = before or inputs.open_in(folder, self.config)
-            options = self.options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
-            with options.compute.sharing(state(folder.root), inputs.paths):
-                opened = self._with_room(opened.for_dive(folder, options).part(shard), folder)
-                compile_for(self.config, options)
-                return replace(self, options=options).conduct(opened, folder, passes)
-
-    def conduct(self, opened: Opened, folder: RunFolder, passes: Passes) -> RunSummary:
-        """Write rig.yaml into an output folder that was taken, make ``passes`` over the opened pairs, and write the reports."""
-        pairing, pipeline = opened.pairing, opened.pipeline
-        description = describe(self.inputs.names, pipeline.config, pairing, self.last, self.options, pipeline.rectification)
-
-        def with_rig_file(dive: Dive, folder: RunFolder) -> None:
-            folder.dive.write(RIG, native.to_bytes(pipeline.rig))
-            passes(dive, folder, pairing)
-
-        return Job(pipeline, pairing, description, with_rig_file).conduct(folder, self.options)
-
-    def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
-        """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the disk may be too small."""
-        known = set(folder.manifest.names())
-        new = sum(name not in known for name in opened.pairing.names)
-        room = Room.checked(folder.root, new, need_bytes(self.config.output, opened.pipeline.pixels, self.last == "corrected"))
-        if new:
-            self.options.notice(room.line)
-        return replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_tight else opened
-
-
-def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, shard: Shard = WHOLE) -> None:
-    """Make both passes over a dive and write water.json; with a file of waters, ``water``, the second pass alone.
-
-    shard: the part of the dive that the pairs are. The file's waters were then fitted to all parts, and a pair that has none there
-    failed in its first pass.
+    The images may be unrelated, so that ``color.lock: auto`` means ``frame`` here.
+    Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's rows.
     """
-    if water and not shard.whole:
-        color_with(dive, folder, pairing, read_known_waters(water, list(pairing.names)))
-        return
-    waters = read_waters(water, list(pairing.names)) if water else dive.waters(pairing.pairs)
-    if waters and (water is None or water.resolve() != (folder.root / WATER).resolve()):
-        folder.dive.write(WATER, waters_content(waters, dive.light))
-    dive.correct(pairing.pairs, waters)
+    config, options = config or RunConfig(), options or RunOptions()
+    if config.color.lock == "auto":
+        config = config.model_copy(update={"color": config.color.model_copy(update={"lock": "frame"})})
+    pairing = pair_by_stem(images, ranges)
+    pairing = pairing.with_notes((*compression_notes(pairing.pairs), *form_notes(pairing.pairs, config.color)))
+    paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
+    owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
+    inputs, read = {"images": str(images), "range": str(ranges)}, [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)]
+    with RunFolder(out, claim(owner, config, options, read)) as folder:
+        with reported(RangedImages(config), pairing, inputs, folder, options, "corrected", ("ranges", "waters", "colors")) as run:
+            color(run, options.water)
+        return run.summary
 
 
-def color_with(dive: Dive, folder: RunFolder, pairing: Pairing, waters: Mapping[str, Water]) -> None:
-    """Write water.json with these waters, by frame name, and make the second pass.
+def rectify(
+    left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+) -> RunSummary:
+    """Write rectified pairs as PNG into ``rectified_left`` and ``rectified_right``, and their calibration, ``rectified.yaml``.
 
-    A pair without a water is measured again, so that its row says why it failed.
+    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
-    folder.dive.write(WATER, waters_content(waters))
-    dive.count([pair for pair in pairing.pairs if pair.name not in waters])
-    dive.correct(pairing.pairs, waters)
+    config, options = config or RunConfig(), options or RunOptions()
+    inputs = StereoInputs(left, right, calib)
+    before = inputs.open_first(config)
+    with RunFolder(out, claim(inputs.owner("rectify", before), config, options, inputs.paths)) as folder:
+        opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
+        pipeline = opened.pipeline
+        with reported(pipeline, opened.pairing, inputs.names, folder, options, "rectified", ["rectified"]) as run:
+            folder.dive.begin({"rectified": pipeline.settings})
+            folder.dive.write(RECTIFIED_RIG, native.to_bytes(pipeline.rectification.rectified_rig()))
+            make_pass(run, "rectified", partial(_rectified, pipeline, folder), run.pairs)
+        return run.summary
+
+
+def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) -> tuple[FrameRow, bool]:
+    """Rectify and write a pair, unless an earlier run has with the same inputs; returns its row."""
+    inputs = folder.frames.inputs(pair.name, pipeline.inputs(pair), verify=False)
+    key = content_key({side: file.sha256 for side, file in inputs.items()}, pipeline.settings)
+    if folder.frames.finished("rectified", pair.name, key):
+        return FrameRow(pair.name, kept=True), True
+    with clock("read"):
+        raw = pipeline.read(pair)
+    with clock("rectify"):
+        frame = pipeline.rectify(raw)
+        left, right = (pipeline.rectification.upright(side) for side in (frame.left, frame.right))
+        files = rectified_files(pair.name, left, right, pipeline.config.output)
+    with clock("write"):
+        record = folder.frames.record(pair.name, pair.timestamp_s, inputs, pair.place)
+        folder.frames.save(record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files)
+    return FrameRow(pair.name), True

@@ -1,1 +1,1 @@
-"""All pairs of a dive: two passes over them (``passes``), and what each pass does with one frame (``frame_stages``)."""
+"""All pairs of a dive: the passes over them (``passes``), and what each pass does with one frame (``frames``)."""

@@ -77,8 +77,8 @@ class LightSearch:
     """The search for the light of one dive.
 
     frames: name of each frame, in order, and the key by which ``read`` finds its image and ranges. captures: what the camera
-    recorded of each. geometry: of the rectified images. compute: where frames are examined. windows: of a short dive whose frames
-    were examined as they were measured, else None. examined: called with the name of each frame, where all frames are examined.
+    recorded of each. geometry: of the rectified images. compute: where frames are examined. examined:
+    called with the name of each frame, where all frames are examined.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -87,12 +87,7 @@ class LightSearch:
     geometry: RectifiedPair
     encoding: InputEncoding
     compute: Compute
-    windows: Sequence[SeenWindow] | None = None
     examined: Callable[[str], None] = lambda _: None
-
-    def windows_of(self, frames: Iterable[Any]) -> list[SeenWindow]:
-        """The ``windows`` of a short dive. frames: keys of its frames, each examined as soon as the iterator gives it."""
-        return list(self._frame_look.windows(Stretch(0, enumerate(frames)), LOOK.loops))
 
     @property
     def _frame_look(self) -> FrameLook:
@@ -107,10 +102,8 @@ class LightSearch:
         allowed = allowed._replace(shading=allowed.shading and len(names) <= MOST_SHADED)
         sample = sampled_frames(len(names))
         is_sampled = len(sample) < len(names)
-        windows = self.windows
-        if windows is None:
-            parts = self.compute.parts if is_sampled else 1  # cutting a short dive would break its loops
-            windows = list(self._looked(sample, _WindowLook(self._frame_look), parts))
+        parts = self.compute.parts if is_sampled else 1  # cutting a short dive would break its loops
+        windows = list(self._looked(sample, _WindowLook(self._frame_look), parts))
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import RectifiedPair
+from calibration import Rectification, RectifiedPair
 from calibration.original_view import OriginalView
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -23,6 +23,7 @@ class RangedImages:
     """A Source of images and their range maps, which are read instead of measured."""
 
     makes_ranges = False
+    rectification: Rectification | None = None
     geometry: RectifiedPair | None = None
     seen: Mask | None = None
     original: OriginalView | None = None  # its images are the camera's own already

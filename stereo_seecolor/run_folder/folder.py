@@ -9,7 +9,7 @@ from typing import Self
 from stereo_seecolor.run_folder.claim import Claim, Owner, check_claim, refuse_foreign, refuse_used
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
-from stereo_seecolor.run_folder.kept_refinement import forget_refinement
+from stereo_seecolor.run_folder.kept_records import forget_refinement
 from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest

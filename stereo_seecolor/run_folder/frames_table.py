@@ -11,7 +11,7 @@ from typing import Any, Literal
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.records import FrameRow, Status
-from stereo_seecolor.run_folder.kept_plan import Compared
+from stereo_seecolor.run_folder.kept_records import Compared
 
 _PATH = re.compile(r"^\S*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")

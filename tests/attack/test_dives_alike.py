@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import Dive, contents
 
-from stereo_seecolor.commands.correct import correct
-from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.commands.run import correct, range_maps, run
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import OutputError
 

@@ -8,10 +8,8 @@ import pytest
 from conftest import Dive, contents
 
 from stereo_seecolor.cli.app import every_command
-from stereo_seecolor.commands.correct import correct
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.rectify import rectify
-from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.commands.run import correct, range_maps, rectify, run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import OutputError

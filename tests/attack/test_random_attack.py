@@ -23,11 +23,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from calibration import CalibrationError
-from stereo_seecolor.commands.correct import correct
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.rectify import rectify
 from stereo_seecolor.commands.report import report
-from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.commands.run import correct, range_maps, rectify, run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError

@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from calibration.formats import load_rig
-from stereo_seecolor.commands.dive_job import claim
-from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with
+from calibration.formats import load_rig, native
+from stereo_seecolor.commands.reported_run import KIND, claim, reported
+from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
 from stereo_seecolor.compute.shard import Shard
-from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.dive_run import DiveRun
+from stereo_seecolor.dive.passes import NO_LIGHT, correct_frames, fit_waters, measure_ranges
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.listing import Unpaired
@@ -17,7 +18,7 @@ from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE, WATER, state
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state
 from stereo_seecolor.run_folder.part import Part
 from stereo_seecolor.run_folder.water_file import waters_content
 
@@ -39,27 +40,34 @@ def merge(
     opened_parts = [Part.open(part) for part in parts]
     missing = _missing_shards(opened_parts, partial)
     opened, inputs = _opened(opened_parts, missing), named_inputs(opened_parts[0].run.inputs)
-    pairs, waters = opened.pairing.pairs, _waters(opened_parts)
-
-    def passes(dive: Dive, folder: RunFolder, pairing: Pairing) -> None:
-        if waters is None and not fit_only:
-            color(dive, folder, pairing, None)
-            return
-        dive.leave_light()
-        known = dive.waters(pairs) if waters is None else {pair.name: waters[pair.name] for pair in pairs if pair.name in waters}
-        if fit_only:
-            folder.dive.write(WATER, waters_content(known))
-        else:
-            color_with(dive, folder, pairing, known)
-
+    waters, pipeline = _waters(opened_parts), opened.pipeline
     read = [*inputs.paths, *(part.root / FRAMES_TABLE for part in opened_parts)]
-    with RunFolder(out, claim(inputs.owner(KIND, opened), opened.pipeline.config, options, read)) as folder:
+    with RunFolder(out, claim(inputs.owner(KIND, opened), pipeline.config, options, read)) as folder:
         for part in opened_parts:
             for frame in part.frames():
                 folder.frames.adopt(part.root, frame)
-        command = StereoCommand(inputs, opened.pipeline.config, options, "range" if fit_only else "corrected")
-        with options.compute.sharing(state(folder.root), inputs.paths):
-            return command.conduct(opened, folder, passes)
+        last: Stage = "range" if fit_only else "corrected"
+        passes = ("ranges", "waters") if fit_only else ("ranges", "light", "waters", "colors")
+        with (
+            options.compute.sharing(state(folder.root), inputs.paths),
+            reported(pipeline, opened.pairing, inputs.names, folder, options, last, passes) as run,
+        ):
+            folder.dive.write(RIG, native.to_bytes(pipeline.rig))
+            if waters is None and not fit_only:
+                color(run)
+            else:
+                _with_waters(run, waters, fit_only)
+        return run.summary
+
+
+def _with_waters(run: DiveRun, waters: Mapping[str, Water] | None, fit_only: bool) -> None:
+    """Write the waters of the parts, or fit them to all parts, and correct the frames, without the light of the dive."""
+    ranges = measure_ranges(run)
+    waters = fit_waters(run, ranges, NO_LIGHT) if waters is None else waters
+    known = {pair.name: waters[pair.name] for pair in run.pairs if pair.name in waters}
+    run.folder.dive.write(WATER, waters_content(known))
+    if not fit_only:
+        correct_frames(run, NO_LIGHT, known)
 
 
 def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:

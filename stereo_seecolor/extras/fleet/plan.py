@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stereo_seecolor.commands.dive_job import claim
 from stereo_seecolor.commands.dive_rig import spread
-from stereo_seecolor.commands.run import KIND, StereoCommand, color
+from stereo_seecolor.commands.reported_run import KIND, claim, reported
+from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process_usage import peak_bytes
 from stereo_seecolor.config import RunConfig
@@ -19,7 +19,7 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.kept_plan import KeptPlan, settings_key
+from stereo_seecolor.run_folder.kept_records import KeptPlan, settings_key
 from stereo_seecolor.run_folder.progress_file import USUAL
 from stereo_seecolor.run_folder.replaced import refuse_inputs
 
@@ -139,23 +139,18 @@ def _only(opened: Opened, pairs: Sequence[Pair]) -> Opened:
 
 
 class PassClock:
-    """A listener that measures the processor time of each pass. seconds: pass -> processor time of all pairs, seconds.
-
-    The search for the dive's light has no pass of its own in a short dive: its time is that of this thread after the first pass
-    began, and is taken off that pass.
-    """
+    """A listener that measures the processor time of each pass. seconds: pass -> processor time of all pairs, seconds."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._stage = ""
-        self._began_s, self._light_began_s = 0.0, 0.0
+        self._began_s = 0.0
 
     def begin(self, stage: str, total: int) -> None:
         """Note when a pass begins."""
-        if stage == "waters":  # comes after a search for the dive's light
-            self.seconds["light"] = time.thread_time() - self._light_began_s
-            self.seconds["ranges"] -= min(self.seconds["light"], self.seconds["ranges"] / 2)
-        self._stage, self._began_s, self._light_began_s = stage, time.process_time(), time.thread_time()
+        if self._stage == "light":  # is solved after its last frame was examined
+            self.seconds["light"] = time.process_time() - self._began_s
+        self._stage, self._began_s = stage, time.process_time()
 
     def advance(self, row: FrameRow) -> None:
         """Note when a pair is done."""
@@ -166,6 +161,8 @@ class PassClock:
 def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> RunSummary:
     """Run the opened pairs into ``out``, one after the other."""
     options = RunOptions(workers=1, listener=clock)
-    command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
-    with RunFolder(out, claim(inputs.owner(KIND, opened), command.config, options, inputs.paths)) as folder:
-        return command.conduct(opened, folder, lambda dive, held, pairing: color(dive, held, pairing, None))
+    pipeline, passes = opened.pipeline, ("ranges", "light", "waters", "colors")
+    with RunFolder(out, claim(inputs.owner(KIND, opened), pipeline.config, options, inputs.paths)) as folder:
+        with reported(pipeline, opened.pairing, inputs.names, folder, options, "corrected", passes) as run:
+            color(run)
+        return run.summary

@@ -8,15 +8,13 @@ from pathlib import Path
 from calibration import CalibrationError
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import Fitter
-from stereo_seecolor.commands.run import Passes, StereoCommand
+from stereo_seecolor.commands.reported_run import stereo_run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.passes import count_frames, measure_ranges
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.fleet.campaign_files import write_own
-from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.water_file import waters_content
 
 log = logging.getLogger(__name__)
@@ -42,23 +40,19 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
     names: dict[Path, list[str]] = {}
     for dive in dives:
         try:
-            summary = StereoCommand(dive.inputs, dive.config, options, "range").into(dive.out, _adding(fitter, dive))
+            with stereo_run(dive.inputs, dive.out, dive.config, options, "range", ("ranges", "waters")) as run:
+                measure_ranges(run)
+                for name, table in count_frames(run, None):
+                    fitter.add(_key(dive.water, name), table)
         except (SeeColorError, CalibrationError) as error:
             log.warning("%s: takes no part in its site's water: %s", dive.out.name, error)
             continue
-        if summary.stopped:
+        if run.summary.stopped:
             return True
-        names[dive.water] = [row.name for row in summary.rows if row.status != "unpaired"]
+        names[dive.water] = [row.name for row in run.summary.rows if row.status != "unpaired"]
     if names:
         _write(fitter, names)
     return False
-
-
-def _adding(fitter: Fitter, dive: SiteDive) -> Passes:
-    def passes(measured: Dive, _: RunFolder, pairing: Pairing) -> None:
-        measured.count(pairing.pairs, lambda name, table: fitter.add(_key(dive.water, name), table))
-
-    return passes
 
 
 def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
