@@ -346,7 +346,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
     assert summary.stopped
     assert summary.count("pending") >= 1
     assert statuses(out).keys() == {"0000", "0001", "0002"}
-    with pytest.raises(InputError, match="was stopped midway|run it to its end first"):
+    with pytest.raises(InputError, match=r"was stopped midway|run it to its end first"):
         SurveyFrames(open_run(out))
     assert go(dive, out).all_done
     assert len(SurveyFrames(open_run(out))) == 3

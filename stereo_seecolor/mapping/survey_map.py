@@ -135,7 +135,8 @@ def build_map(
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
         survey = survey.scaled(placed.range_scale)
-    built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
+    folders = [out_dir, *(out_dir / f"piece_{number}" for number in range(1, len(placed.placement.sizes)))]
+    built = [_build_component(survey, placed, number, config, folder, scratch, found.lost) for number, folder in enumerate(folders)]
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
 
@@ -182,52 +183,41 @@ def _index(frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: W
     return index
 
 
-@dataclass(frozen=True, eq=False)
-class _Builder:
-    """Builds the maps of a survey's components. scratch: folder of unfinished work. lost: frames that cannot be read, by number."""
+def _build_component(
+    survey: Survey, placed: Placed, number: int, config: MappingConfig, folder: Path, scratch: Path, lost: dict[int, Unplaced]
+) -> tuple[list[Path], int]:
+    """Write the map of a component; return its files, and the number of points of its cloud.
 
-    survey: Survey
-    placed: Placed
-    config: MappingConfig
-    scratch: Path
-    lost: dict[int, Unplaced]
+    scratch: folder of unfinished work. lost: gets the frames that cannot be read any more, by number.
+    """
+    component = Component.of(survey, placed.placement, number)
+    check_extent(component, config.voxel_edge_m)
+    tiling = cut(component, config.voxel_edge_m, config.tile_edge_m)
+    config = with_mosaic_cell(config, component, tiling)
+    check_tiling(tiling, config)
+    place = Georeference(component.offset_m, placed.origin)
+    files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, placed)]
+    store = TileStore.of(scratch / "tiles" / f"{number}", tiling, component, config.engine)
+    _fuse_tiles(component, tiling, store, config, lost)
+    islands.drop(store, tiling)
+    surfaces = partial(store.surfaces, tiling)
+    with beside(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
+        with beside(partial(write_preview, folder, surfaces)) as preview:
+            rasters = Rasters.render(component, surfaces, config, folder / ".rasters")
+        cloud, mesh, points = written.result()
+        files += [cloud, mesh, preview.result()]
+    files += write_rasters(folder, rasters, place) if rasters else ()
+    area_m2 = rasters.area_m2 if rasters else 0.0
+    files += [write_description(folder / "map.json", place, config, placed.range_scale, area_m2)]
+    shutil.rmtree(folder / ".rasters", ignore_errors=True)
+    return files, points
 
-    def build_all(self, out_dir: Path) -> list[tuple[list[Path], int]]:
-        """Write the map of each component; return its files, and the number of points of its cloud."""
-        count = len(self.placed.placement.sizes)
-        folders = [out_dir] + [out_dir / f"piece_{number}" for number in range(1, count)]
-        return [self.build(number, folders[number]) for number in range(count)]
 
-    def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
-        """Write the map of a component; return its files, and the number of points of its cloud."""
-        component = Component.of(self.survey, self.placed.placement, number)
-        check_extent(component, self.config.voxel_edge_m)
-        tiling = cut(component, self.config.voxel_edge_m, self.config.tile_edge_m)
-        config = with_mosaic_cell(self.config, component, tiling)
-        check_tiling(tiling, config)
-        place = Georeference(component.offset_m, self.placed.origin)
-        files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, self.placed)]
-        store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component, config.engine)
-        surfaces = partial(store.surfaces, tiling)
-        self._fuse(component, tiling, store)
-        islands.drop(store, tiling)
-        with beside(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
-            with beside(partial(write_preview, folder, surfaces)) as preview:
-                scratch = folder / ".rasters"
-                rasters = Rasters.render(component, surfaces, config, scratch)
-            cloud, mesh, points = written.result()
-            files += [cloud, mesh, preview.result()]
-        files += write_rasters(folder, rasters, place) if rasters else ()
-        area_m2 = rasters.area_m2 if rasters else 0.0
-        files += [write_description(folder / "map.json", place, config, self.placed.range_scale, area_m2)]
-        shutil.rmtree(scratch, ignore_errors=True)
-        return files, points
-
-    def _fuse(self, component: Component, tiling: Tiling, store: TileStore) -> None:
-        """Fuse all tiles that are not finished."""
-        left = [tile for tile in tiling.tiles if not store.has(tile)]
-        fusion = TileFusion(store, replace(tiling, tiles=()), self.survey.frames, self.survey.geometry, self.config.engine)
-        placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
-        for done, lost in enumerate(self.survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1):
-            self.lost.update(lost)
-            self.survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
+def _fuse_tiles(component: Component, tiling: Tiling, store: TileStore, config: MappingConfig, lost: dict[int, Unplaced]) -> None:
+    """Fuse all tiles that are not finished."""
+    survey, left = component.survey, [tile for tile in tiling.tiles if not store.has(tile)]
+    fusion = TileFusion(store, replace(tiling, tiles=()), survey.frames, survey.geometry, config.engine)
+    placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
+    for done, gone in enumerate(survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1):
+        lost.update(gone)
+        survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
