@@ -1,6 +1,6 @@
-"""Real dives and real calibrations as they were published: one command, which writes docs/real-dives.md.
+"""Real dives and real calibrations as they were published: one command, which writes docs/lab/real-dives.md.
 
-    python benchmarks/real_dives.py DATA [--out docs/real-dives.md] [--work FOLDER]
+    python benchmarks/real_dives.py DATA [--out docs/lab/real-dives.md] [--work FOLDER]
 
 DATA: a folder with ``acfr`` (a reef dive: left/, right/, stereo_calib.mat, poses_left_raw.tum) and ``calibrations``. Takes some
 minutes on two cores. The images may not be shown, so that there are numbers only.
@@ -249,7 +249,7 @@ INTRODUCTION = """# Real dives
 python benchmarks/real_dives.py DATA
 ```
 
-![The map of the sample dive from a slant, and its orthomosaic](images/map_sample.jpg)
+![The map of the sample dive from a slant, and its orthomosaic](../images/map_sample.jpg)
 
 *The map of the synthetic sample dive, since these dives may not be shown.*
 
@@ -282,7 +282,7 @@ def main() -> None:
     """Measure all, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
-    parser.add_argument("--out", type=Path, default=TREE / "docs" / "real-dives.md")
+    parser.add_argument("--out", type=Path, default=TREE / "docs" / "lab" / "real-dives.md")
     parser.add_argument("--work", type=Path)
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:

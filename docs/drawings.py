@@ -1,6 +1,6 @@
 """The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code with their real imports.
 
-python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of rooms in docs/architecture.md.
+python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of rooms in docs/lab/architecture.md.
 """
 
 import ast
@@ -197,7 +197,7 @@ def first_line(place: Path) -> str:
 
 
 def write_table(table: str) -> None:
-    page = HERE / "architecture.md"
+    page = HERE / "lab" / "architecture.md"
     text = page.read_text(encoding="utf-8")
     begin, end = "<!-- rooms: written by docs/drawings.py -->\n", "\n<!-- end of rooms -->"
     head, rest = text.split(begin)

@@ -104,7 +104,7 @@ not exist is refused, and the error suggests the nearest known one. A value out 
 | `color.method` | fit | settings |
 | --- | --- | --- |
 | `robust` (default) | physics with a white point, from quantiles of color over range | `color.robust` |
-| `paper` | DeepSeeColor as published: [its two networks, trained by Adam](theory.md#the-papers-training) | `color.paper` |
+| `paper` | DeepSeeColor as published: [its two networks, trained by Adam](lab/theory.md#the-papers-training) | `color.paper` |
 
 A key of an earlier version is refused, and the error names the new one: `color.objective` and `color.solver` are now `color.method`
 (`objective=paper` and `method=paper-adam` are `method=paper`); `color.paper_adam` is `color.paper`;
