@@ -128,9 +128,10 @@ def test_every_plot_has_a_title(out: Path) -> None:
     assert not {f"plots.{plot}" for plot in found["plots"].keys() | written} - found["texts"].keys()
 
 
-def test_a_dive_without_faults_is_called_good(out: Path) -> None:
-    report(out)
-    page = (out / "index.html").read_text("utf-8")
+def test_a_dive_without_faults_is_called_good(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive, known = make_dive(2), load_config(None, ["color.robust.white_point=[1, 1, 1]"])
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", known)
+    page = (tmp_path / "out/index.html").read_text("utf-8")
     assert "Good: nothing stands out." in page
     assert "2 of 2" in page
     assert "baseline 100 mm" in page
@@ -384,7 +385,7 @@ def test_patches_of_the_published_colors_have_no_difference() -> None:
 def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
-    assert "Good: nothing stands out." in (tmp_path / "out/index.html").read_text("utf-8")
+    assert "White point: red over green is known to" in (tmp_path / "out/index.html").read_text("utf-8")
     assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
 
 
