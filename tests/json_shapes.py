@@ -72,7 +72,7 @@ CHART_ROW = {
 }
 SETTING_VALUE = (str, int, float, bool, list, None)
 STRUCTURE = keys((float, None), "rugosity_area rugosity_hvar fractal_dimension height_range_m vector_ruggedness mesh_rugosity")
-MEASURED = keys((float, None), "planar_m2 surface_m2 height_m volume_l rugosity")
+MEASURED = keys((float, None), "planar_m2 tilted_m2 surface_m2 mesh_m2 height_m volume_l rugosity")
 
 SHAPES: dict[str, Shape] = {
     "sync": {

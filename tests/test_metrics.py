@@ -37,6 +37,8 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 CELL_M = 0.01
+STD_M = 0.001
+"""Of a height in one frame."""
 RIM_M = 0.1743
 """Around a dome of 0.15 m; no center of a cell lies on it."""
 Array = NDArray[np.float64]
@@ -104,20 +106,21 @@ def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:
 def test_a_half_sphere_has_its_volume_surface_and_height() -> None:
     mesh = mesh_of(dome)
     terrain, errors = site(mesh)
-    (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors)
+    (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
     assert colony is not None
     ring_m2 = np.pi * (RIM_M**2 - 0.15**2)
     assert colony.measured.planar_m2 == pytest.approx(np.pi * RIM_M**2, rel=0.01)
     assert colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
     assert colony.measured.height_m == pytest.approx(0.15, abs=1e-3)
-    assert colony.measured.surface_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.03)  # steep cells at the foot
+    assert colony.measured.mesh_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.03)  # steep cells at the foot
+    assert colony.measured.surface_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.05)  # which three cells show less of
     assert (colony.views, colony.unseen) == (4, 0)
 
 
 def test_a_volume_stands_above_ground_that_slopes() -> None:
     mesh = mesh_of(lambda x, y: dome(x, y) + 0.4 * x - 0.2 * y)
     terrain, errors = site(mesh)
-    (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors)
+    (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
     assert colony is not None and colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
 
 
@@ -142,7 +145,7 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
         noisy = clean.points_m + np.array([0, 0, 0.004]) * rng.standard_normal((len(clean.points_m), 1))
         mesh = SiteMesh(noisy, clean.normals, clean.color, clean.triangles)
         terrain, errors = site(mesh, 0.004, correlation_m=0.0)
-        (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors)
+        (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
         assert colony is not None
         found.append((colony.measured.volume_l, colony.standard_error.volume_l))
     volumes, said = np.array(found).T
@@ -199,7 +202,7 @@ def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
         return dome(x + 0.05, y, 0.1)
 
     true, seen = mesh_of(beside), half_seen(beside)
-    truth, found = (measure_outlines([circle(RIM_M)], mesh, *site(mesh))[0] for mesh in (true, seen))
+    truth, found = (measure_outlines([circle(RIM_M)], mesh, *site(mesh), STD_M)[0] for mesh in (true, seen))
     assert truth is not None and found is not None
     assert found.unseen == pytest.approx(0.5, abs=0.05)
     for name in ("surface_m2", "volume_l"):
@@ -207,23 +210,27 @@ def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
         assert error < 2.5 * std, name
         assert std > 3 * vars(truth.standard_error)[name], name
     flat = half_seen(lambda x, y: 0 * x)
-    (level,) = measure_outlines([circle(RIM_M)], flat, *site(flat))
+    (level,) = measure_outlines([circle(RIM_M)], flat, *site(flat), STD_M)
     assert level is not None and level.standard_error.surface_m2 < 0.2 * level.measured.surface_m2
 
 
 def test_outlines_that_overlap_count_what_they_share_once() -> None:
     mesh = mesh_of(lambda x, y: 0 * x)
     outlines = [circle(RIM_M, name, "coral") for name in "ab"]
-    twice = [each for each in measure_outlines(outlines, mesh, *site(mesh)) if each]
+    twice = [each for each in measure_outlines(outlines, mesh, *site(mesh), STD_M) if each]
     assert cover(twice, 1.0)[0].surface_m2 == pytest.approx(twice[0].measured.surface_m2)
-    inner = [each for each in measure_outlines([circle(RIM_M, "", "rock"), circle(0.1, "", "coral")], mesh, *site(mesh)) if each]
-    assert sum(each.planar_m2 for each in cover(inner, 1.0)) == pytest.approx(inner[0].measured.planar_m2)
+    inner = [
+        each for each in measure_outlines([circle(RIM_M, "", "rock"), circle(0.1, "", "coral")], mesh, *site(mesh), STD_M) if each
+    ]
+    assert sum(each.planar_m2 for each in cover(inner, 1.0)) == pytest.approx(
+        inner[0].measured.planar_m2, rel=0.01
+    )  # in whole cells
 
 
 def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:
     nothing = float("nan")
-    error = Measured(0, std_m2, nothing, nothing, nothing)
-    return Colony("", label, Measured(planar_m2, surface_m2, nothing, nothing, nothing), error, 0, 3)
+    error = Measured(0, 0, std_m2, nothing, nothing, nothing, nothing)
+    return Colony("", label, Measured(planar_m2, planar_m2, surface_m2, nothing, nothing, nothing, nothing), error, 0, 3)
 
 
 def test_an_outline_with_a_hole_covers_the_cells_whose_centers_it_holds() -> None:

@@ -27,10 +27,12 @@ from stereo_seecolor.extras.evaluation.chart_search import patch_colors
 from stereo_seecolor.extras.evaluation.chart_types import CLASSIC
 from stereo_seecolor.extras.evaluation.targets import chart
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.dive_facts import RowFacts
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
 from stereo_seecolor.report.texts import digits
+from stereo_seecolor.report.verdict import judge_so_far
 from stereo_seecolor.run_folder.finished_run import open_run
 
 STATIC = Path(__file__).resolve().parents[1] / "stereo_seecolor/report/static"
@@ -135,6 +137,15 @@ def test_a_dive_without_faults_is_called_good(make_dive: Callable[..., Dive], tm
     assert "Good: nothing stands out." in page
     assert "2 of 2" in page
     assert "baseline 100 mm" in page
+
+
+def test_something_small_that_moves_is_no_reason_to_doubt_a_dive() -> None:
+    def rows(percent: float) -> RowFacts:
+        said = f"{percent}% of the left image finds no counterpart in the right one: it moved"
+        return RowFacts(tuple(FrameRow(f"f{i}", warnings=(said,)) for i in range(4)))
+
+    assert judge_so_far(rows(1.2)).good
+    assert not judge_so_far(rows(12.0)).good
 
 
 def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_path: Path) -> None:

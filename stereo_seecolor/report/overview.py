@@ -11,6 +11,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import flat
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.texts import digits, duration, length, phrase
+from stereo_seecolor.run_folder.finished_map import FinishedMap
 
 NAMED_FRAMES = 8
 """Frames of a warning that are named; the others are counted. So many fill a line on a screen."""
@@ -67,6 +68,7 @@ def _methods_of_pairs(facts: DiveFacts) -> list[str]:
     if geometry is None or range_m is None or coverage is None:
         return []
     width, height = geometry.image_size
+    refined = [phrase("methods.refine")] if facts.run.config.input.refine else []
     return [
         phrase(
             "methods.pairs",
@@ -84,6 +86,7 @@ def _methods_of_pairs(facts: DiveFacts) -> list[str]:
             range=digits(range_m),
             pixel=digits(1000 * range_m / geometry.focal_px),
         ),
+        *refined,
     ]
 
 
@@ -96,7 +99,23 @@ def _methods_of_water(facts: DiveFacts) -> list[str]:
     errors = facts.water.standard_errors.get("y") if facts.water else None
     if errors is not None and np.isfinite(errors).all():
         sentences.append(phrase("methods.water_errors", **_by_channel(errors)))
+    if facts.run.config.color.method == "robust":
+        sentences += _methods_of_white(facts)
+    if facts.typical("light_gain") is not None:
+        sentences.append(phrase("methods.light"))
     return sentences
+
+
+def _methods_of_white(facts: DiveFacts) -> list[str]:
+    """How the white point was found, with its standard error where that is known: the largest of the three channels'."""
+    robust = facts.run.config.color.robust
+    if robust.white_point == "scene":
+        errors = facts.water.standard_errors.get("white") if facts.water else None
+        known = facts.water is not None and errors is not None and bool(np.isfinite(errors).all())
+        percent = f"{np.max(np.asarray(errors) / facts.water.white):.0%}" if known and facts.water else ""
+        said = phrase("methods.white_error", percent=percent) if known else ""
+        return [phrase(f"methods.white.{robust.scene_colors}") + said + "."]
+    return [phrase("methods.white.none" if robust.white_point == "none" else "methods.white.given") + "."]
 
 
 def _by_channel(values: Any) -> dict[str, str]:
@@ -113,7 +132,9 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
         "voxel": digits(1000 * made.cell_m["voxel_m"]),
         "area": digits(made.area_m2),
     }
-    sentences = [phrase("methods.map", **numbers)]
+    sentences = [phrase("methods.map", **numbers), phrase(f"methods.track.{_kind_of_track(made)}")]
+    if made.range_scale != 1:
+        sentences.append(phrase("methods.scale", factor=digits(made.range_scale, 4)))
     if "surface_rugosity" in made.site:
         cell = digits(1000 * made.cell_m["dem_m"])
         sentences.append(phrase("methods.map_rugosity", rugosity=f"{made.site['surface_rugosity']:.2f}", cell=cell))
@@ -121,6 +142,11 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
     if residuals:
         sentences.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
     return sentences
+
+
+def _kind_of_track(made: FinishedMap) -> str:
+    given = any(point.position_residual_m is not None for point in made.track)
+    return "given" if given else "own"
 
 
 def citations(facts: DiveFacts) -> list[str]:

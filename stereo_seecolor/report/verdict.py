@@ -1,5 +1,6 @@
 """The page's verdict on a dive: whether it is good, and what to examine before using the results."""
 
+import re
 from dataclasses import dataclass
 
 from stereo_seecolor.color.white_point import DOUBT, white_doubt
@@ -12,6 +13,7 @@ class VerdictLimits:
     """Limits beyond which the page tells the user to examine the results."""
 
     warned_fraction: float = 0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
+    unmatched_fraction: float = 0.05  # less of a frame that moves, a fish or a soft coral, is left out and changes nothing else
     coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
     unrecoverable_fraction: float = 0.1  # more of a frame without one of its colors is seen by eye
     placed_fraction: float = 0.95  # a frame in twenty may point into the blue
@@ -53,10 +55,18 @@ def _of_pairs(facts: RowFacts) -> list[str]:
     for status in ("failed", "pending", "unpaired"):
         if count := facts.count(status):
             reasons.append(phrase(f"verdict.{status}", count=count, pairs=len(facts.pairs)))
-    warned = sum(any(not warning.startswith(DOUBT) for warning in row.warnings) for row in facts.pairs)
+    warned = sum(any(map(_matters, row.warnings)) for row in facts.pairs)
     if warned > LIMITS.warned_fraction * len(facts.pairs):
         reasons.append(phrase("verdict.warned", count=warned, pairs=len(facts.pairs)))
     return reasons
+
+
+def _matters(warning: str) -> bool:
+    """Whether a warning of a frame says more than that something small moved in it, as a soft coral does."""
+    if warning.startswith(DOUBT):  # of the white point: the verdict has a reason of its own
+        return False
+    small = re.match(r"([\d.]+)% of the left image finds no counterpart", warning)
+    return small is None or float(small[1]) >= 100 * LIMITS.unmatched_fraction
 
 
 def _of_pixels(facts: RowFacts) -> list[str]:

@@ -4,7 +4,7 @@ import { button, Choice, DoublePress, element } from "./elements";
 import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
-import { planarArea, profile, straightLength, totalStd, type Measured, type Vector } from "./measure";
+import { crossesItself, planarArea, profile, straightLength, totalStd, type Measured, type Vector } from "./measure";
 import type { Kind, Measure } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { drawProfile } from "./profile";
@@ -175,17 +175,21 @@ export class MapMeasuring {
     await this.ground.heights.load(placed.map((each) => each.point_m));
     const spots = placed.map(({ point_m: [x, y, z], click_m }) => this.ground.pick(x, y, z, click_m)).filter((spot): spot is Spot => spot !== null);
     if (spots.length < placed.length) return null;
-    const [straight, surface] = this.values(spots, kind);
+    if (kind === "area" && crossesItself(spots.map((each) => [each.point_m[0], each.point_m[1]]))) {
+      this.said.textContent = this.text("measure.crosses");
+      return null;
+    }
+    const [straight, surface, known] = this.values(spots, kind);
     const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
     const points = placed.map((each) => each.point_m);
-    return { frame: "", map: this.about.id, kind, label: "", places: [], points, clicks_m: placed.map((each) => each.click_m), ...both };
+    return { frame: "", map: this.about.id, kind, label: "", places: [], points, clicks_m: placed.map((each) => each.click_m), known, ...both };
   }
 
-  private values(spots: Spot[], kind: Kind): [Measured, Measured | null] {
-    if (kind === "point") return [{ value: spots[0].point_m[2] + this.dive.offset_m[2], std: Math.sqrt(spots[0].covariance[8]), power: 0 }, null];
-    if (kind === "area") return [planarArea(spots), this.ground.area(spots)];
+  private values(spots: Spot[], kind: Kind): [Measured, Measured | null, number] {
+    if (kind === "point") return [{ value: spots[0].point_m[2] + this.dive.offset_m[2], std: Math.sqrt(spots[0].covariance[8]), power: 0 }, null, 1];
+    if (kind === "area") return [planarArea(spots), ...(this.ground.area(spots) ?? ([null, 1] as [null, number]))];
     const line = this.ground.along(spots);
-    return [straightLength(spots), line && straightLength(line)];
+    return [straightLength(spots), line && straightLength(line), 1];
   }
 
   private where(point_m: number[]): string {

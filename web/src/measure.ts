@@ -9,6 +9,8 @@ const LAYER_GAP = 0.02;
 const LAYER_GAP_STDS = 6;
 const CLICK_STD_PX = 0.5;
 const LEAST_STEP_PX = 8;
+const STEP_PX = 8;
+const STEP = 0.1;
 const STEP_STDS = 6;
 const AREA_STEP_PX = 4;
 
@@ -41,7 +43,7 @@ const minus = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] 
 const times = (a: Vector, k: number): Vector => [a[0] * k, a[1] * k, a[2] * k];
 const norm = (a: Vector) => Math.sqrt(dot(a, a));
 const cross = (a: Vector, b: Vector): Vector => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const mean = (all: Vector[]): Vector => times(all.reduce((sum, each) => [sum[0] + each[0], sum[1] + each[1], sum[2] + each[2]], [0, 0, 0]), 1 / all.length);
+const middle = (all: Vector[]): Vector => times(all.reduce((sum, each) => [sum[0] + each[0], sum[1] + each[1], sum[2] + each[2]], [0, 0, 0]), 1 / all.length);
 const outer = (a: Vector, b: Vector) => a.flatMap((x) => b.map((y) => x * y));
 const quadratic = (m: number[], v: Vector) =>
   dot(v, [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[3] * v[0] + m[4] * v[1] + m[5] * v[2], m[6] * v[0] + m[7] * v[1] + m[8] * v[2]]);
@@ -52,6 +54,15 @@ export const totalStd = ({ value, std, power }: Measured, calibration_std: numbe
 
 /** The surface at a place of the image; null where nothing was measured around it. */
 export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): Pick | null {
+  const found = around(ranges, g, x_px, y_px, HALF_WINDOW_PX);
+  if (!found) return null;
+  const layer = nearestLayer(found.inverse, found.relativeStd);
+  const plane = fitPlane(layer, found.dx, found.dy, found.inverse);
+  return plane[0] > 0 ? pointOf(g, x_px, y_px, plane, found.relativeStd) : null;
+}
+
+/** Offsets from a place, 1 / depth, and the relative standard error of a range, of the known pixels around it. */
+function around(ranges: Ranges, g: Geometry, x_px: number, y_px: number, half: number) {
   const column = Math.floor(x_px + 0.5);
   const row = Math.floor(y_px + 0.5);
   if (column < 0 || row < 0 || column >= ranges.width || row >= ranges.height) return null;
@@ -59,8 +70,8 @@ export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): P
   const dy: number[] = [];
   const inverse: number[] = [];
   const relative: number[] = [];
-  for (let y = Math.max(row - HALF_WINDOW_PX, 0); y < Math.min(row + HALF_WINDOW_PX + 1, ranges.height); y++) {
-    for (let x = Math.max(column - HALF_WINDOW_PX, 0); x < Math.min(column + HALF_WINDOW_PX + 1, ranges.width); x++) {
+  for (let y = Math.max(row - half, 0); y < Math.min(row + half + 1, ranges.height); y++) {
+    for (let x = Math.max(column - half, 0); x < Math.min(column + half + 1, ranges.width); x++) {
       const range = ranges.range_m[y * ranges.width + x];
       if (!(range > 0)) continue;
       dx.push(x - x_px);
@@ -73,10 +84,7 @@ export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): P
   }
   if (inverse.length < LEAST_PIXELS) return null;
   relative.sort((a, b) => a - b);
-  const relativeStd = relative.length ? relative[relative.length >> 1] : 0;
-  const layer = nearestLayer(inverse, relativeStd);
-  const plane = fitPlane(layer, dx, dy, inverse);
-  return plane[0] > 0 ? pointOf(g, x_px, y_px, plane, relativeStd) : null;
+  return { dx, dy, inverse, relativeStd: relative.length ? relative[relative.length >> 1] : 0 };
 }
 
 /** Numbers of the values that belong to the nearest layer that holds enough of them; of the largest where none does. */
@@ -166,7 +174,7 @@ export function profile(line: Placed[], above: Vector | null = null): [number[],
   const points = line.map((each) => each.point_m);
   const chord = minus(points[points.length - 1], points[0]);
   const along = times(chord, norm(chord) > 0 ? 1 / norm(chord) : 0);
-  let up = above ?? times(mean(points), -1);
+  let up = above ?? times(middle(points), -1);
   up = minus(up, times(along, dot(up, along)));
   up = times(up, 1 / Math.max(norm(up), 1e-12));
   const offsets = points.map((point) => minus(point, points[0]));
@@ -176,7 +184,7 @@ export function profile(line: Placed[], above: Vector | null = null): [number[],
 /** Area of the polygon through points, seen along its mean normal. */
 export function planarArea(picks: Placed[]): Measured {
   const points = picks.map((each) => each.point_m);
-  const center = mean(points);
+  const center = middle(points);
   const edges = points.map((point) => minus(point, center));
   const next = (i: number) => (i + 1) % points.length;
   const before = (i: number) => (i + points.length - 1) % points.length;
@@ -193,27 +201,59 @@ export function planarArea(picks: Placed[]): Measured {
 
 /** Area of the surface inside the outline of points, and the fraction of it that is known. */
 export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measured, number] {
+  const areas: number[] = [];
   const xs = picks.map((each) => each.x_px);
   const ys = picks.map((each) => each.y_px);
   const first = (values: number[]) => Math.ceil(Math.min(...values) / AREA_STEP_PX) * AREA_STEP_PX;
-  let [total, known, sum, relative] = [0, 0, 0, 0];
+  let [total, relative] = [0, 0];
   for (let y = first(ys); y <= Math.max(...ys); y += AREA_STEP_PX) {
     for (let x = first(xs); x <= Math.max(...xs); x += AREA_STEP_PX) {
       if (!inside(picks, x, y)) continue;
       total += 1;
       const found = pick(ranges, g, x, y);
       if (!found) continue;
-      known += 1;
-      sum += pixelArea(found, g);
+      areas.push(pixelArea(found, g));
       relative += found.range_std_m / norm(found.point_m);
     }
   }
+  const known = areas.length;
   if (!known) return [UNKNOWN, 0];
-  const value = (sum / known) * polygonPixels(picks);
+  const value = mean(areas) * polygonPixels(picks);
   const planar = planarArea(picks);
   const byRange = (2 * relative) / known / Math.sqrt(Math.max(1, (known * AREA_STEP_PX ** 2) / (2 * HALF_WINDOW_PX + 1) ** 2));
-  const std = value * Math.hypot(planar.std / planar.value, byRange);
+  const std = value * Math.hypot(planar.std / planar.value, byRange, unseenStd(areas, known / total));
   return [{ value, std, power: 2 }, known / total];
+}
+
+export const mean = (values: number[]) => values.reduce((a, b) => a + b, 0) / values.length;
+
+/** Relative standard error of a mean of positive values of which a part was not seen, which may differ by their deviation. */
+export function unseenStd(values: number[], known: number): number {
+  const middle = mean(values);
+  return ((1 - known) * Math.sqrt(mean(values.map((each) => (each - middle) ** 2)))) / middle;
+}
+
+/** Whether two sides of a polygon that share no corner cross. */
+export function crossesItself(outline: [number, number][]): boolean {
+  const end = (i: number) => outline[(i + 1) % outline.length];
+  return outline.some((a, i) =>
+    outline.some((c, j) => j >= i + 2 && !(i === 0 && j === outline.length - 1) && cross2(a, end(i), c, end(j))),
+  );
+}
+
+type Flat = [number, number];
+const side = (a: Flat, b: Flat, p: Flat) => (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
+const cross2 = (a: Flat, b: Flat, c: Flat, d: Flat) => side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0;
+
+/** Depth of a nearer surface within STEP_PX of a point, as beside a fish or a coral; null where there is none. */
+export function nearer(ranges: Ranges, g: Geometry, picked: Pick): number | null {
+  const found = around(ranges, g, picked.x_px, picked.y_px, STEP_PX);
+  if (!found) return null;
+  const off = (i: number) => 1 / picked.point_m[2] + picked.slope[0] * found.dx[i] + picked.slope[1] * found.dy[i];
+  const limit = Math.max(STEP, LAYER_GAP_STDS * found.relativeStd);
+  const near = found.inverse.filter((value, i) => value - off(i) > limit * off(i)).sort((a, b) => a - b);
+  const half = near.length >> 1;
+  return near.length >= LEAST_PIXELS ? 1 / (near.length % 2 ? near[half] : (near[half - 1] + near[half]) / 2) : null;
 }
 
 function pixelArea(found: Pick, g: Geometry): number {

@@ -20,6 +20,7 @@ export interface Measure {
   clicks_m?: number[];
   value: number;
   std: number;
+  known?: number; // fraction of an outline in which the surface is known
   surface: number | null;
   surface_std: number | null;
 }
@@ -118,9 +119,9 @@ export class Measures {
       const points = each.points.map((point) => (pose ? placed(pose, point).map((value, i) => value + this.dive.offset_m[i]) : this.world(each, point)));
       const shapes = { point: ["Point", points[0]], length: ["LineString", points], area: ["Polygon", [[...points, points[0]]]] };
       const [type, coordinates] = shapes[each.kind];
-      const { frame, kind, label, note = "", value, std, surface, surface_std } = each;
+      const { frame, kind, label, note = "", value, std, surface, surface_std, known = 1 } = each;
       const axes = onMap ? "map: x east, y north, z up, meters" : "rectified left camera: x right, y down, z forward, meters";
-      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, axes } };
+      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, known, axes } };
     });
     return JSON.stringify({ type: "FeatureCollection", features }, null, 1);
   }

@@ -4,6 +4,8 @@ import type { Dive, Text } from "./dive";
 import { button, element } from "./elements";
 import { Measures, save, type Kind, type Measure } from "./measures";
 
+const SAID_BELOW = 0.95; // of an outline in which the surface is known
+
 export class MeasureTable {
   readonly root = element("div", { class: "measure-table" });
   readonly measures: Measures;
@@ -45,12 +47,16 @@ export class MeasureTable {
       this.field(each, "label"),
       `${each.id} ${this.text(`measure.${each.kind}`)}`,
       shown(each.value, each.std, each.kind),
-      each.surface === null ? "" : shown(each.surface, each.surface_std ?? NaN, each.kind),
+      each.surface === null ? "" : shown(each.surface, each.surface_std ?? NaN, each.kind) + this.partly(each),
       where,
       this.field(each, "note"),
       button("×", () => this.measures.remove(each.id), { "aria-label": this.text("measure.remove", { id: each.id }) }),
     ];
     return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
+  }
+
+  private partly({ known = 1 }: Measure): string {
+    return known < SAID_BELOW ? `, ${this.text("measure.partly", { percent: Math.round(100 * known) })}` : "";
   }
 
   private field(each: Measure, key: "label" | "note"): HTMLElement {

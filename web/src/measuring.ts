@@ -2,7 +2,7 @@
 
 import type { Dive, Text } from "./dive";
 import { button, Choice, DoublePress, element } from "./elements";
-import { alongSurface, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
+import { alongSurface, crossesItself, nearer, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
 import type { Kind, Measure, Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { drawProfile } from "./profile";
@@ -219,8 +219,11 @@ export class Measuring {
 
   private add(place: [number, number]): void {
     if (!this.data) return;
-    if (!pick(this.data, this.geometry, ...place)) {
-      this.said.textContent = this.text("view.unknown");
+    const found = pick(this.data, this.geometry, ...place);
+    const near_m = found && nearer(this.data, this.geometry, found);
+    if (!found || near_m !== null) {
+      const step = { far: found?.point_m[2].toFixed(2) ?? "", near: near_m?.toFixed(2) ?? "" };
+      this.said.textContent = found ? this.text("measure.step", step) : this.text("view.unknown");
       return;
     }
     this.places.push(place);
@@ -241,6 +244,10 @@ export class Measuring {
   private end(): void {
     const places = this.places;
     if (places.length < LEAST[this.kind]) return;
+    if (this.kind === "area" && crossesItself(places)) {
+      this.said.textContent = this.text("measure.crosses");
+      return;
+    }
     this.places = [];
     const made = this.made(places, this.kind, "");
     if (made) this.measures.put(made);
@@ -250,12 +257,14 @@ export class Measuring {
     const { data, geometry } = this;
     if (!data) return null;
     const picks = places.map(([x, y]) => pick(data, geometry, x, y)).filter((each): each is Pick => each !== null);
-    if (picks.length < places.length) return null;
+    if (picks.length < places.length || picks.some((each) => nearer(data, geometry, each) !== null)) return null;
+    if (kind === "area" && crossesItself(places)) return null;
     const straight = kind === "point" ? rangeOf(picks[0]) : kind === "length" ? straightLength(picks) : planarArea(picks);
-    const surface = kind === "point" ? null : kind === "length" ? straightLength(alongSurface(data, geometry, picks)) : surfaceArea(data, geometry, picks)[0];
+    const [surface, known] =
+      kind === "point" ? [null, 1] : kind === "length" ? [straightLength(alongSurface(data, geometry, picks)), 1] : surfaceArea(data, geometry, picks);
     const points = picks.map((each) => each.point_m);
     const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
-    return { frame: this.frame, kind, label, places, points, ...both };
+    return { frame: this.frame, kind, label, places, points, known, ...both };
   }
 
   private draw(): void {

@@ -1,13 +1,14 @@
 // Points, lengths and areas on the map's terrain, as stereo_seecolor/extras/reef/measuring/terrain.py computes them (a test compares both).
 
 import type { Heights } from "./heights";
-import { planarArea, type Measured, type Placed, type Vector } from "./measure";
+import { mean, planarArea, unseenStd, type Measured, type Placed, type Vector } from "./measure";
 
 const LEAST_CELLS = 2;
 const LAYER_CELLS = 2;
 const LAYER_STDS = 6;
 const STEP_CELLS = 2;
 const STEP_STDS = 6;
+const NOISE = 0.25;
 const STEEPEST = 0.5;
 
 /** A point of the map with its covariance; slope: rise to the east and to the north. */
@@ -32,14 +33,7 @@ export class Ground {
   /** The ground at a spot; given a height, the point of that height, with the slope of what lies there. null where it is unknown. */
   pick(x_m: number, y_m: number, z_m: number | null, click_m: number): Spot | null {
     const [column, row] = this.heights.cell(x_m, y_m);
-    const cells: Vector[] = [];
-    for (let r = Math.floor(row + 0.5) - 1; r <= Math.floor(row + 0.5) + 1; r++) {
-      for (let c = Math.floor(column + 0.5) - 1; c <= Math.floor(column + 0.5) + 1; c++) {
-        const height = this.heights.at(c, r);
-        const [x, y] = this.heights.center(c, r);
-        if (!Number.isNaN(height)) cells.push([x - x_m, y - y_m, height]);
-      }
-    }
+    const cells = this.around(Math.floor(column + 0.5), Math.floor(row + 0.5), x_m, y_m);
     const layer = z_m === null ? this.highest(cells) : cells.filter((cell) => Math.abs(cell[2] - z_m) <= this.gap_m);
     if (layer.length < LEAST_CELLS) return z_m === null ? null : this.spot([x_m, y_m, z_m], [0, 0], click_m);
     const [height, east, north] = plane(layer);
@@ -86,25 +80,43 @@ export class Ground {
   }
 
   /** Area of the ground inside an outline; null where the outline stands too steep to be seen from above, or nothing is known. */
-  area(spots: Spot[]): Measured | null {
+  area(spots: Spot[]): [Measured, number] | null {
     const outline = spots.map((spot) => this.heights.cell(spot.point_m[0], spot.point_m[1]));
     const level_m2 = polygon(outline) * this.cell_m ** 2;
     const planar = planarArea(spots);
     if (!(level_m2 >= STEEPEST * planar.value) || !spots.every((spot) => this.isOnGround(spot))) return null;
     const [xs, ys] = [0, 1].map((axis) => outline.map((place) => place[axis]));
-    let [known, sum] = [0, 0];
+    const steepness: number[] = [];
     for (let row = Math.ceil(Math.min(...ys)); row <= Math.max(...ys); row++) {
       for (let column = Math.ceil(Math.min(...xs)); column <= Math.max(...xs); column++) {
         if (!inside(outline, column, row)) continue;
-        const found = this.pick(...this.heights.center(column, row), null, 0);
-        if (!found) continue;
-        known += 1;
-        sum += Math.hypot(1, ...found.slope);
+        if (!Number.isNaN(this.heights.at(column, row))) steepness.push(this.steepness(column, row));
       }
     }
-    if (!known) return null;
-    const value = (sum / known) * level_m2;
-    return { value, std: (value * planar.std) / planar.value, power: 2 };
+    if (!steepness.length) return null;
+    const known = Math.min(1, steepness.length / Math.max(polygon(outline), 1));
+    const value = mean(steepness) * level_m2;
+    const byNoise = Math.sqrt(1 + (NOISE * (this.std_m / this.cell_m) ** 2) / mean(steepness.map((each) => each * each))) - 1;
+    return [{ value, std: value * Math.hypot(planar.std / planar.value, byNoise, unseenStd(steepness, known)), power: 2 }, known];
+  }
+
+  /** Area over level area of the plane through 3x3 cells, of all layers. */
+  private steepness(column: number, row: number): number {
+    const [, east, north] = plane(this.around(column, row, ...this.heights.center(column, row)));
+    return Math.hypot(1, east, north);
+  }
+
+  /** The known ones of 3x3 cells: offsets from a place, and heights. */
+  private around(column: number, row: number, x_m: number, y_m: number): Vector[] {
+    const cells: Vector[] = [];
+    for (let r = row - 1; r <= row + 1; r++) {
+      for (let c = column - 1; c <= column + 1; c++) {
+        const height = this.heights.at(c, r);
+        const [x, y] = this.heights.center(c, r);
+        if (!Number.isNaN(height)) cells.push([x - x_m, y - y_m, height]);
+      }
+    }
+    return cells;
   }
 }
 

@@ -14,6 +14,8 @@ from stereo_seecolor.extras.reef.site.terrain_errors import terrain_errors
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder
 from stereo_seecolor.mapping.raster.terrain import known_area_m2
+from stereo_seecolor.report.height_code import height_std_m
+from stereo_seecolor.run_folder.finished_run import open_run
 
 
 def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None) -> SiteMetrics:
@@ -26,7 +28,7 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
-    measured = measure_outlines(outlines, mesh, terrain, errors)
+    measured = measure_outlines(outlines, mesh, terrain, errors, height_std_m(open_run(out)) if outlines else 0.0)
     colonies = tuple(colony for colony in measured if colony is not None)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
     result = SiteMetrics(

@@ -1,6 +1,6 @@
 """Points, lengths and areas on the terrain of a map; web/src/terrain.ts computes the same."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -23,6 +23,7 @@ class TerrainLimits:
     layer_stds: float = 6.0  # no step is smaller than the noise
     step_cells: float = 2.0  # along a line: windows that overlap little
     step_stds: float = 6.0  # a step along the ground is longer than its noise, which would lengthen it
+    noise: float = 0.25  # squared slope by errors alone, of planes through 3x3 cells, in squares of a height's error over a cell
     steepest: float = 0.5  # level area of an outline over its own: beyond 60 degrees a view from above shows too little of it
 
 
@@ -117,6 +118,8 @@ class Ground:
     def area(self, spots: Sequence[Spot]) -> tuple[Measured, float] | None:
         """Area of the ground inside an outline, and the fraction that is known; what is not, counts as the rest.
 
+        It is the area in plan times the mean steepness of planes through 3x3 cells: of what is as large as three cells. What
+        errors of the heights may add to it is in the standard error. ``metrics`` states the same of outlines.
         None where the outline stands too steep to be seen from above, or nothing is known.
         """
         outline = np.array([self.cell(*spot.point_m[:2]) for spot in spots])
@@ -128,7 +131,14 @@ class Ground:
         if not steepness.size:
             return None
         area_m2 = float(steepness.mean()) * level_m2
-        return Measured(area_m2, area_m2 * float(np.hypot(planar.std / planar.value, unseen_std(steepness, known))), 2), known
+        relative = np.hypot(planar.std / planar.value, self.steepness_std(steepness, known))
+        return Measured(area_m2, area_m2 * float(relative), 2), known
+
+    def steepness_std(self, steepness: Array, known: float) -> float:
+        """Relative standard error of a mean of ``steepness``, by errors of heights and by what is not known."""
+        noise = TERRAIN.noise * (self.std_m / self.cell_m) ** 2
+        by_noise = np.sqrt(1 + noise / float((steepness**2).mean())) - 1
+        return float(np.hypot(by_noise, unseen_std(steepness, known)))
 
     def known_area(self, places: Sequence[tuple[float, float]], click_m: float) -> tuple[Measured, float] | None:
         """Area of the ground in the part of an outline that is known, and the fraction that it is; for corners off the map."""
@@ -147,8 +157,16 @@ class Ground:
         total = max(polygon_area(outline), 1.0)
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
         places = [(c, r) for r in range(low[1], high[1] + 1) for c in range(low[0], high[0] + 1) if inside(outline, c, r)]
-        found = [spot for spot in (self.pick(*self.center(*place), None, 0.0) for place in places) if spot is not None]
-        return np.array([np.hypot(1.0, np.hypot(*spot.slope)) for spot in found]), min(1.0, len(found) / total)
+        steepness = self.steepness(places)
+        return steepness, min(1.0, len(steepness) / total)
+
+    def steepness(self, cells: Iterable[tuple[int, int]]) -> Array:
+        """(n,) area over level area at those of the cells (column, row) whose ground is known: of planes through 3x3 cells.
+
+        All layers count, so that the sides of a coral do.
+        """
+        around = (self._cells(*self.center(*cell)) for cell in cells if np.isfinite(self.heights_m[cell[1], cell[0]]))
+        return np.array([np.hypot(1.0, np.hypot(*_plane(each)[1:])) for each in around])
 
 
 def _plane(cells: Array) -> tuple[float, float, float]:

@@ -3,19 +3,20 @@ around it.
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.measuring.measures import unseen_std
+from stereo_seecolor.extras.reef.measuring.measures import inside as within
+from stereo_seecolor.extras.reef.measuring.measures import planar_area, polygon_area
+from stereo_seecolor.extras.reef.measuring.terrain import Ground
 from stereo_seecolor.extras.reef.metrics.outlines import Outline
 from stereo_seecolor.extras.reef.metrics.redraw import spread_of
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh
 from stereo_seecolor.extras.reef.site.terrain import Terrain
 from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors
-from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,10 +30,17 @@ SECTORS = 8
 
 @dataclass(frozen=True)
 class Measured:
-    """Square meters, meters and liters. surface_m2: of the mesh, overhangs included. volume_l: above the plane through the rim."""
+    """Square meters, meters and liters.
+
+    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground. surface_m2: of planes through
+    3x3 cells, as the page and ``measure`` state it. mesh_m2: of the mesh, noise and overhangs included. volume_l: above the plane
+    through the rim. rugosity: surface over planar area.
+    """
 
     planar_m2: float
+    tilted_m2: float
     surface_m2: float
+    mesh_m2: float
     height_m: float
     volume_l: float
     rugosity: float
@@ -55,8 +63,10 @@ class Colony:
     counted: float = 1.0
 
 
-def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[Colony | None]:
-    """Measure each outline; None where nothing of it was seen."""
+def measure_outlines(
+    outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors, height_std_m: float
+) -> list[Colony | None]:
+    """Measure each outline; None where nothing of it was seen. height_std_m: of a height, as the page has it."""
     masks = [outline.mask(terrain.grid) for outline in outlines]
     seen = [i for i, mask in enumerate(masks) if (mask & terrain.known).any()]
     if not seen:
@@ -65,57 +75,69 @@ def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terra
     holders = np.asarray(sum(mask.astype(np.int32) for mask in masks))
 
     def by_terrain(heights: Array) -> Array:
-        each = [_by_terrain(heights[windows[i]], masks[i][windows[i]], terrain.grid.cell_m) for i in seen]
-        return np.array([astuple(one) for one in each]).ravel()
+        parts = [(heights[windows[i]], masks[i][windows[i]]) for i in seen]
+        return np.array([_above(own, inside, _rim(own, inside), terrain.grid.cell_m) for own, inside in parts]).ravel()
 
+    grid = terrain.grid
+    ground = Ground(terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, height_std_m)
     values, errs = (v.reshape(len(seen), -1) for v in (by_terrain(terrain.height_m), spread_of(by_terrain, terrain, errors)))
     colonies: list[Colony | None] = [None] * len(outlines)
     for i, value, error in zip(seen, values, errs, strict=True):
         known = masks[i] & terrain.known
         fraction = float(known.sum() / masks[i].sum())
-        surface_m2 = mesh_area_m2(mesh, terrain, masks[i]) / fraction
-        measured = replace(Measured(*value), surface_m2=surface_m2, rugosity=surface_m2 / value[0])
+        areas, relative = _areas(outlines[i], ground, masks[i], fraction)
+        mesh_m2 = mesh_area_m2(mesh, terrain, masks[i]) / fraction
+        measured = Measured(*areas, mesh_m2, float(value[0]), float(value[1]), areas[2] / areas[0])
         views = float(errors.views[known].mean())
-        ground = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
-        unseen = _unseen_error(terrain, mesh, masks[i], windows[i], measured)
-        own = Measured(*np.linalg.norm([error, ground, unseen], axis=0))
+        rim = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
+        unseen = np.array([0.0, _unseen_volume_l(terrain, masks[i], windows[i])])
+        height_m, volume_l = np.linalg.norm([error, rim, unseen], axis=0)
+        of_surface = relative * areas[2], relative * mesh_m2, height_m, volume_l, relative * measured.rugosity
+        own = Measured(0.0, 0.0, *(float(each) for each in of_surface))
         counted = float((1 / holders[masks[i]]).mean())
         colonies[i] = Colony(outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted)
     return colonies
 
 
-def _unseen_error(terrain: Terrain, mesh: SiteMesh, inside: Mask, window: tuple[slice, slice], measured: Measured) -> Array:
-    """(5,) standard errors as of a Measured, from the part that was not seen and is taken to be like the rest.
+def _areas(outline: Outline, ground: Ground, inside: Mask, known: float) -> tuple[tuple[float, float, float], float]:
+    """Planar, tilted and surface area of an outline, square meters; and the relative standard error of the last.
+
+    A ring within a ring is taken off. Corners that are not known have no part in the tilted area.
+    """
+    planar_m2 = tilted_m2 = 0.0
+    for number, ring in enumerate(outline.rings):
+        others = [other for k, other in enumerate(outline.rings) if k != number]
+        sign = -1 if sum(within(other, *ring[0]) for other in others) % 2 else 1
+        spots = [spot for spot in (ground.pick(float(x), float(y), None, 0.0) for x, y in _open(ring)) if spot is not None]
+        planar_m2 += sign * polygon_area(ring)
+        tilted_m2 += sign * planar_area(spots).value if len(spots) > 2 else 0.0
+    rows, columns = np.nonzero(inside)
+    steepness = ground.steepness(zip(columns.tolist(), rows.tolist(), strict=True))
+    surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
+    return (planar_m2, tilted_m2, surface_m2), ground.steepness_std(steepness, known) if steepness.size else float("nan")
+
+
+def _open(ring: Array) -> Array:
+    """A ring without its last corner where that is the first again."""
+    return ring[:-1] if len(ring) > 1 and (ring[0] == ring[-1]).all() else ring
+
+
+def _unseen_volume_l(terrain: Terrain, inside: Mask, window: tuple[slice, slice]) -> float:
+    """Standard error of a volume from the part that was not seen and is taken to be like the rest.
 
     Its mean may differ from that of the rest by the standard deviation of what was seen.
     """
-    known = inside & terrain.known
-    if known.sum() == inside.sum():
-        return np.zeros(5)
-    row, column, triangle_m2 = terrain.triangles_of(mesh)
-    of_cell = np.zeros(inside.shape)
-    np.add.at(of_cell, (row, column), triangle_m2)
-    surface_m2 = unseen_std(of_cell[known], float(known.sum() / inside.sum())) * measured.surface_m2
     heights, own = terrain.height_m[window], inside[window]
     above = (heights - _plane(heights, _rim(heights, own)))[own]
-    spread_m = float(np.std(above[np.isfinite(above)])) if np.isfinite(above).any() else np.nan
-    volume_l = 1000 * spread_m * float((inside & ~terrain.known).sum()) * terrain.grid.cell_m**2
-    return np.array([0, surface_m2, 0, volume_l, surface_m2 / measured.planar_m2])
+    if np.isfinite(above).all() or not np.isfinite(above).any():
+        return 0.0
+    return 1000 * float(np.std(above[np.isfinite(above)])) * float((inside & ~terrain.known).sum()) * terrain.grid.cell_m**2
 
 
 def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
     """Square meters of mesh over, and below, the cells of a mask."""
     row, column, area_m2 = terrain.triangles_of(mesh)
     return float(area_m2[mask[row, column]].sum())
-
-
-def _by_terrain(heights: Array, inside: Mask, cell_m: float) -> Measured:
-    """As the terrain alone shows it; what was not seen is taken to be like the rest."""
-    height_m, volume_l = _above(heights, inside, _rim(heights, inside), cell_m)
-    planar_m2 = float(inside.sum()) * cell_m**2
-    own = np.where(inside, heights, np.nan)
-    rugosity = surface_rugosity(own, cell_m) if _has_squares(own) else float("nan")
-    return Measured(planar_m2, rugosity * planar_m2, height_m, volume_l, rugosity)
 
 
 def _above(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:
@@ -128,20 +150,13 @@ def _above(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[floa
 
 
 def _ground_error(heights: Array, inside: Mask, cell_m: float) -> Array:
-    """(5,) standard errors as of a Measured, from uneven ground: jackknife over eighths of the rim (Efron and Stein 1981)."""
+    """(2,) standard errors of height and volume from uneven ground: jackknife over eighths of the rim (Efron and Stein 1981)."""
     rim = _rim(heights, inside)
     row, column = np.indices(heights.shape)
     middle = [float(np.flatnonzero(inside.any(axis=axis)).mean()) for axis in (1, 0)]
     sector = ((np.arctan2(row - middle[0], column - middle[1]) / (2 * np.pi) * SECTORS) % SECTORS).astype(int)
     found = np.array([_above(heights, inside, rim & (sector != left_out), cell_m) for left_out in range(SECTORS)])
-    height_m, volume_l = np.sqrt((SECTORS - 1) * found.var(axis=0))
-    return np.array([0, 0, height_m, volume_l, 0])
-
-
-def _has_squares(heights: Array) -> bool:
-    """Whether any four neighbors are known."""
-    known = np.isfinite(heights)
-    return bool((known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]).any())
+    return np.asarray(np.sqrt((SECTORS - 1) * found.var(axis=0)))
 
 
 def _window(mask: Mask) -> tuple[slice, slice]:
