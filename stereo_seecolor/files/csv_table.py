@@ -26,9 +26,26 @@ def _cell(value: Any) -> Any:
     return value
 
 
+def table_rows(content: bytes) -> Iterator[dict[str, str]]:
+    """The rows of a table that this program wrote, by the names of its columns.
+
+    Raises ValueError where it is damaged: no text, a row of other cells than the header's, a cell of more than 131,072 characters.
+    """
+    try:
+        for number, row in enumerate(csv.DictReader(io.StringIO(content.decode(), newline="")), start=2):
+            if None in row or None in row.values():
+                raise ValueError(f"row {number} has other cells than the header")
+            yield row
+    except csv.Error as error:
+        raise ValueError(f"is no table: {error}") from error
+
+
 def header(path: Path) -> Sequence[str]:
     """The columns of a table. Raises InputError if it cannot be read."""
-    return _reader(path).fieldnames or ()
+    try:
+        return _reader(path).fieldnames or ()
+    except csv.Error as error:
+        raise InputError(f"{path}: line 1: {error}") from error
 
 
 def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
@@ -36,8 +53,12 @@ def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, st
     missing = [name for name in columns if name not in header(path)]
     if missing:
         raise InputError(f"{path}: has no column {missing[0]!r}: give the columns {', '.join(columns)}")
-    yield from ((f"{path}: line {number}", row) for number, row in enumerate(_reader(path), start=2))
+    reader = _reader(path)
+    try:
+        yield from ((f"{path}: line {reader.line_num}", row) for row in reader)
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num + 1}: {error}") from error
 
 
 def _reader(path: Path) -> "csv.DictReader[str]":
-    return csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")))
+    return csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")), restval="")

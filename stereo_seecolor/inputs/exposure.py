@@ -15,6 +15,9 @@ NAMES = ("name", "file", "filename", "file_name", "image", "image_name", "path",
 EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3, "exposure_us": 1e-6, "exposure_time": 1.0, "exposuretime": 1.0}
 """Column -> seconds of its unit. exposure_time is EXIF's own name, in seconds."""
 
+MOST_CHARACTERS = 10_000
+"""Of a line; more is another file."""
+
 GAINS = ("gain", "gain_db", "iso")
 
 
@@ -35,6 +38,8 @@ class ExposureTable:
             lines = read_bytes(path).decode("utf-8-sig").splitlines()
         except UnicodeDecodeError as error:
             raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+        if max(map(len, lines), default=0) > MOST_CHARACTERS:
+            raise InputError(f"{path}: has a line of more than {MOST_CHARACTERS} characters: is it a table of exposures?")
         reader = csv.DictReader(lines, skipinitialspace=True)
         reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
         name, exposure, gain = (_column(path, reader.fieldnames, known) for known in (NAMES, tuple(EXPOSURES), GAINS))

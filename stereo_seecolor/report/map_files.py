@@ -1,6 +1,5 @@
 """The page's files of a map: mesh, orthomosaic and terrain; made again only after another fusion."""
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.height_code import height_std_m, height_tiles
@@ -134,7 +135,10 @@ def _squares(made: FinishedMap) -> dict[str, Any] | None:
     path: Path = made.folder / SQUARES
     if not path.is_file():
         return None
-    with path.open(encoding="utf-8", newline="") as file:
-        head, *rows = list(csv.reader(file))
-    values = [[float(cell) if cell and np.isfinite(float(cell)) else None for cell in row[1:]] for row in rows if row[0] != "site"]
+    try:
+        rows = [[*row.values()][1:] for row in table_rows(path.read_bytes()) if row["square"] != "site"]
+        values = [[float(cell) if cell and np.isfinite(float(cell)) else None for cell in row] for row in rows]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse") from error
+    head = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
     return {"edge_m": made.cell_m["metrics_m"], "names": head[3:], "rows": values}

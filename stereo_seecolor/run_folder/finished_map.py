@@ -1,13 +1,18 @@
 """OUT/map read back: the poses of its frames, and the metrics of its site."""
 
-import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.json_records import load_object
+from stereo_seecolor.files.csv_table import table_rows
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.layout import MAP
+
+LONGEST_M = 1000.0
+"""Of a voxel or a cell: more is damage."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def open_map(out: Path) -> FinishedMap | None:
         return None
     try:
         description = load_object(folder / "map.json")
-        cell_m = {name: float(description[name]) for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")}
+        cell_m = {name: _length(name, description[name]) for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")}
         squares = _rows(folder / "reef_metrics.csv")
         site = next((_numbers(row) for row in squares if row["square"] == "site"), {})
         return FinishedMap(
@@ -60,12 +65,12 @@ def open_map(out: Path) -> FinishedMap | None:
             site=site,
             area_m2=float(description["area_m2"]) if "area_m2" in description else None,
             cell_m=cell_m,
-            offset_m=[float(value) for value in description["offset_m"]],
+            offset_m=_place(description["offset_m"]),
             pieces=len(list(folder.glob("piece_*"))),
-            origin=GeoOrigin(**description["origin"]) if description["origin"] else None,
-            range_scale=float(description.get("range_scale", 1)),
+            origin=as_record(GeoOrigin, description["origin"]) if description["origin"] else None,
+            range_scale=_length("range_scale", description.get("range_scale", 1)),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
 
 
@@ -78,10 +83,20 @@ def track_points(out: Path) -> tuple[TrackPoint, ...]:
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    return list(table_rows(path.read_bytes())) if path.is_file() else []
+
+
+def _length(name: str, value: Any) -> float:
+    if not 0 < (number := float(value)) < LONGEST_M:
+        raise ValueError(f"a {name} of {number:g}")
+    return number
+
+
+def _place(values: Any) -> list[float]:
+    found = [float(value) for value in values]
+    if len(found) != 3 or not all(map(math.isfinite, found)):
+        raise ValueError("a place that is none")
+    return found
 
 
 def _numbers(row: dict[str, str]) -> dict[str, float]:
@@ -90,7 +105,7 @@ def _numbers(row: dict[str, str]) -> dict[str, float]:
 
 def _point(row: dict[str, str]) -> TrackPoint:
     number = {key: float(value) if value else None for key, value in row.items() if key != "name"}
-    x_m, y_m, z_m = (float(row[key]) for key in ("x_m", "y_m", "z_m"))
+    x_m, y_m, z_m = _place(row[key] for key in ("x_m", "y_m", "z_m"))
     return TrackPoint(
         row["name"], number["timestamp_s"], x_m, y_m, z_m, number["position_residual_m"], number["attitude_residual_deg"]
     )

@@ -10,14 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from calibration import RectifiedPair, StereoRig
+from calibration import CalibrationError, RectifiedPair, StereoRig
 from calibration.bounded_text import load_json
 from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.files.json_records import as_record
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
@@ -68,6 +68,29 @@ class FinishedFrame:
     def measured_range_m(self) -> Map:
         """Read the measured ranges: (H, W) float32 meters along the ray, NaN where nothing was measured. Raises InputError."""
         return np.where(self.read("confidence") > 0, self.read("range"), np.float32(np.nan))
+
+
+@dataclass(frozen=True)
+class _Described:
+    """What run.json says beside settings and geometry; as ``reports`` writes it."""
+
+    version: str
+    date: str
+    command_line: list[str]
+    libraries: dict[str, str | None]
+    inputs: dict[str, str | dict[str, Any]]
+    frames: list[str]
+    totals: dict[str, Any]
+    working_directory: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Totals:
+    """Those of its totals that commands use."""
+
+    stage_seconds: dict[str, float]
+    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -148,7 +171,7 @@ def open_run(out: Path) -> FinishedRun:
     manifest = Manifest(out)
     content = _run_content(out)
     dive = manifest.dive()
-    described = content.get("settings", {})
+    described = content["settings"]
     if any(dive.settings.get(stage) != settings for stage, settings in described.items()):
         raise InputError(
             f"{out}: a run with other settings was killed, or is under way, and {RUN} is of the run before: run the same line again"
@@ -165,7 +188,7 @@ def open_run(out: Path) -> FinishedRun:
         config=content["config"],
         geometry=geometry,
         T_rectified_left=T,
-        frames=tuple(_frame(out, record, dive, Path(content.get("working_directory", ""))) for record in current),
+        frames=tuple(_frame(out, record, dive, Path(content["working_directory"])) for record in current),
         state=dive.state,
         stale=tuple(record.name for record in records if record.name not in names and record.files),
         totals=content["totals"],
@@ -208,8 +231,10 @@ def _run_content(out: Path) -> dict[str, Any]:
     if content.get("format_version") != RUN_VERSION or not Manifest(out).exists():
         raise InputError(f"{path}: was written by another version of the program: run again into a new --out")
     try:
-        return {**content, **_geometry(content), "config": RunConfig.model_validate(content["config"])}
-    except (TypeError, KeyError, ValueError, ValidationError) as error:
+        described = vars(as_record(_Described, content))
+        as_record(_Totals, described["totals"])
+        return {**described, **_geometry(content), "config": RunConfig.model_validate(content["config"])}
+    except (TypeError, KeyError, ValueError, AttributeError, CalibrationError) as error:
         raise InputError(f"{path}: is damaged: run again, which keeps what is finished") from error
 
 

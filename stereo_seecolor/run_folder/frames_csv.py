@@ -5,10 +5,11 @@ import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from stereo_seecolor.errors import InputError, printable
-from stereo_seecolor.records import FrameRow
+from stereo_seecolor.files.csv_table import table_rows
+from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 
 CHUNK = 500
@@ -51,14 +52,15 @@ def read_rows(path: Path) -> tuple[FrameRow, ...]:
 
 def _read(path: Path, row_of: Callable[[dict[str, str]], FrameRow]) -> tuple[FrameRow, ...]:
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return tuple(map(row_of, csv.DictReader(file)))
+        return tuple(map(row_of, table_rows(path.read_bytes())))
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: is gone or damaged ({error}): run the same line again, which writes it again") from error
 
 
 def _row(cells: dict[str, str]) -> FrameRow:
     status: Any = cells["status"]
+    if status not in get_args(Status):
+        raise ValueError(f"a status of {printable(status[:20])!r}")
     return FrameRow(
         name=cells["name"],
         status=status,
@@ -77,15 +79,17 @@ def _with_numbers(row: FrameRow, cells: dict[str, str], stages: Sequence[str]) -
 
 
 def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
-    """Replace the residuals of given poses, the last columns of frames.csv, by those of ``points``; none without given poses."""
+    """Replace the residuals of given poses, the last columns of frames.csv, by those of ``points``; none without given poses.
+
+    Raises ValueError for a table that is damaged.
+    """
     residuals = {point.name: (point.position_residual_m, point.attitude_residual_deg) for point in points}
-    header, *rows = csv.reader(io.StringIO(content.decode(), newline=""))
-    kept = [i for i, name in enumerate(header) if name not in RESIDUALS]
+    kept = [name for name in next(csv.reader([content.decode().partition("\n")[0]])) if name not in RESIDUALS]
     given = any(value is not None for values in residuals.values() for value in values)
-    lines = [_csv_line([header[i] for i in kept] + [*(RESIDUALS if given else ())])]
-    for row in rows:
-        values = residuals.get(row[0], (None, None)) if given else ()
-        lines.append(_csv_line([row[i] for i in kept] + ["" if value is None else f"{value:.4f}" for value in values]))
+    lines = [_csv_line([*kept, *(RESIDUALS if given else ())])]
+    for row in table_rows(content):
+        values = residuals.get(row["name"], (None, None)) if given else ()
+        lines.append(_csv_line([row[name] for name in kept] + ["" if value is None else f"{value:.4f}" for value in values]))
     return b"".join(lines)
 
 

@@ -3,6 +3,7 @@
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -63,10 +64,11 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
 
 
 def renew_frames_table(folder: RunFolder) -> None:
-    """Renew the residuals in frames.csv from the map. Raises OutputError."""
+    """Renew the residuals in frames.csv from the map; a damaged table is left to a run, which writes it. Raises OutputError."""
     path = folder.root / FRAMES_TABLE
-    if path.is_file():
-        folder.dive.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
+    with suppress(ValueError, KeyError):
+        if path.is_file():
+            folder.dive.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
 
 
 def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: Compute) -> CurrentFrames:

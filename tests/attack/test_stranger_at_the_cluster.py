@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import pickle
 import ssl
 import stat
 import urllib.error
@@ -14,9 +15,12 @@ import pytest
 from distributed.comm import connect as connect_to
 from distributed.security import Security
 
+from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster import connect
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
+from stereo_seecolor.extras.fleet.cluster.ticket import Ticket
+from stereo_seecolor.extras.fleet.cluster.worker import SharedFile, do_batch
 
 pytestmark = [pytest.mark.slow, pytest.mark.posix]
 WAIT_S = 3
@@ -81,3 +85,24 @@ def test_keys_of_batch_jobs_lie_in_files_of_this_user_alone(tmp_path: Path, monk
     with connect._jobs("slurm", file):
         assert any("key" in path.name for path in seen if path.is_file())
     assert not any(path.exists() for path in seen)
+
+
+def test_work_that_was_exchanged_in_the_shared_folder_is_not_run(tmp_path: Path) -> None:
+    done = tmp_path / "done"
+    work = SharedFile.write(tmp_path / "work", pickle.dumps(abs))
+    assert do_batch(Ticket.mine(()), work, pickle.dumps([-1])).results == [1]
+    other = SharedFile.write(tmp_path / "other", pickle.dumps(abs))
+    other.path.write_bytes(pickle.dumps(_Touches(done)))
+    with pytest.raises(ClusterError, match="somebody changed it, or it was cut; its code was not run"):
+        do_batch(Ticket.mine(()), other, pickle.dumps([-1]))
+    assert not done.exists()
+
+
+class _Touches:
+    """Makes a file where it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self.path,)

@@ -105,7 +105,7 @@ def _table(
     if not lines:
         raise InputError(f"{path}: holds no rows")
     separator = max((";", "\t", ","), key=lines[0][1].count)
-    cells = [(f"{path}: line {number}", _cells(line, separator)) for number, line in lines]
+    cells = [(f"{path}: line {number}", _cells(f"{path}: line {number}", line, separator)) for number, line in lines]
     first, units = cells[0][1], dict[str, float]()
     if len(first) >= len(in_order) and all(_is_number(cell) for cell in first[len(in_order) - 1 : len(in_order)]):
         columns, rows = {role: i for i, role in enumerate(in_order)}, cells
@@ -149,8 +149,11 @@ def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[s
         raise InputError(f"{path}: has no column {named!r} (it has {', '.join(header)[:100]}): give the columns {wanted}")
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+def _cells(where: str, line: str, separator: str) -> list[str]:
+    try:
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    except csv.Error as error:  # a cell of more than 131,072 characters
+        raise InputError(f"{where}: {error}: is it a table of markers?") from error
     return [re.sub(r"^([+-]?\d+),(\d+)$", r"\1.\2", cell) for cell in cells] if separator != "," else cells
 
 

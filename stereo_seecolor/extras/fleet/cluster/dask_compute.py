@@ -21,7 +21,7 @@ from stereo_seecolor.compute.interface import Item, Result, Usage
 from stereo_seecolor.errors import ClusterError, OutputError
 from stereo_seecolor.extras.fleet.cluster.batches import Batches, named
 from stereo_seecolor.extras.fleet.cluster.ticket import Probe, Ticket
-from stereo_seecolor.extras.fleet.cluster.worker import Done, Parcel, do_batch, do_tiles
+from stereo_seecolor.extras.fleet.cluster.worker import Done, Parcel, SharedFile, do_batch, do_tiles
 
 AHEAD = 2
 """Batches for each worker that are under way or wait, so that the next is there when one ends."""
@@ -82,7 +82,8 @@ class DaskCompute:
         file = (folder / f"{TEMPORARY_PREFIX}probe-{secrets.token_hex(4)}").absolute()
         seen = tuple(path.absolute() for path in inputs if path.exists())
         probe = Probe(file, secrets.token_hex(16), seen)
-        _write(probe.file, probe.content.encode())
+        with _written(probe.file):
+            probe.file.write_bytes(probe.content.encode())
         self._probes += (probe,)
         try:
             yield
@@ -135,8 +136,9 @@ class DaskCompute:
             return
         file = self._probes[-1].file.with_name(f"{TEMPORARY_PREFIX}work-{secrets.token_hex(8)}")
         try:
-            _write(file, content)
-            yield file
+            with _written(file):
+                shared = SharedFile.write(file, content)
+            yield shared
         finally:
             with suppress(OSError):
                 file.unlink(missing_ok=True)
@@ -224,8 +226,9 @@ class _Call:
         return self.do, self.arguments
 
 
-def _write(file: Path, content: bytes) -> None:
+@contextmanager
+def _written(file: Path) -> Iterator[None]:
     try:
-        file.write_bytes(content)
+        yield
     except OSError as error:
         raise OutputError(f"{file}: cannot be written: {error.strerror or error}: free the place and run again") from error

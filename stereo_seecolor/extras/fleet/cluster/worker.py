@@ -1,5 +1,6 @@
 """The functions that run on a worker: they do batches of items, one after the other."""
 
+import hashlib
 import logging
 import os
 import pickle
@@ -10,18 +11,40 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from stereo_seecolor.compute.process_usage import core_seconds, peak_bytes
 from stereo_seecolor.compute.threads import limit_cores
-from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.errors import ClusterError, DeviceError, OutputError
 from stereo_seecolor.extras.fleet.cluster.batches import named
 from stereo_seecolor.extras.fleet.cluster.ticket import Ticket, admit
 
 WORKS_KEPT = 4
 """Unpickled works, with tables such as those of rectification, that a worker keeps: for a few dives at once, some 50 MB each."""
 
-Parcel = bytes | Path
+
+@dataclass(frozen=True)
+class SharedFile:
+    """A file of the shared folder, which others may be able to write; sha256: of the content that the client put there."""
+
+    path: Path
+    sha256: bytes
+
+    @classmethod
+    def write(cls, path: Path, content: bytes) -> Self:
+        """Write the content. Raises OSError."""
+        path.write_bytes(content)
+        return cls(path, hashlib.sha256(content).digest())
+
+    def read_bytes(self) -> bytes:
+        """The content. Raises ClusterError where it is not what the client wrote, OSError."""
+        content = self.path.read_bytes()
+        if hashlib.sha256(content).digest() != self.sha256:
+            raise ClusterError(f"{self.path}: somebody changed it, or it was cut; its code was not run: who may write there?")
+        return content
+
+
+Parcel = bytes | SharedFile
 """Pickled work, or the file that holds it if it is too large to be sent with every batch."""
 
 _whole_worker = threading.Lock()
@@ -82,6 +105,6 @@ def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
 
 @lru_cache(maxsize=WORKS_KEPT)
 def _unpickled(work: Parcel) -> Callable[[Any], Any]:
-    content = work.read_bytes() if isinstance(work, Path) else work
+    content = work.read_bytes() if isinstance(work, SharedFile) else work
     function: Callable[[Any], Any] = pickle.loads(content)  # from the client that this worker serves
     return function

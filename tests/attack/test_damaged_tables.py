@@ -1,0 +1,133 @@
+"""Tables and records of OUT that were cut, edited or damaged: every command that reads them ends well, or in one line."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Dive
+
+from calibration import CalibrationError
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.report import report
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import InputError, SeeColorError
+from stereo_seecolor.extras.export.command import export
+from stereo_seecolor.extras.fleet.status import status
+from stereo_seecolor.extras.reef.commands.measure import measure
+from stereo_seecolor.files import csv_table
+from stereo_seecolor.inputs.exposure import ExposureTable
+from stereo_seecolor.mapping.markers.tables import read_bars
+
+TABLES = ("frames.csv", "map/poses.csv", "map/reef_metrics.csv")
+RECORDS = ("run.json", "map/map.json")
+
+
+def _cells(change: Callable[[str], str]) -> Callable[[bytes], bytes]:
+    """Change every cell below the header."""
+
+    def changed(content: bytes) -> bytes:
+        head, *rows = content.decode().splitlines()
+        return "\n".join([head, *(",".join(change(cell) for cell in row.split(",")) for row in rows)]).encode()
+
+    return changed
+
+
+def _values(change: Callable[[Any], Any]) -> Callable[[bytes], bytes]:
+    """Change every value of a JSON file and of the objects directly in it, but for what says which kind of file it is."""
+
+    def member(key: str, value: Any) -> Any:
+        if key.startswith("format"):
+            return value
+        return {inner: change(v) for inner, v in value.items()} if isinstance(value, dict) else change(value)
+
+    return lambda content: json.dumps({key: member(key, value) for key, value in json.loads(content).items()}).encode()
+
+
+Damage = Callable[[bytes], bytes]
+ANY: dict[str, Damage] = {
+    "empty": lambda content: b"",
+    "cut in the middle": lambda content: content[: len(content) // 2],
+    "cut at its end": lambda content: content[:-3],
+    "no text": lambda content: b"\xff\xfe\x00" + content,
+    "zeros at its end": lambda content: content[: len(content) // 2] + bytes(len(content) // 2),
+    "a long line": lambda content: content + b"9" * 200_000,
+}
+IN_TABLES: dict[str, Damage] = {
+    "the header alone": lambda content: content.splitlines(keepends=True)[0],
+    "no header": lambda content: b"\n".join(content.splitlines()[1:]),
+    "rows that are short": lambda content: b"\n".join([content.splitlines()[0], *(row[:9] for row in content.splitlines()[1:])]),
+    "rows that are long": lambda content: b"\n".join(row + b",1,2,3" for row in content.splitlines()),
+    "words for numbers": _cells(lambda cell: f"{cell}x"),
+    "nothing known": _cells(lambda cell: ""),
+    "NaN": _cells(lambda cell: "nan"),
+    "huge numbers": _cells(lambda cell: "1e999"),
+    "an open quote": lambda content: content.replace(b",", b',"', 3),
+    "a long cell": _cells(lambda cell: cell + "9" * 150_000),
+}
+IN_RECORDS: dict[str, Damage] = {
+    "another kind": lambda content: b"[1, 2]",
+    "no keys": lambda content: b"{}",
+    "null": _values(lambda value: None),
+    "words": _values(lambda value: "word"),
+    "lists": _values(lambda value: [value]),
+    "objects": _values(lambda value: {"a": value}),
+    "NaN": _values(lambda value: float("nan")),
+    "huge numbers": _values(lambda value: 1e308),
+    "deep": lambda content: b'{"a":' * 3000 + b"1" + b"}" * 3000,
+}
+
+
+def commands(out: Path, folder: Path) -> dict[str, Callable[[], object]]:
+    points = folder / "points.csv"
+    points.write_text("measure,frame,kind,label,x_px,y_px,x_m,y_m\n1,0000,point,a,40,30,,\n2,,point,b,,,0.1,0.1\n")
+    return {
+        "status": lambda: status(out),
+        "measure": lambda: measure(out, points),
+        "export": lambda: export(out, "kwiver", folder / "kwiver"),
+        "report": lambda: report(out),
+    }
+
+
+@pytest.fixture
+def fused(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
+    """A fused run of three frames."""
+    dive, out, poses = make_dive(3), tmp_path / "out", tmp_path / "poses.tum"
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, ()), RunOptions(workers=1))
+    poses.write_text("".join(f"{number} {0.05 * number} 0 0 0 0 0 1\n" for number in range(3)))
+    fuse(out, poses)
+    return out
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("file", [*TABLES, *RECORDS])
+def test_a_damaged_table_or_record_is_one_line(file: str, fused: Path, tmp_path: Path) -> None:
+    good = tmp_path / "good"
+    shutil.copytree(fused, good)
+    content, refused = (good / file).read_bytes(), 0
+    for number, (damage, damaged) in enumerate((ANY | (IN_TABLES if file in TABLES else IN_RECORDS)).items()):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for name, command in commands(fused, folder).items():
+            shutil.rmtree(fused)
+            shutil.copytree(good, fused)
+            (fused / file).write_bytes(damaged(content))
+            try:
+                command()
+            except (SeeColorError, CalibrationError) as error:
+                refused += 1
+                assert "\n" not in str(error), f"{damage}, {name}"
+    assert refused, "no command reads this file"
+
+
+def test_a_cell_of_any_length_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("name,exposure_s\na," + "9" * 200_000 + "\n")
+    for read in (ExposureTable.read, read_bars, lambda path: list(csv_table.rows(path, ("name",)))):
+        with pytest.raises(InputError):
+            read(path)
