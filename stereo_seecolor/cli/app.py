@@ -29,9 +29,9 @@ CORE: dict[str, Command] = {
     "view": map_commands.view,
     "calibrate": rig_commands.calibrate,
     "convert-calib": rig_commands.convert_calib,
-    "rectify": dive_commands.run,
+    "rectify": dive_commands.rectify,
     "range": dive_commands.range_,
-    "correct": dive_commands.run,
+    "correct": dive_commands.correct,
     "doctor": machine_commands.doctor,
     "config": machine_commands.config,
 }
