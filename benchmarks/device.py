@@ -4,8 +4,7 @@
 
 count: colors over range, into a table. apply: the water taken out. A batch is that many frames of one water and one exposure, row
 under row: their table is that of their sum, so what asks for a table or an exposure of each frame cannot be batched. Fitting works
-on a table, 0.7 ms on the processor wherever the pixels are; only `color.method=paper-adam` fits on the device. Pixels go to the
-device and back for each batch, as in a run for each frame.
+on a table, on the processor wherever the pixels are. Pixels go to the device and back for each batch, as in a run for each frame.
 """
 
 import argparse
@@ -20,7 +19,7 @@ import torch
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.device import find_device
-from stereo_seecolor.color.render import kernels, torch_apply
+from stereo_seecolor.color.render import torch_apply
 from stereo_seecolor.color.render.gains import gains
 from stereo_seecolor.color.render.tone import display
 from stereo_seecolor.color.table import torch_counting
@@ -63,7 +62,7 @@ def compare(image: np.ndarray, range_m: np.ndarray, frames: int, device: torch.d
     table = corrector.measure(image, range_m)
     by_range, shown = gains(corrector.fit(table), corrector.config, 1.3), display(8, "srgb", 2.0)
     flat, bits, values = image.reshape(-1, 3), range_bits(range_m), VALUE_BINS[8]
-    compiled = partial(measure, image, range_m), partial(kernels.apply, flat, bits, by_range, shown)
+    compiled = partial(measure, image, range_m), partial(torch_apply.on_processor, flat, bits, by_range, shown)
     in_torch = (
         partial(torch_counting.count, image, range_m, values, device),
         partial(torch_apply.apply, flat, bits, by_range, shown, device),

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import paper
 from stereo_seecolor.color.photometry.exposure import exposed
-from stereo_seecolor.color.render import kernels
+from stereo_seecolor.color.render import torch_apply
 from stereo_seecolor.color.table.bins import range_edges_m
 from stereo_seecolor.color.table.encoding import decoded_bins
 from stereo_seecolor.color.table.measure import measure
@@ -233,7 +233,7 @@ def test_same_result_whatever_the_number_of_threads(method, monkeypatch):
         water = own.fit(table)
         return water, own.apply(image, range_m, water, table)
 
-    monkeypatch.setattr(kernels, "PART_PIXELS", 1000)
+    monkeypatch.setattr(torch_apply, "PART_PIXELS", 1000)
     try:
         (one_water, one), (many_water, many) = result(1), result(5)
     finally:

@@ -21,8 +21,8 @@ from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.run_folder.finished_run import open_run
 
 PROJECT_FILE = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-LOADED_WHERE_NEEDED = {"torch", "rich", "threadpoolctl"}
-"""rich: on a terminal. threadpoolctl: where numpy was imported before the program. torch: for the methods of the paper."""
+LOADED_WHERE_NEEDED = {"rich", "threadpoolctl"}
+"""rich: on a terminal. threadpoolctl: where numpy was imported before the program."""
 
 PROJECT = """
 [build-system]

@@ -33,12 +33,23 @@ def test_closed_forms() -> None:
     np.testing.assert_allclose(physics.attenuation(z, 0.2, 0.3, 0.1, 0.0), np.exp(-z * (0.2 * np.exp(-0.3 * z) + 0.1)))
 
 
-@pytest.mark.parametrize("module", ["fitting/robust.py", "fitting/robust_solver.py", "fitting/misfit.py"])
-def test_the_robust_fit_writes_no_formula_of_its_own(module: str) -> None:
-    """Decays of range are physics.py's; the fit has only logarithms of them."""
-    text = (PACKAGE / "color" / module).read_text()
-    code = re.sub(r'""".*?"""|#.*', "", text, flags=re.DOTALL)
-    assert not re.search(r"exp\(\s*-(?!self)[^)]*(range_m|\bz\b)|-\s*(np|torch)\.expm1", code)
+FORMULAS = {
+    r"exp\(\s*-(?!self)[^)]*(range_m|\bz\b)|expm1\(-[^aE]": 0,  # decays of range: water/physics.py
+    r"4 \* noise": 1,  # light that does not stand out of the noise
+    r"length \+ over": 1,  # the roll-off of highlights
+    r"gain\b.* \* .*decoded": 2,  # J = gain I - offset: of pixels, and of the rows of a look-up table
+    r"lost \* ": 1,  # what the camera clipped
+}
+"""What only a formula holds, and in how many lines of the package color it stands."""
+
+
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_a_formula_is_written_once(formula: str) -> None:
+    lines = []
+    for path in sorted((PACKAGE / "color").rglob("*.py")):
+        code = re.sub(r'""".*?"""|#[^\n]*', "", path.read_text(), flags=re.DOTALL)
+        lines += [f"{path.name}: {line.strip()}" for line in code.splitlines() if re.search(formula, line)]
+    assert len(lines) == FORMULAS[formula], lines
 
 
 def tables() -> list:
@@ -73,6 +84,6 @@ def test_the_fit_has_converged() -> None:
     config = ColorConfig()
     for frame in tables()[:3]:
         (water,) = fit_all([frame], config)
-        (again,) = fit_all([frame], config, water)
+        (again,) = fit_all([frame], config, [water])
         for name in ("y", "beta", "gamma_inf", "white"):
             np.testing.assert_allclose(getattr(again, name), getattr(water, name), rtol=1e-3)

@@ -1,4 +1,7 @@
-"""Where torch runs."""
+"""Where torch runs, and on how many threads."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import torch
 
@@ -13,3 +16,14 @@ def find_device(name: str) -> torch.device:
             "a CUDA build of torch (docs/gpu.md)"
         )
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for torch in this block: tensors of a fit are small, and threads that wait for each other spin."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -17,7 +17,7 @@ from stereo_seecolor.color.render.apply import corrected
 from stereo_seecolor.color.render.carried_colors import SETTINGS, bounds_of
 from stereo_seecolor.color.render.carried_ranges import SAMPLE, Smoother
 from stereo_seecolor.color.render.gains import gains
-from stereo_seecolor.color.render.kernels import Shown
+from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.color.render.tone import Tone, display
 from stereo_seecolor.color.table.bins import VALUE_BINS
 from stereo_seecolor.color.table.measure import check_pair

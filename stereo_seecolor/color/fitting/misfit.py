@@ -26,6 +26,8 @@ class MisfitSettings:
 
 
 SETTINGS = MisfitSettings()
+ENOUGH = 0.1
+"""A step that lowers a cost by less ends its minimization: costs are compared with limits of 25 and more."""
 
 
 def quality(seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water] | None = None) -> NDArray[np.float64]:
@@ -38,7 +40,7 @@ def quality(seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequ
         return np.zeros(0)
     each: Sequence[Water | None] = waters or [None] * len(seen)
     begun = [_begin(frame, settings, water) for frame, water in zip(seen, each, strict=True)]
-    return minimize([problem for problem, _ in begun], [x for _, x in begun])[2]
+    return minimize([problem for problem, _ in begun], [x for _, x in begun], ENOUGH)[2]
 
 
 def _begin(seen: RangeQuantiles, settings: RobustConfig, water: Water | None) -> tuple[Problem, NDArray[np.float64]]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import pad, softplus
 
-from stereo_seecolor.color.fitting.robust_solver import one_thread
+from stereo_seecolor.color.device import one_thread
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import PaperConfig

@@ -67,13 +67,15 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
     """``fit``, from the quantiles of a table."""
-    return fit_all([seen], config, start)[0]
+    return fit_all([seen], config, [start])[0]
 
 
-def fit_all(several: Sequence[RangeQuantiles], config: ColorConfig, start: Water | None = None) -> list[Water]:
-    """``fit`` of each of several tables, from their quantiles, at once."""
-    begun = [_begin(seen, config, start) for seen in several]
-    found, curvature, _ = minimize([problem for problem, _ in begun], [x for _, x in begun])
+def fit_all(
+    several: Sequence[RangeQuantiles], config: ColorConfig, starts: Sequence[Water | None] = (), enough: float = 0.0
+) -> list[Water]:
+    """``fit`` of each of several tables, from their quantiles, at once. enough: as of ``minimize``."""
+    begun = [_begin(seen, config, start) for seen, start in zip(several, starts or [None] * len(several), strict=True)]
+    found, curvature, _ = minimize([problem for problem, _ in begun], [x for _, x in begun], enough)
     problems = (problem for problem, _ in begun)
     return [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
 

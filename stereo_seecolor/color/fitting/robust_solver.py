@@ -5,8 +5,7 @@ brightnesses. Every range of a channel gets its own copy of the channel's five n
 sum(log A white) and of sum(B) are the whole Jacobian: two backward passes.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple, Self
 
@@ -15,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from stereo_seecolor.color.device import one_thread
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.water.physics import backscatter, optical_depth
 
@@ -187,9 +187,10 @@ class Batch:
         return log_transmitted.detach(), veil.detach(), (by_a, by_b)
 
 
-def minimize(problems: Sequence[Problem], start: Sequence[Array]) -> tuple[list[Array], list[Array], Array]:
+def minimize(problems: Sequence[Problem], start: Sequence[Array], enough: float = 0.0) -> tuple[list[Array], list[Array], Array]:
     """Minimize each problem's cost from its start; returns parameters, Gauss-Newton matrices and costs at the minima.
 
+    enough: a step down that lowers a cost by less is its last, where costs alone are wanted.
     Problems that have converged are left out of further steps.
     """
     groups = max(len(problem.range_m) for problem in problems)
@@ -211,24 +212,13 @@ def minimize(problems: Sequence[Problem], start: Sequence[Array]) -> tuple[list[
             )
             for whole, part in zip(now, trial.where(better, known), strict=True):
                 whole[going] = part
-            small = better & (move[:, :WATER].abs().amax(1) < STEPS.converged)
+            small = better & ((move[:, :WATER].abs().amax(1) < STEPS.converged) | (known.cost - trial.cost_before < enough))
             going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
             if not going.any():
                 break
     sizes = [len(problem.mean) for problem in problems]
     found = [one[:size].copy() for one, size in zip(x.numpy(), sizes, strict=True)]
     return found, [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)], now.cost.numpy()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """One thread for torch in this block: tensors of a fit are small, and threads that wait for each other spin."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _solved(matrix: Tensor, vector: Tensor) -> Tensor:

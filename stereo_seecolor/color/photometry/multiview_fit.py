@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.photometry.sightings import Sightings
 from stereo_seecolor.robust_statistics import deviation
+from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Array = NDArray[np.float64]
 
@@ -118,15 +119,17 @@ class MultiviewFit:
 
 def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]:
     """A, B (N, 3), and the change of log A and of B by the nine logarithms, both (N, 3, 3)."""
-    log_far, log_beta, log_saturated = x.reshape(3, 3)
-    z = range_m[:, None]
-    loss = z * np.exp(log_far) * (1.0 + (near_against_far() - 1.0) * np.exp(-RATE_OF_CHANGE * z))
-    direct_path = np.exp(-np.exp(log_beta) * z)
-    backscatter = np.exp(log_saturated) * (1.0 - direct_path)
-    nothing = np.zeros_like(loss)
-    by_attenuation = np.stack([-loss, nothing, nothing], axis=-1)
-    by_backscatter = np.stack([nothing, np.exp(log_saturated + log_beta) * z * direct_path, backscatter], axis=-1)
-    return np.exp(-loss), backscatter, (by_attenuation, by_backscatter)
+    import torch
+
+    z, fall = torch.from_numpy(range_m)[:, None], torch.from_numpy(near_against_far())
+    logarithms = torch.from_numpy(x).view(3, 1, 3).expand(3, len(range_m), 3).clone().requires_grad_()  # a sighting's own copies
+    far, beta, saturated = logarithms.exp()
+    log_a = -optical_depth(z, far * (fall - 1), RATE_OF_CHANGE, far, 0.0)
+    veil = backscatter(z, saturated, beta, 0.0, 0.0)
+    by_a, by_b = (
+        np.moveaxis(torch.autograd.grad(part.sum(), logarithms, retain_graph=True)[0].numpy(), 0, -1) for part in (log_a, veil)
+    )
+    return log_a.detach().exp().numpy(), veil.detach().numpy(), (by_a, by_b)
 
 
 def near_against_far() -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.fitting.misfit import quality
+from stereo_seecolor.color.fitting.misfit import ENOUGH, quality
 from stereo_seecolor.color.photometry.exposure import Brightness
 from stereo_seecolor.color.photometry.survey import (
     BLACK,
@@ -204,22 +204,30 @@ def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[rang
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Neighboring chunks. table: of all. costs (N,): cost of each chunk under the water of all, less that under its own water."""
+    """Neighboring chunks. table: of all. water: of all, near enough to compare costs. costs (N,): cost of each chunk under it, less
+    that under its own water.
+    """
 
     chunks: tuple[_Evidence, ...]
     table: MomentTable
+    water: Water
     costs: NDArray[np.float64]
 
 
-def _stretches(parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]], config: ColorConfig) -> list[_Stretch]:
-    """Stretches of given chunks and the tables of all of these; their waters are fitted together, and so are the costs."""
+def _stretches(
+    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]], config: ColorConfig, starts: Sequence[Water] = ()
+) -> list[_Stretch]:
+    """Stretches of given chunks and the tables of all of these; their waters are fitted together, and so are the costs.
+
+    starts: waters that the fits begin from.
+    """
     if not parts:
         return []
-    waters = robust.fit_all([quantiles_by_range(table, config.input_encoding) for _, table in parts], config)
+    waters = robust.fit_all([quantiles_by_range(table, config.input_encoding) for _, table in parts], config, starts, ENOUGH)
     under = [(chunk, water) for (chunks, _), water in zip(parts, waters, strict=True) for chunk in chunks]
     costs = quality([chunk.seen for chunk, _ in under], config.robust, [water for _, water in under])
     added = np.split(costs - [chunk.own for chunk, _ in under], np.cumsum([len(chunks) for chunks, _ in parts])[:-1])
-    return [_Stretch(chunks, table, cost) for (chunks, table), cost in zip(parts, added, strict=True)]
+    return [_Stretch(*part, water, cost) for part, water, cost in zip(parts, waters, added, strict=True)]
 
 
 class _Join(NamedTuple):
@@ -231,7 +239,8 @@ class _Join(NamedTuple):
 
 def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
     """Each pair of a stretch and the next one joined, and the cost of joining."""
-    joined = _stretches([(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config)
+    larger = [max(pair, key=lambda stretch: len(stretch.chunks)).water for pair in pairs]
+    joined = _stretches([(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config, larger)
     return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
 
 

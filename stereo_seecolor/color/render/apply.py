@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render import kernels
 from stereo_seecolor.color.render.gains import Gains, gains
+from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.color.render.tone import Display, Tone, display
 from stereo_seecolor.color.table.bins import range_bits
-from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.color.table.measure import check_pair
 from stereo_seecolor.color.white_point import white_doubt
 from stereo_seecolor.config import ColorConfig
@@ -26,11 +25,11 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     by_range = gains(water, config, tone.exposure)
     shown, clipped = _apply(flat, bits, by_range, display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights), config)
-    whole = kernels.Shown(shown.image.reshape(image.shape), shown.unknown.reshape(shape), shown.unrecoverable.reshape(shape))
+    whole = Shown(shown.image.reshape(image.shape), shown.unknown.reshape(shape), shown.unrecoverable.reshape(shape))
     return corrected(image, whole, clipped, water, tone, config)
 
 
-def corrected(image: Image, shown: kernels.Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig) -> Correction:
+def corrected(image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig) -> Correction:
     """The correction of an image, of its corrected pixels, at its shape. clipped: the fraction of clipped pixels."""
     unknown = shown.unknown
     if config.unknown_pixels == "raw":
@@ -52,24 +51,24 @@ def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, co
     check_pair(image, range_m)
     by_range, bits = gains(water, config, exposure), range_bits(range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
-    decoded = decoded_values(8 * image.dtype.itemsize, config.input_encoding)
-    if config.device == "cuda":
-        from stereo_seecolor.color.device import find_device
-        from stereo_seecolor.color.render import torch_apply
+    from stereo_seecolor.color.device import find_device
+    from stereo_seecolor.color.render import torch_apply
 
-        light = torch_apply.linear(flat, bits, by_range, decoded, find_device("cuda"))
-    else:
-        light = kernels.linear(flat, bits, by_range, decoded)
-    return light.reshape(image.shape)
+    shown, device = display(8 * image.dtype.itemsize, config.input_encoding, 1.0), find_device(_device(config))
+    return torch_apply.linear(flat, bits, by_range, shown, device).reshape(image.shape)
 
 
 def _apply(
     flat: NDArray[Any], bits: NDArray[np.int32], by_range: Gains, shown: Display, config: ColorConfig
-) -> tuple[kernels.Shown, float]:
-    """``kernels.apply`` on the processor, or ``torch_apply.apply`` where ``config.device`` is cuda."""
-    if config.device == "cuda":
-        from stereo_seecolor.color.device import find_device
-        from stereo_seecolor.color.render import torch_apply
+) -> tuple[Shown, float]:
+    """``torch_apply.on_processor``, or ``torch_apply.apply`` where ``config.device`` is cuda."""
+    from stereo_seecolor.color.device import find_device
+    from stereo_seecolor.color.render import torch_apply
 
+    if _device(config) == "cuda":
         return torch_apply.apply(flat, bits, by_range, shown, find_device("cuda"))
-    return kernels.apply(flat, bits, by_range, shown)
+    return torch_apply.on_processor(flat, bits, by_range, shown)
+
+
+def _device(config: ColorConfig) -> str:
+    return "cuda" if config.device == "cuda" else "cpu"

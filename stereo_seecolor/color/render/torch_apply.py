@@ -1,100 +1,205 @@
-"""``kernels`` in torch, for a CUDA device (``color.device: cuda``) or any other, with the same results."""
+"""The light of pixels without the water, and the values that it is displayed as, in torch: one formula each, for any device.
 
-from typing import Any
+On the processor a look-up table is made of them for 8-bit pixels, which ``lookup`` reads; all else is computed pixel by pixel.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from stereo_seecolor.color.device import one_thread
 from stereo_seecolor.color.render.gains import FINE_BINS, Gains
-from stereo_seecolor.color.render.kernels import FINE_SHIFT, Shown, code_table
+from stereo_seecolor.color.render.lookup import FINE_SHIFT, Shown, count_full, fine_bins, look_up
 from stereo_seecolor.color.render.tone import NODES, Display
 from stereo_seecolor.color.table.torch_counting import on_device, pixels_on, positions
+from stereo_seecolor.compute.threads import in_parts
+
+CPU = torch.device("cpu")
+PART_PIXELS = 65536
+"""Pixels that one thread takes at least: fewer are not worth another one."""
+
+
+class Tensors(NamedTuple):
+    """``Gains`` and ``Display`` on a device; gain, offset, missing, capped and noise by bin, the last for unknown range."""
+
+    gain: Tensor
+    offset: Tensor
+    missing: Tensor
+    capped: Tensor
+    noise: Tensor
+    matrix: Tensor
+    decoded: Tensor
+    known: Tensor
+    curve: Tensor
+    shoulder: Tensor
+
+    @classmethod
+    def of(cls, gains: Gains, shown: Display, device: torch.device) -> "Tensors":
+        """Both, on this device."""
+        by_bin = (np.pad(part.T, ((0, 1), (0, 0))) for part in (gains.gain, gains.offset, gains.missing))
+        rest = (gains.capped, np.pad(gains.noise, (0, 1)), gains.matrix, shown.decoded, shown.known, shown.curve, shown.shoulder)
+        return cls(*(on_device(np.ascontiguousarray(part), device) for part in (*by_bin, *rest)))
+
+
+def on_processor(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display) -> tuple[Shown, float]:
+    """Correct (N, 3) pixels at (N,) ranges, given as float32 bits, on the processor.
+
+    Returns the corrected pixels, and the fraction of the pixels of known range with a channel at full scale.
+    """
+    out = Shown(np.zeros_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_))
+    tensors, fine, met = Tensors.of(gains, shown, CPU), np.empty(bits.size, np.uint32), list[tuple[int, int, int]]()
+    in_parts(lambda a, b: met.append(fine_bins(bits[a:b], fine[a:b], out.unknown[a:b])), bits.size, PART_PIXELS)
+    nearest, farthest, known = (list(part) for part in zip(*met, strict=True)) if met else ([], [], [])
+    if not sum(known):
+        return out, 0.0
+    looked_up = image.dtype == np.uint8 and not gains.matrix.size
+    with one_thread():
+        table = code_table(tensors, shown, slice(min(nearest), max(farthest) + 1)) if looked_up else np.zeros(0)
+        factors = _factors(tensors).numpy() if looked_up and not shown.values.size else np.zeros(0, np.float32)
+    near = int(np.argmax(shown.known < 1))
+    numbers, top = list[int](), np.iinfo(image.dtype).max
+
+    def part(a: int, b: int) -> None:
+        if looked_up:
+            special, roll_off = np.empty(b - a, np.uint32), (factors, shown.shoulder[4])
+            number = look_up(image[a:b], fine[a:b], table, roll_off, (gains.capped, near), special, out.image[a:b])
+            at = special[:number].astype(np.int64) + a
+        else:
+            at = a + np.flatnonzero(~out.unknown[a:b])
+        for some in np.array_split(at, len(at) // PART_PIXELS + 1) if len(at) else ():
+            with one_thread():
+                values, lost = _displayed(
+                    pixels_on(image[some], CPU), torch.from_numpy(fine[some].astype(np.int32)), tensors, top == 255
+                )
+            out.image[some], out.unrecoverable[some] = values.numpy(), lost.numpy()
+        numbers.append(count_full(out.image[a:b], top))
+
+    in_parts(part, bits.size, PART_PIXELS)
+    return out, sum(numbers) / sum(known)
 
 
 def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device) -> tuple[Shown, float]:
-    """``kernels.apply`` on a device."""
+    """``on_processor`` on another device."""
     pixels, eight = pixels_on(image, device), image.dtype == np.uint8
     out, unknown, unrecoverable, clipped = apply_on(pixels, torch.from_numpy(bits).to(device), gains, shown, eight)
     return Shown(out.cpu().numpy().astype(image.dtype), unknown.cpu().numpy(), unrecoverable.cpu().numpy()), clipped
 
 
 def apply_on(pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool) -> tuple[Tensor, Tensor, Tensor, float]:
-    """``kernels.apply`` of (N, 3) pixels and (N,) bits that are on a device. eight: of 8 bits, else 16.
+    """Correct (N, 3) pixels and (N,) bits that are on a device. eight: of 8 bits, else 16.
 
     Returns corrected pixels, as int32; where the range is unknown; where they cannot be recovered; and the fraction clipped.
     """
-    device, fine = pixels.device, positions(bits) >> FINE_SHIFT
-    unknown, top = fine == FINE_BINS, 255 if eight else 65535
-    known = on_device(shown.known, device)[pixels.to(torch.int64)]
-    capped = on_device(gains.capped, device)[fine] & ~unknown
-    light = _above_noise(_mixed(_light(pixels, fine, known, gains, shown.decoded), gains), fine, gains)
-    codes = _codes(light, on_device(shown.curve, device), eight)
+    device, fine = pixels.device, (positions(bits) >> FINE_SHIFT).to(torch.int32)
+    tensors, unknown = Tensors.of(gains, shown, device), fine == FINE_BINS
+    values, lost = _displayed(pixels, fine, tensors, eight)
     if eight and not gains.matrix.size:
-        plain = (~capped & (known == 1).all(dim=1)) | unknown
-        codes[plain] = _looked_up(pixels[plain], fine[plain], code_table(gains, shown))
-    knee, length, bend, unit, zero = on_device(shown.shoulder, device).unbind()
-    code = codes.amax(dim=1, keepdim=True).clamp(min=1e-30)
-    over = (code - knee).clamp(min=0)
-    factor = (torch.minimum(code, knee) + over * (length + over * bend) / (length + over)) / code * unit
-    out = (codes * factor - zero).clamp(0, top).to(torch.int32)
-    out[unknown] = 0
-    unrecoverable = (capped | (known == 0).any(dim=1)) & ~unknown
-    clipped = int((out == top).any(dim=1).sum()) / max(int((~unknown).sum()), 1)
-    return out, unknown, unrecoverable, clipped
+        known = (_at(tensors.known, pixels.to(torch.int32)) == 1).all(dim=1)
+        plain = ~_at(tensors.capped, fine) & known & ~unknown
+        table = on_device(code_table(tensors, shown, slice(0, FINE_BINS)).astype(np.float32), device)
+        row = fine[plain][:, None] * 3 + torch.arange(3, device=device)
+        codes = table[(row * 256 + pixels[plain]).to(torch.int64)]
+        values[plain] = codes.to(torch.int32) if shown.values.size else _rolled_off(codes, tensors, 255)
+    values[unknown] = 0
+    clipped = int((values == (255 if eight else 65535)).any(dim=1).sum()) / max(int((~unknown).sum()), 1)
+    return values, unknown, lost & ~unknown, clipped
 
 
-def linear(
-    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, decoded: NDArray[np.float32], device: torch.device
-) -> NDArray[np.float32]:
-    """``kernels.linear`` on a device."""
-    fine = positions(torch.from_numpy(bits).to(device)) >> FINE_SHIFT
-    light = _mixed(_unclipped(pixels_on(image, device), fine, gains, decoded), gains)
-    light[fine == FINE_BINS] = 0
-    return np.asarray(light.cpu().numpy())
+def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device) -> NDArray[np.float32]:
+    """(N, 3) float32 linear light, neither clipped nor encoded; 0 where unknown."""
+    out, tensors = np.empty(image.shape, np.float32), Tensors.of(gains, shown, device)
+
+    def part(a: int, b: int) -> None:
+        fine = (positions(torch.from_numpy(bits[a:b]).to(device)) >> FINE_SHIFT).to(torch.int32)
+        light = _mixed(_unclipped(pixels_on(image[a:b], device).to(torch.int32), fine, tensors), tensors)
+        out[a:b] = torch.where((fine == FINE_BINS)[:, None], 0, light).cpu().numpy()
+
+    in_parts(part, bits.size, PART_PIXELS)
+    return out
 
 
-def _looked_up(pixels: Tensor, fine: Tensor, table: NDArray[np.uint16]) -> Tensor:
-    """(N, 3) codes of 8-bit pixels at their (N,) fine bins."""
-    channel = torch.arange(3, device=pixels.device, dtype=torch.int32) * 256
-    return on_device(table, pixels.device)[(fine[:, None] * 768 + channel) + pixels].to(torch.float32)
+def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
+    """(1025 * 768,) code of each 8-bit value of each channel in each of these fine bins, or its displayed value where nothing is
+    rolled off; the last bin, of unknown range, is black; the others' rows are not set.
+    """
+    light = tensors.gain[bins, :, None] * tensors.decoded - tensors.offset[bins, :, None]
+    node = (
+        (_above_noise(light, tensors.noise[bins, None, None]) * NODES + 0.5).clamp_(max=tensors.curve.numel() - 1).to(torch.int32)
+    )
+    curve = shown.values if shown.values.size else shown.codes
+    table = np.empty((FINE_BINS + 1, 768), curve.dtype)
+    np.take(curve, node.view(len(node), 768).cpu().numpy(), out=table[bins], mode="clip")
+    table[-1] = curve[0]
+    return table.reshape(-1)
 
 
-def _light(pixels: Tensor, fine: Tensor, known: Tensor, gains: Gains, decoded: NDArray[np.float32]) -> Tensor:
-    """``pixel_kernels.light_of`` of all pixels."""
-    light = _unclipped(pixels, fine, gains, decoded)
-    lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
-    brightest = light.amax(dim=1, keepdim=True)
-    gray = (_sum(known * light) + lost * brightest) / (_sum(known) + lost)
-    return light + (1 - known) * (gray - light).clamp(min=0)
+def _displayed(pixels: Tensor, fine: Tensor, tensors: Tensors, eight_bits: bool) -> tuple[Tensor, Tensor]:
+    """Displayed values (N, 3) int32 of pixels at their (N,) fine bins, computed, and whether their color is lost (N,)."""
+    pixels = pixels.to(torch.int32)
+    known = _at(tensors.known, pixels)
+    light = _mixed(_with_clipped(_unclipped(pixels, fine, tensors), known), tensors)
+    place = (_above_noise(light, _at(tensors.noise, fine)[:, None]) * NODES + 0.5 * eight_bits).clamp_(0, tensors.curve.numel() - 2)
+    node = place.to(torch.int32)
+    codes = _at(tensors.curve, node)
+    if not eight_bits:  # between two nodes
+        codes = codes + (_at(tensors.curve, node + 1) - codes) * (place - node)
+    top = 255 if eight_bits else 65535
+    return _rolled_off(codes, tensors, top), _at(tensors.capped, fine) | (known == 0).any(dim=1)
 
 
-def _unclipped(pixels: Tensor, fine: Tensor, gains: Gains, decoded: NDArray[np.float32]) -> Tensor:
-    """``pixel_kernels.unclipped`` of all pixels."""
-    inside, device = fine.clamp(max=FINE_BINS - 1), pixels.device
-    gain, offset, missing = (on_device(np.ascontiguousarray(part.T), device)[inside] for part in gains[:3])
-    light = gain * on_device(decoded, device)[pixels.to(torch.int64)] - offset
+def _at(table: Tensor, index: Tensor) -> Tensor:
+    """``table[index]``, which torch does several times sooner this way."""
+    return table.index_select(0, index.reshape(-1)).view(*index.shape, *table.shape[1:])
+
+
+def _unclipped(pixels: Tensor, fine: Tensor, tensors: Tensors) -> Tensor:
+    """Linear light. The part that a limited gain leaves out of a channel is taken from the channels with less noise."""
+    light = _at(tensors.gain, fine) * _at(tensors.decoded, pixels) - _at(tensors.offset, fine)
+    if not tensors.missing.any():
+        return light
+    missing = _at(tensors.missing, fine)
     return torch.where(_sum(missing) > 0, light + missing * (_sum(light) / _sum(1 - missing)), light)
 
 
-def _mixed(light: Tensor, gains: Gains) -> Tensor:
-    """``pixel_kernels.mixed`` of all pixels."""
-    return light @ on_device(gains.matrix, light.device).T if gains.matrix.size else light
+def _with_clipped(light: Tensor, known: Tensor) -> Tensor:
+    """Light in which channels that the camera clipped are at least as bright as the others, or as the brightest if all are."""
+    if not (known < 1).any():
+        return light
+    lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
+    gray = (_sum(known * light) + lost * light.amax(dim=1, keepdim=True)) / (_sum(known) + lost)
+    return light + (1 - known) * (gray - light).clamp(min=0)
 
 
-def _above_noise(light: Tensor, fine: Tensor, gains: Gains) -> Tensor:
-    """``pixel_kernels.above_noise`` of all pixels."""
-    noise = on_device(gains.noise, light.device)[fine.clamp(max=FINE_BINS - 1)][:, None]
+def _mixed(light: Tensor, tensors: Tensors) -> Tensor:
+    """The channels after the color matrix, if there is one."""
+    return light @ tensors.matrix.T if tensors.matrix.numel() else light
+
+
+def _above_noise(light: Tensor, noise: Tensor) -> Tensor:
+    """Light as it is where it stands out of the noise, and the noise where it does not: with the same for all channels, what is
+    lost in noise comes out gray."""
     return 0.5 * (light + (light * light + 4 * noise * noise).sqrt())
+
+
+def _rolled_off(codes: Tensor, tensors: Tensors, top: int = 255) -> Tensor:
+    """Displayed values of codes (N, 3)."""
+    return (codes * _factor(codes.amax(dim=1, keepdim=True), tensors.shoulder) - tensors.shoulder[4]).clamp(0, top).to(torch.int32)
+
+
+def _factors(tensors: Tensors) -> Tensor:
+    """(65536,) the factor for the codes of a pixel, by its greatest code."""
+    return _factor(torch.arange(65536, dtype=torch.float32, device=tensors.shoulder.device), tensors.shoulder)
+
+
+def _factor(code: Tensor, shoulder: Tensor) -> Tensor:
+    """The factor, in values per code, for pixels whose greatest code is ``code``: less above the knee (``tone.display``)."""
+    knee, length, bend, unit, _ = shoulder.unbind()
+    over, code = (code - knee).clamp(min=0), code.clamp(min=1e-30)
+    return (torch.minimum(code, knee) + over * (length + over * bend) / (length + over)) / code * unit
 
 
 def _sum(channels: Tensor) -> Tensor:
     return channels[:, :1] + channels[:, 1:2] + channels[:, 2:]
-
-
-def _codes(light: Tensor, curve: Tensor, nearest: bool) -> Tensor:
-    """Codes of light: of the nearest node of the curve, or interpolated between two."""
-    place = (light * NODES + 0.5 * nearest).clamp(0, curve.numel() - 2)
-    node = place.to(torch.int64)
-    return curve[node] if nearest else curve[node] + (curve[node + 1] - curve[node]) * (place - node)
