@@ -1,10 +1,11 @@
-"""JSON and YAML read within bounds: no file of a few kilobytes takes minutes or gigabytes, and no nesting overflows a stack.
+"""JSON, YAML and TOML read within bounds: no file of a few kilobytes takes minutes or gigabytes, and no nesting overflows a stack.
 
-Every reader of both packages uses these two functions, whoever wrote the file.
+Every reader of both packages uses these functions, whoever wrote the file.
 """
 
 import json
 import re
+import tomllib
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,9 @@ MAX_YAML_BYTES = 1 << 20
 
 _MANY_DIGITS = re.compile("[0-9]{300}")
 """A whole number beyond what a float holds, which would end as an OverflowError somewhere later."""
+
+_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH}}}")
+"""A dotted key of TOML of so many levels, for which its parser takes a time that grows with the square."""
 
 YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
 """What ``load_yaml`` raises for a file that is none, beside ``TooMuchError``; a date such as 2026-13-45 is a ValueError."""
@@ -61,6 +65,13 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
     content = yaml.load(text, Loader=loader)
     _check_values(content, max_depth)
     return content
+
+
+def load_toml(text: str) -> dict[str, Any]:
+    """The content of TOML text. Raises TooMuchError, RecursionError, ValueError and its kind tomllib.TOMLDecodeError."""
+    if _LONG_KEY.search(text):
+        raise TooMuchError(f"is nested more than {MAX_DEPTH} levels deep")
+    return tomllib.loads(text)
 
 
 def _check_values(content: Any, max_depth: int) -> None:

@@ -5,6 +5,7 @@ import re
 import tomllib
 from typing import Any
 
+from calibration.bounded_text import load_toml
 from calibration.errors import CalibrationError
 from calibration.formats import calib_filter, colmap
 from calibration.formats.leaves import MAX_NUMBERS
@@ -55,7 +56,7 @@ def _value(text: str) -> str | list[str]:
 def _parse_toml(text: str) -> dict[str, Any]:
     """TOML, as Anipose and Pose2Sim write it, or an INI file."""
     try:
-        return tomllib.loads(text)
+        return load_toml(text)
     except tomllib.TOMLDecodeError:
         return _parse_ini(text)
 

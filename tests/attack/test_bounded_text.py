@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from calibration import CalibrationError
 from calibration.bounded_text import MAX_DEPTH, TooMuchError, load_json, load_yaml
+from calibration.formats import load_rig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.evaluation.targets import read_targets
@@ -84,3 +86,12 @@ def test_nothing_else_parses_text_of_users() -> None:
         if parsers.search(line) and "JSONDecodeError" not in line
     ]
     assert [line.partition(":")[0] for line in found] == 2 * ["calibration/bounded_text.py"], found
+
+
+@pytest.mark.parametrize("text", ["a" + ".a" * 60_000 + " = 1", "matrix = " + "[" * 50_000, "matrix = " + "{a=" * 40_000])
+def test_toml_of_many_levels_is_refused_at_once(text: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(f"[cam_0]\n{text}\n")
+    start_s = time.monotonic()
+    with pytest.raises(CalibrationError, match="levels"):
+        load_rig(str(tmp_path / "rig.toml"))
+    assert time.monotonic() - start_s < 5
