@@ -99,7 +99,7 @@ class ColorConfig(StageConfig):
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
-        description="cuda: pixels are counted and corrected there; waters are fitted on the processor. auto: the processor.",
+        description="Where pixels are counted and corrected; waters are fitted on the processor. auto: a GPU where there is one.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
