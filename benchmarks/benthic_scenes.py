@@ -21,7 +21,7 @@ from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg
-from stereo_seecolor.extras.synthetic.measured_waters import Kind, MeasuredWater, draw_contents, draw_water
+from stereo_seecolor.extras.synthetic.waters import Kind, MeasuredWater, draw_contents, draw_water
 from stereo_seecolor.files.srgb import encode_srgb
 
 SPLIT = (

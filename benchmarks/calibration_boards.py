@@ -11,9 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calibration.boards.targets import Chessboard, View, detect_view, parse_target
 from calibration.calibrate import calibrate
-from calibration.targets import Chessboard, parse_target
-from calibration.views import View, detect_view
 from stereo_seecolor.compute.threads import Threads
 
 SUBSETS = 20

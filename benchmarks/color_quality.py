@@ -22,15 +22,15 @@ import numpy as np
 from color_cases import Case, make_case
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.commands.raw_images import RawImages
+from stereo_seecolor.commands.fuse import RawImages
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.extras.evaluation.baselines import METHODS, expose
-from stereo_seecolor.extras.evaluation.chart_spread import seen_chart, spread_over_charts
-from stereo_seecolor.extras.evaluation.charts import correct_by_all, score_target
-from stereo_seecolor.extras.evaluation.evaluate import evaluate_spread
+from stereo_seecolor.extras.evaluation.charts.scores import correct_by_all, score_target
+from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
+from stereo_seecolor.extras.evaluation.charts.targets import neutral, read_targets, targets_of
 from stereo_seecolor.extras.evaluation.measures import clipped, score_neutral, score_truth
-from stereo_seecolor.extras.evaluation.targets import neutral, read_targets, targets_of
+from stereo_seecolor.extras.evaluation.truth import evaluate_spread
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.records import Water

@@ -18,13 +18,12 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.reef.commands.compare import compare
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
-from stereo_seecolor.extras.synthetic.changes import Change, changed_reef
-from stereo_seecolor.extras.synthetic.reef import Reef
+from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.block_raster import Grid
 
 FIRST = SurveySpec(seed=11, pairs=14, lines=2, line_spacing_m=0.6, pair_spacing_m=0.35, altitude_m=(1.3, 1.3), relief_m=0.2)
 SECOND = replace(

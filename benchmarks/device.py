@@ -20,11 +20,10 @@ import torch
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.device import find_device
 from stereo_seecolor.color.render import torch_apply
-from stereo_seecolor.color.render.gains import gains
-from stereo_seecolor.color.render.tone import display
+from stereo_seecolor.color.render.tone import display, gains
 from stereo_seecolor.color.table import torch_counting
-from stereo_seecolor.color.table.bins import range_bits
 from stereo_seecolor.color.table.measure import VALUE_BINS, measure
+from stereo_seecolor.color.table.moment_table import range_bits
 
 ROUNDS = 7
 

@@ -22,7 +22,7 @@ from unittest.mock import patch
 import numpy as np
 
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
-from stereo_seecolor.color.photometry.sightings import SeenWindow
+from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.commands import reported_run
@@ -32,8 +32,8 @@ from stereo_seecolor.compute.interface import Usage
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.dive import light_search
 from stereo_seecolor.dive.dive_run import Outcome
-from stereo_seecolor.dive.pairs import GROUP
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.dive.source import GROUP
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import DiveRecord

@@ -2,7 +2,7 @@
 
     python benchmarks/independent_waters.py [--cases 24] [--first-seed 0] [--data FOLDER]
 
-Scenes: those of color_cases.py, and photographs with their geometry. Waters: synthetic/measured_waters.py.
+Scenes: those of color_cases.py, and photographs with their geometry. Waters: synthetic/waters.py.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import numpy as np
 from color_cases import Case, make_range, make_truth
 from color_quality import METHODS_COMPARED, score, true_water
 
-from stereo_seecolor.extras.synthetic.measured_waters import Kind, draw_contents, draw_water
+from stereo_seecolor.extras.synthetic.waters import Kind, draw_contents, draw_water
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 KINDS: tuple[Kind, ...] = ("ocean", "coast", "harbor")

@@ -53,7 +53,7 @@ def _message(ros: Any, stamp_ns: int, image: np.ndarray, jpeg: bool) -> Any:
 
 def play(dive: Path, bag: Path, keep: str, budget_ms: float) -> None:
     """One rate, in this process; prints JSON."""
-    from stereo_seecolor.compute.allocator import keep_freed_memory
+    from stereo_seecolor.compute.process import keep_freed_memory
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 
     keep_freed_memory()  # as the command does

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.extras.evaluation.maps import nearest_distance_m
+from stereo_seecolor.extras.evaluation.measures import nearest_distance_m
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.mapping.surface import engines, tile_work
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.posed_run import SurveyFrames
 
 ENGINES = ("tiles", "open3d")
 DRAWN = {

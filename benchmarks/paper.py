@@ -21,7 +21,7 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting.paper import Training
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import ColorConfig, PaperConfig, RunConfig
-from stereo_seecolor.extras.evaluation.charts import evaluate_charts
+from stereo_seecolor.extras.evaluation.charts.scores import evaluate_charts
 
 PRINTED_D5 = {"raw": "17, 16, 15, 17", "sea-thru": "4, 3, 5, 3", "paper": "9, 10, 10, 11"}
 """Table I of the paper, row D5_3374."""

@@ -30,8 +30,7 @@ from stereo_seecolor.extras.reef.metrics.structure import (
     structure,
 )
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
-from stereo_seecolor.extras.reef.site.terrain_errors import terrain_errors
+from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic import survey
 from stereo_seecolor.extras.synthetic.casting import cast
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef

@@ -43,7 +43,7 @@ def plain_loop(dive: Path, out: Path) -> None:
     from stereo_seecolor.inputs.images import read_image
     from stereo_seecolor.pipeline import Pipeline
     from stereo_seecolor.records import StereoFrame
-    from stereo_seecolor.run_folder.products import correction_files, range_files
+    from stereo_seecolor.run_folder.frame_products import correction_files, range_files
 
     pipeline = Pipeline(load_rig(dive / "rendered/cam.yaml"), load_config(None, ["color.lock=frame"]))
     output, geometry = pipeline.config.output, pipeline.rectification.pair
@@ -58,7 +58,7 @@ def plain_loop(dive: Path, out: Path) -> None:
 
 def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor.commands.run import run
-    from stereo_seecolor.compute.allocator import keep_freed_memory
+    from stereo_seecolor.compute.process import keep_freed_memory
     from stereo_seecolor.config.file import load_config
     from stereo_seecolor.dive.run_options import RunOptions
 

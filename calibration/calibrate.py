@@ -5,18 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.bundle import Array, Bundle, Lens, rms, solve
+from calibration.boards.bundle import Array, Bundle, Lens, rms, solve
+from calibration.boards.lens import fit_rig, to_camera, view_errors, without_outliers
+from calibration.boards.report import CalibrationReport, LensScore, ViewReport
+from calibration.boards.targets import Target, View, common_ids, observations_of, usable_views
 from calibration.errors import CalibrationError
-from calibration.lens import fit_rig, to_camera
+from calibration.field_checks.matches import jackknife, no_worse
 from calibration.out_of_step import refuse_out_of_step
-from calibration.outliers import view_errors, without_outliers
-from calibration.plan import rectified_points
-from calibration.report import CalibrationReport, LensScore, ViewReport
-from calibration.resampling import jackknife, no_worse
-from calibration.rig import Medium, StereoRig
-from calibration.rig_errors import RigErrors
-from calibration.targets import Target
-from calibration.views import View, common_ids, observations_of, usable_views
+from calibration.rectification import rectified_points
+from calibration.rig import Medium, RigErrors, StereoRig
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 FOLDS = 10  # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths of them

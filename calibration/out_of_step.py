@@ -6,13 +6,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.bundle import Array, Lens, Observation
+from calibration.boards.bundle import Array, Lens, Observation
+from calibration.boards.lens import fit_camera, target_pose, to_camera
+from calibration.boards.targets import Target, View
 from calibration.errors import CalibrationError
-from calibration.lens import fit_camera, target_pose, to_camera
+from calibration.geometry import inverse_transform
 from calibration.rig import Camera
-from calibration.targets import Target
-from calibration.transforms import inverse_transform
-from calibration.views import View
 
 MOST_STEPS = 5  # images that one side may have lost
 SAME_TURN = np.radians(1.5)  # between two pairs' estimates of the rig; a board moves by more from view to view

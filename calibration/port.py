@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.lengths import length_m
+from calibration.errors import CalibrationError, length_m
 
 FLAT_PORT = "30mm:10mm"
 """Lens to window, and its thickness, of usual housings: what is proposed where nothing is known. Ranges at 0.5 to 5 m are then

@@ -16,16 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.matches import Matches, rectified_matches
-from calibration.plan import plan_rectification, rectified_points, upright_rotations
-from calibration.readings import settle_matches
-from calibration.refinement import Movement, Refinement
+from calibration.field_checks.hypotheses import settle_matches
+from calibration.field_checks.matches import Matches, jackknife, no_worse, rectified_matches, row_inliers
+from calibration.geometry import rigid
+from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refraction import cameras_in_water
-from calibration.resampling import jackknife, no_worse
-from calibration.rig import StereoRig
-from calibration.row_fit import row_inliers
-from calibration.transforms import rigid
-from calibration.turns import quarter_turn
+from calibration.rig import Movement, Refinement, StereoRig, quarter_turn
 
 Array = NDArray[np.float64]
 

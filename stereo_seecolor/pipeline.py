@@ -12,17 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, RectifiedPair, StereoRig
-from calibration.original_view import OriginalView
+from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.containers import open_around
-from stereo_seecolor.inputs.frames import FrameReader
-from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.images import FrameReader, read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.matching.pair_check import PairCheck
+from stereo_seecolor.matching.diagnostics import PairCheck
 from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import Correction, FrameResult, Image, Mask, RangeMap, StereoFrame, Water, is_monochrome
 from stereo_seecolor.version import __version__

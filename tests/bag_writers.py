@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from calibration.formats import load_rig, ros
-from calibration.formats.document import load_document
+from calibration.formats.reading.document import load_document
 
 STORES = {".bag": get_typestore(Stores.ROS1_NOETIC)} | dict.fromkeys((".db3", ".mcap"), get_typestore(Stores.ROS2_HUMBLE))
 STORES[".bag"].register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, StereoRig
-from calibration.transforms import rigid
+from calibration.geometry import rigid
 
 SIZE = (640, 480)
 STORED = {"f8": (6, 9), "u1": (9, 2), "u2": (11, 4), "u4": (13, 6)}  # class of array, type of element

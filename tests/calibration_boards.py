@@ -8,11 +8,10 @@ import numpy as np
 
 from calibration import Camera, StereoRig
 from calibration.aprilgrid import AprilGrid
+from calibration.boards.printing import print_target
+from calibration.boards.targets import Chessboard, View, parse_target
 from calibration.corners import Corners
-from calibration.printing import print_target
 from calibration.refraction import CameraInWater, cameras_in_water
-from calibration.targets import Chessboard, parse_target
-from calibration.views import View
 
 SIZE = (1280, 960)
 

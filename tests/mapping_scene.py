@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration import Camera, RectifiedPair, StereoRig
 from calibration.formats import native
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.extras.synthetic import survey
@@ -20,14 +20,13 @@ from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, build_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
-from stereo_seecolor.files.ply import VERTEX
-from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.files.ply import VERTEX, write_tum
 from stereo_seecolor.records import SurveyFrame, Trajectory
-from stereo_seecolor.run_folder.claim import Claim, Owner
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, product_path
 from stereo_seecolor.run_folder.manifest import StageRecord
+from stereo_seecolor.run_folder.ownership import Claim, Owner
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, write_reports
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))

@@ -97,7 +97,7 @@ def imported_at_once(path: Path) -> set[str]:
 
 
 def test_run_starts_without_libraries_that_take_long_to_import() -> None:
-    waiting, seen, slow = [f"stereo_seecolor.{name}" for name in ("cli.app", "commands.run", "commands.report")], set(), set()
+    waiting, seen, slow = [f"stereo_seecolor.{name}" for name in ("cli.app", "commands.run", "commands.view")], set(), set()
     while waiting:
         module = waiting.pop()
         if module in seen:

@@ -12,9 +12,9 @@ import yaml
 from conftest import read_pixels
 
 from calibration import CalibrationError
+from calibration.field_checks.vertical_disparity import QuickLook
 from calibration.formats import load_rig
-from calibration.quick_look import QuickLook
-from stereo_seecolor.commands import first_look
+from stereo_seecolor.commands import pre_checks
 
 
 def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
@@ -170,8 +170,8 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
         raise CalibrationError("only 12 points were found")
 
     if not points:
-        monkeypatch.setattr(first_look, "quick_look", lambda *_: QuickLook(False, False, np.zeros(0)))
-        monkeypatch.setattr(first_look, "vertical_disparity", too_few)
+        monkeypatch.setattr(pre_checks, "quick_look", lambda *_: QuickLook(False, False, np.zeros(0)))
+        monkeypatch.setattr(pre_checks, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
         (tmp_path / other).mkdir()

@@ -10,13 +10,12 @@ from calibration_boards import SIZE, fisheye_rig, photograph_board, pinhole_rig,
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.aprilgrid import AprilGrid, marker
+from calibration.boards.printing import print_target
+from calibration.boards.targets import Charuco, Chessboard, View, detect_view, parse_target
 from calibration.calibrate import calibrate
 from calibration.corners import Corners
+from calibration.field_checks.matches import to_gray
 from calibration.formats import load_rig
-from calibration.gray import to_gray
-from calibration.printing import print_target
-from calibration.targets import Charuco, Chessboard, parse_target
-from calibration.views import View, detect_view
 from stereo_seecolor.compute.threads import Threads
 
 BOARD = Chessboard(9, 6, 0.03)

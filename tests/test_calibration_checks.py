@@ -11,11 +11,11 @@ from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, suspicions, vertical_disparity
-from calibration.enlargement import Enlargement, enlarged
+from calibration.field_checks.enlargement import Enlargement, enlarged
+from calibration.field_checks.matches import Matches, MatchLimits, find_matches
+from calibration.field_checks.vertical_disparity import quick_look
 from calibration.formats import load_rig
-from calibration.matches import Matches, MatchLimits, find_matches
-from calibration.plan import plan_rectification, rectified_points
-from calibration.quick_look import quick_look
+from calibration.rectification import plan_rectification, rectified_points
 from calibration.refine import moved_rig
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"

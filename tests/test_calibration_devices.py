@@ -11,7 +11,7 @@ from calibration_boards import fisheye_rig, pinhole_rig
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import format_name, load_rig
-from calibration.transforms import inverse_transform
+from calibration.geometry import inverse_transform
 from stereo_seecolor.geometry import pose
 
 

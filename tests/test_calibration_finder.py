@@ -16,7 +16,7 @@ from test_calibration_formats import seen
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import load_rig
-from calibration.transforms import inverse_transform
+from calibration.geometry import inverse_transform
 
 RIG = small_rig()
 R, T = RIG.R, RIG.T_right_left[:3, 3]

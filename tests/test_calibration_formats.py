@@ -27,8 +27,8 @@ from hypothesis.strategies import DrawFn, floats, integers
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import WritableFormat, load_rig, write_rig
-from calibration.rig_errors import RigErrors
-from calibration.transforms import rigid
+from calibration.geometry import rigid
+from calibration.rig import RigErrors
 
 FORMATS: dict[WritableFormat, str] = {"native": "cam.yaml", "ros": "pair", "kalibr": "camchain.yaml", "opencv": "stereo.xml"}
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from calibration_boards import fisheye_rig, pinhole_rig
 
-from calibration import Rectification, StereoRig, mistakes
-from calibration.matches import Matches
-from calibration.mistakes import likely_mistake
+from calibration import Rectification, StereoRig
+from calibration.field_checks import hypotheses
+from calibration.field_checks.hypotheses import likely_mistake
+from calibration.field_checks.matches import Matches
 from calibration.resizing import wrong_size
 
 IMAGES = (np.zeros((960, 1280), np.uint8), np.zeros((960, 1280), np.uint8))
@@ -62,7 +63,7 @@ MISTAKES = {
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_in_the_calibration_is_named(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = verged_rig()
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points_of(rig))
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
     found = likely_mistake(MISTAKES[what](rig), [IMAGES])
     assert found is not None
     assert what in found.line
@@ -74,7 +75,7 @@ def test_images_that_are_rectified_already_are_named(monkeypatch: pytest.MonkeyP
     rig = verged_rig()
     rig = changed(rig, cv2.Rodrigues(np.array([0.05, 0.02, 0.06]))[0], rig.T_right_left[:3, 3])
     points = points_of(Rectification.from_rig(rig).rectified_rig())
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points)
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points)
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
     assert "the images are rectified already" in found.line and "give the calibration of the rectified images" in found.line
@@ -85,7 +86,7 @@ def test_images_that_were_turned_are_named(sides: tuple[str, ...], monkeypatch: 
     rig = verged_rig()
     points = points_of(rig)
     turned = Matches(*(np.array([1279, 959]) - getattr(points, s) if s in sides else getattr(points, s) for s in ("left", "right")))
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: turned)
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: turned)
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
     assert f"the {' and '.join(sides)} images are turned by 180 degrees" in found.line
@@ -110,7 +111,7 @@ def test_images_that_were_mirrored_are_named(axis: int, sides: tuple[str, ...], 
             return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
         return Matches(pixels["left"], np.abs([1279, 0] - pixels["right"]))
 
-    monkeypatch.setattr(mistakes, "look_alikes", look_alikes)
+    monkeypatch.setattr(hypotheses, "look_alikes", look_alikes)
     found = likely_mistake(rig, [images])
     assert found is not None
     assert f"the {' and '.join(sides)} images are mirrored, {('left to right', 'top to bottom')[axis]}," in found.line
@@ -119,7 +120,7 @@ def test_images_that_were_mirrored_are_named(axis: int, sides: tuple[str, ...], 
 @pytest.mark.parametrize("rig", [pinhole_rig(), verged_rig(), fisheye_rig(), exchanged(verged_rig())])
 def test_a_rig_that_is_right_is_not_accused(rig: StereoRig, monkeypatch: pytest.MonkeyPatch) -> None:
     size = rig.left.image_size[::-1]
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points_of(rig))
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
     assert likely_mistake(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
 
 
@@ -127,14 +128,14 @@ def test_a_rig_that_is_right_is_not_accused(rig: StereoRig, monkeypatch: pytest.
 def test_a_camera_that_has_moved_is_no_mistake(turn_px: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = verged_rig()
     turned = cv2.Rodrigues(np.array([turn_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points_of(rig))
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
     assert likely_mistake(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
 
 
 def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(monkeypatch: pytest.MonkeyPatch) -> None:
     camera = replace(pinhole_rig().left, K=np.array([[900.0, 0, 639.5], [0, 900, 479.5], [0, 0, 1]]), distortion=np.zeros(5))
     rig = changed(replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0]))
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points_of(exchanged(rig)))
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(exchanged(rig)))
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
     assert found.exchanged
@@ -144,7 +145,7 @@ def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(monkeypatch: pytes
 def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     strewn = Matches(rng.uniform(0, 960, (200, 2)), rng.uniform(0, 960, (200, 2)))
-    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: strewn)
+    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: strewn)
     assert likely_mistake(inverse(verged_rig()), [IMAGES]) is None
     assert likely_mistake(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None  # another size: what is wrong is said elsewhere
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from calibration import Rectification, RectifiedPair
+from calibration.field_checks.motion import Motion, SeenTwice, find_motion, motion_of
 from calibration.formats import load_rig, write_rig
-from calibration.motion import Motion, find_motion, motion_of
-from calibration.motion_fit import SeenTwice
-from stereo_seecolor.commands.check import check
+from stereo_seecolor.commands.calibrate import check
 from stereo_seecolor.commands.dive_rig import neighbors, pairs_of
-from stereo_seecolor.commands.first_look import first_notes
+from stereo_seecolor.commands.pre_checks import first_notes
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.pipeline import Pipeline
 

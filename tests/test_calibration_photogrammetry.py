@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import format_name, load_rig
-from calibration.transforms import inverse_transform, rigid
+from calibration.geometry import inverse_transform, rigid
 
 SIZE = (1360, 1024)
 T_RIGHT_LEFT = rigid(Rotation.from_rotvec([0.01, -0.03, 0.02]).as_matrix(), np.array([-0.12, 0.004, 0.002]))

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis.strategies import floats
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
+from calibration.checks import port_error
 from calibration.formats import load_rig, write_rig
-from calibration.plan import plan_rectification
 from calibration.port import FLAT_PORT, DomePort, FlatPort, FlatWindow, flat_port, seawater_index
-from calibration.port_error import port_error
+from calibration.rectification import plan_rectification
 from calibration.refraction import CameraInWater
 
 SIZE = (640, 480)

@@ -13,8 +13,8 @@ from test_calibration_rectification import rig_at
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.checks import vertical_disparity
+from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig
-from calibration.matches import Matches, raw_matches
 from calibration.refine import PARAMETERS, moved_rig, refine_matches
 
 RIGS = {"pinhole": pinhole_rig(), "fisheye": fisheye_rig(), "flat port": port_rig(), "vertical": rig_at(91.0)}

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
+from calibration.field_checks.hypotheses import settle_reading
 from calibration.formats import load_rig, write_rig
 from calibration.formats.ros import rectified_rig, transform_of_projections
-from calibration.readings import settle_reading
 
 RIG = small_rig()
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
-from stereo_seecolor.color.render.carried_colors import within_measured
-from stereo_seecolor.color.render.carried_ranges import Smoother, carry_ranges
+from stereo_seecolor.color.render.carried import Smoother, carry_ranges, within_measured
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 RNG = np.random.default_rng(3)

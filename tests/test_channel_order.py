@@ -9,7 +9,7 @@ import pytest
 from color_waters import clear_water
 
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.dive.channel_order import channel_order_notes
+from stereo_seecolor.dive.checks import channel_order_notes
 from stereo_seecolor.inputs.images import read_image
 
 VEILS = {

@@ -135,11 +135,11 @@ def test_known_truth(parsed, demo_at_hand: DemoResult, tmp_path) -> None:
 
 
 def test_charts(parsed, tmp_path, monkeypatch) -> None:
-    from stereo_seecolor.extras.evaluation import charts
+    from stereo_seecolor.extras.evaluation.charts import scores
 
-    row = charts.ChartRow("a", "chart", "raw", math.nan, 3.0, 2.0, 5.0, 0.0, 9.0, 100)
-    report = charts.ChartReport((row,), ("b",), tmp_path / "sheet.png")
-    monkeypatch.setattr(charts, "evaluate_charts", lambda *_: report)
+    row = scores.ChartRow("a", "chart", "raw", math.nan, 3.0, 2.0, 5.0, 0.0, 9.0, 100)
+    report = scores.ChartReport((row,), ("b",), tmp_path / "sheet.png")
+    monkeypatch.setattr(scores, "evaluate_charts", lambda *_: report)
     content = parsed("evaluate --chart", "evaluate", "--chart", "--images", tmp_path, "--range", tmp_path)
     assert content["rows"][0]["range_m"] is None
     assert content["means"][0]["psi_deg"] == 3.0

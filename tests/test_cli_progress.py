@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import Cli
 
-from stereo_seecolor.cli.progress_lines import LINE_EVERY_S, PlainLines
+from stereo_seecolor.cli.progress import LINE_EVERY_S, PlainLines
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.progress import LOG_EVERY_S, LoggingListener
 from stereo_seecolor.records import FrameRow
@@ -125,9 +125,9 @@ def test_verbose_is_the_log_on_standard_error(make_dive, cli: Cli, tmp_path: Pat
 
 
 def test_an_unknown_error_keeps_its_traceback_in_the_log(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from stereo_seecolor.commands import check
+    from stereo_seecolor.commands import calibrate
 
-    monkeypatch.setattr(check, "check", lambda *_: 1 / 0)
+    monkeypatch.setattr(calibrate, "check", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         cli("check", "--left", "L", "--right", "R", "--calib", "c", "--log-file", tmp_path / "log")
     assert "ZeroDivisionError" in (tmp_path / "log").read_text()

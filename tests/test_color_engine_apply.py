@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render.gains import fine_ranges_m
+from stereo_seecolor.color.render.tone import fine_ranges_m
 from stereo_seecolor.color.table.encoding import decode, encode
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError

@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import SAMPLING, Corrector
-from stereo_seecolor.color.table.bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.color.table.measure import measure
-from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable, range_edges_m
 from stereo_seecolor.errors import ColorError
 
 

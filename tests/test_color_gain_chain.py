@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from calibration import Rectification
 from calibration.formats import load_rig
+from stereo_seecolor.color.photometry.exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads

@@ -11,11 +11,11 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry import color_beside_water
 from stereo_seecolor.color.photometry.color_beside_water import beside_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
-from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
-from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.frame_shading import even_light
+from stereo_seecolor.color.photometry.light_choice import alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_model import SHADING, TERMS, Light, lit_by, places, shading_terms
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water

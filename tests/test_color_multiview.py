@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.multiview import fit_sightings
-from stereo_seecolor.color.photometry.sightings import KeyFrame, Sightings, find_sightings
+from stereo_seecolor.color.photometry.observations import KeyFrame, Sightings, find_sightings
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.images import read_image, read_range_map

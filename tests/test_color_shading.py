@@ -12,7 +12,7 @@ from stereo_seecolor.color.photometry.frame_shading import parts_of, solve_shadi
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_map, shading_terms
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.dive import light_search

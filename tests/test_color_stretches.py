@@ -5,7 +5,7 @@ import pytest
 from test_color_engine_survey import reef, same
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry import stretches
+from stereo_seecolor.color.photometry import segments
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.config import ColorConfig
 
@@ -59,7 +59,7 @@ def test_unrelated_pictures_are_not_forced_into_one_water():
 
 
 def test_long_dives_are_held_in_a_bounded_number_of_chunks(monkeypatch):
-    monkeypatch.setattr(stretches, "SETTINGS", stretches.StretchSettings(most_chunks=4))
+    monkeypatch.setattr(segments, "SETTINGS", segments.StretchSettings(most_chunks=4))
     fitter, waters = fitted(frames_under(*[CLEAR] * 8, *[GREEN] * 5))
     assert [len(names) for names in fitter.stretches] == [8, 5]
     assert list(waters) == [str(i) for i in range(13)]

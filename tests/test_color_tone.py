@@ -8,7 +8,7 @@ import pytest
 from color_waters import clear_water
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render.gains import MID_GRAY
+from stereo_seecolor.color.render.tone import MID_GRAY
 from stereo_seecolor.color.table.encoding import decode
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import LUMINANCE

@@ -19,23 +19,20 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
 from stereo_seecolor.extras.reef.commands.compare import Comparison, compare
 from stereo_seecolor.extras.reef.comparing import m3c2
-from stereo_seecolor.extras.reef.comparing.color_change import color_change
+from stereo_seecolor.extras.reef.comparing.color_change import color_change, height_patches, volume_l
 from stereo_seecolor.extras.reef.comparing.difference import Difference, in_spreads, relearned, spread_by
 from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
-from stereo_seecolor.extras.reef.comparing.patches import height_patches, volume_l
-from stereo_seecolor.extras.reef.comparing.registration import Registration
-from stereo_seecolor.extras.reef.comparing.rigid import rigid_fit
+from stereo_seecolor.extras.reef.comparing.registration import Registration, rigid_fit
 from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, open_site
 from stereo_seecolor.extras.reef.site.terrain import Terrain
-from stereo_seecolor.extras.synthetic.changes import Change, changed_reef
-from stereo_seecolor.extras.synthetic.reef import Reef
+from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.block_raster import Grid
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,9 @@ from conftest import REEF, read_pixels
 from stereo_seecolor.config import ColorConfig, InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.inputs.damage import seam_row
+from stereo_seecolor.inputs.decoding import seam_row
 from stereo_seecolor.inputs.file_form import form_notes
-from stereo_seecolor.inputs.frames import FrameReader
-from stereo_seecolor.inputs.images import decode_image
+from stereo_seecolor.inputs.images import FrameReader, decode_image
 from stereo_seecolor.inputs.pairing import Pair
 
 LEFTS, RIGHTS = (sorted((REEF / side).iterdir()) for side in ("left", "right"))

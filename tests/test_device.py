@@ -31,8 +31,7 @@ from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.sgm import search as compiled
-from stereo_seecolor.matching.sgm.band import Band
-from stereo_seecolor.matching.sgm.layout import LANES, TILE
+from stereo_seecolor.matching.sgm.band import LANES, TILE, Band
 from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
 from stereo_seecolor.records import StereoFrame
 

@@ -13,8 +13,7 @@ from calibration.formats import load_rig, native
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.evaluate import evaluate
-from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth
+from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate, evaluate_truth
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 TRUTH = SAMPLES / "truth"

@@ -17,10 +17,9 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocentric, north_east_from_degrees
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles
-from stereo_seecolor.extras.export.command import export
-from stereo_seecolor.extras.export.formats import export_formats
-from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
-from stereo_seecolor.extras.streams import mcap_file
+from stereo_seecolor.extras.export.command import export, export_formats
+from stereo_seecolor.extras.reef.metrics.outlines import read_outlines
+from stereo_seecolor.extras.streams import recording
 from stereo_seecolor.extras.streams.recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.trajectories import read_trajectory
@@ -327,7 +326,7 @@ def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(fused: Path
         by_library = {(channel.topic, m.log_time): ros for _, channel, m, ros in library.iter_decoded_messages()}
     assert len(by_library) == len(decoded) == FRAMES * len(TOPICS)
     frame, T = posed.frames[1], posed.T_map_camera[1]
-    stamp_ns = mcap_file.stamp_of(frame.name, frame.timestamp_s, 1)
+    stamp_ns = recording.stamp_of(frame.name, frame.timestamp_s, 1)
     found = {topic: message for topic, time_ns, message in decoded if time_ns == stamp_ns}
     image = found["/stereo/left/image_rect_color/compressed"]
     assert bytes(image.data) == frame.products["corrected"].read_bytes()
@@ -358,7 +357,7 @@ def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(fused: Path
 
 def test_stamps_of_bags_come_back_to_the_nanosecond() -> None:
     def stamp(name: str, timestamp_s: float | None) -> int:
-        return mcap_file.stamp_of(name, timestamp_s, 4)
+        return recording.stamp_of(name, timestamp_s, 4)
 
     assert stamp("1700000000-123456789", 1700000000.1234567) == 1_700_000_000_123_456_789
     assert (stamp("a", 12.5), stamp("a", None)) == (12_500_000_000, 5_000_000_000)

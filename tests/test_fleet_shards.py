@@ -9,17 +9,17 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.fleet.campaign_table import DiveState, save_states
+from stereo_seecolor.extras.fleet.campaign_files import DiveState, save_states
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
 from stereo_seecolor.extras.fleet.status import status
 from stereo_seecolor.extras.fleet.text import status_text
-from stereo_seecolor.run_folder import progress_file
-from stereo_seecolor.run_folder.progress_file import Expected, Progress
+from stereo_seecolor.run_folder import reports
+from stereo_seecolor.run_folder.reports import Expected, Progress
 
 
 @pytest.mark.parametrize(("items", "of"), [(10, 3), (2, 5), (0, 2), (100, 7)])
@@ -110,7 +110,7 @@ def _fitted(part: Path, tmp_path: Path) -> Path:
 
 
 def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
-    monkeypatch.setattr(progress_file, "EVERY_S", 0.0)
+    monkeypatch.setattr(reports, "EVERY_S", 0.0)
     dive = make_dive(3)
     (dive.root / "R/0001.png").write_bytes(b"")
     seen = []

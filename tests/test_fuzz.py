@@ -21,15 +21,13 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.extras.streams.videos.motion import video_signals
-from stereo_seecolor.files.tiff import encode_tiff
-from stereo_seecolor.inputs.exposure import ExposureTable
+from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.inputs.capture import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.video_file import video_file
-from stereo_seecolor.inputs.video_images import frame_path
-from stereo_seecolor.inputs.video_streams import sound
+from stereo_seecolor.inputs.video_file import frame_path, sound, video_file
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
 
 CASES = 420  # of each of the kinds below: well over 2,000 in all
 SECONDS, BYTES = 5, 1 << 30

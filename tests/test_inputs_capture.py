@@ -17,9 +17,8 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.encode import ImageFormat, encode_image
-from stereo_seecolor.inputs.capture import read_capture
-from stereo_seecolor.inputs.exposure import ExposureTable
-from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.capture import ExposureTable, read_capture
+from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.records import Capture, is_monochrome
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.inputs.compression import compression_notes, jpeg_quality
+from stereo_seecolor.inputs.file_form import compression_notes, jpeg_quality
 from stereo_seecolor.inputs.pairing import Pair
 
 IMAGE = np.random.default_rng(3).integers(0, 256, (40, 48, 3), np.uint8)

@@ -9,12 +9,12 @@ import pytest
 from conftest import make_files
 from PIL import Image
 
-from calibration.mistakes import _EXCHANGE
+from calibration.field_checks.hypotheses import _EXCHANGE
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.listing import folders_of, list_images
 from stereo_seecolor.inputs.sides import find_sides
 

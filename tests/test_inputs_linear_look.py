@@ -8,9 +8,8 @@ import pytest
 
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.inputs.linear_look import encoding_notes
+from stereo_seecolor.inputs.file_form import encoding_notes, stored_facts
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.inputs.stored_pixels import stored_facts
 
 ENCODED = np.repeat(np.clip(np.random.default_rng(1).normal(0.3, 0.17, (64, 80, 1)), 0.02, 1), 3, axis=2)
 

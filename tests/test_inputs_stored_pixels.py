@@ -9,8 +9,8 @@ import pytest
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
-from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
 
 REEF = Path(__file__).parents[1] / "data_samples" / "reef"
 

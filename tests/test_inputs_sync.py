@@ -14,8 +14,7 @@ from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.streams.sync import sync
 from stereo_seecolor.extras.streams.videos.choice import choose_frames
 from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
-from stereo_seecolor.extras.streams.videos.motion import video_signals
-from stereo_seecolor.extras.streams.videos.rows import row_lag
+from stereo_seecolor.extras.streams.videos.motion import row_lag, video_signals
 from stereo_seecolor.extras.streams.videos.synchronization import paired
 from stereo_seecolor.extras.streams.videos.video import Videos
 

@@ -20,8 +20,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.video import Videos
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.inputs.video_file import VideoFile, video_file
-from stereo_seecolor.inputs.video_images import frame_path, is_video
+from stereo_seecolor.inputs.video_file import VideoFile, frame_path, is_video, video_file
 
 TICKS = 90_000
 EXACT = {"libx264rgb": {"crf": "0"}, "libx264": {"crf": "0", "g": "6"}, "libx265": {"x265-params": "lossless=1:log-level=none"}}

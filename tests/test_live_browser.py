@@ -11,10 +11,10 @@ from test_page_browser import browser  # noqa: F401  (a fixture)
 
 from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.extras.streams.live.cameras import FolderWatch
 from stereo_seecolor.extras.streams.live.preview import Preview, served
 from stereo_seecolor.extras.streams.live.processing import LiveProcessor
 from stereo_seecolor.extras.streams.live.session import LiveCounts
-from stereo_seecolor.extras.streams.live.watch import FolderWatch
 from stereo_seecolor.pipeline import Pipeline
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.extras.evaluation.maps import nearest_distance_m, surface_points, trajectory_error
+from stereo_seecolor.extras.evaluation.measures import nearest_distance_m, surface_points, trajectory_error
 from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
 
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
 from calibration.formats import write_rig
-from calibration.plan import rectified_points
 from calibration.port import FlatPort, FlatWindow
+from calibration.rectification import rectified_points
 from calibration.refraction import CameraInWater
 from stereo_seecolor.cli import main
-from stereo_seecolor.cli.contents import map_exit_code
+from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.commands import stereo_inputs
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
@@ -27,13 +27,13 @@ from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import FrameError, InputError, MappingError, OutputError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.decode import eight_bit
+from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import DISPARITY_STD_PX, estimated_range_std_m, inverse, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import kept_frames, survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
+from stereo_seecolor.mapping.kept_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame

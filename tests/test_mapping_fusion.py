@@ -17,15 +17,14 @@ from scipy.sparse.csgraph import connected_components
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.extras.evaluation.maps import nearest_distance_m
+from stereo_seecolor.extras.evaluation.measures import nearest_distance_m
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files import raw_arrays
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.mapping import kept_frames
 from stereo_seecolor.mapping.surface import extraction
-from stereo_seecolor.mapping.surface.extraction import extract
+from stereo_seecolor.mapping.surface.extraction import Volume, extract
 from stereo_seecolor.mapping.surface.surface import Surface
-from stereo_seecolor.mapping.surface.volume import Volume
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.records import SurveyFrame
 

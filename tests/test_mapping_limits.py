@@ -16,17 +16,16 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.mapping import limits
-from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import SAMPLING, FrameIndex, Sampling
-from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
-from stereo_seecolor.mapping.recovered_frames import Unplaced
+from stereo_seecolor.mapping.kept_frames import Unplaced
+from stereo_seecolor.mapping.limits import with_voxel
+from stereo_seecolor.mapping.raster.mosaic import with_mosaic_cell
+from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
-from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
-from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.survey import Component, Placement, Survey
 from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
-from stereo_seecolor.mapping.track import loop_closure
-from stereo_seecolor.mapping.voxel_size import with_voxel
+from stereo_seecolor.mapping.track import loops
 from stereo_seecolor.records import Trajectory
 
 
@@ -139,11 +138,11 @@ def test_a_map_without_any_surface_is_empty(tmp_path: Path) -> None:
 
 
 def test_candidates_between_components_need_no_table_of_all_pairs() -> None:
-    assert loop_closure.between_components(np.zeros(200_000, np.int64)) == []
+    assert loops.between_components(np.zeros(200_000, np.int64)) == []
     components = np.repeat([0, 1, -1, 0], [3, 2, 4, 1])
     every = [(i, j) for i in range(10) for j in range(i + 1, 10) if -1 not in (a := components[[i, j]]) and a[0] != a[1]]
-    assert loop_closure.between_components(components) == every
-    many = loop_closure.between_components(np.repeat([0, 1], 20_000))
+    assert loops.between_components(components) == every
+    many = loops.between_components(np.repeat([0, 1], 20_000))
     assert 1400 < len(many) <= 1500
     assert all(i < 20_000 <= j for i, j in many)
 

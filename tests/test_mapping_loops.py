@@ -3,7 +3,7 @@
 import numpy as np
 
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.track.loop_closure import possible
+from stereo_seecolor.mapping.track.loops import possible
 
 STEP_M = 0.5
 OUT_AND_BACK = [*range(20), *range(19, -1, -1)]

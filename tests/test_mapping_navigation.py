@@ -11,20 +11,18 @@ from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stereo_seecolor.cli.contents import map_exit_code
+from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.extras.evaluation.maps import trajectory_error
+from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.deviations import Motions, depth_difference_m, spot_check
+from stereo_seecolor.mapping.navigation.interpretations import constant_turn, lever_arm
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.mapping.track.lever import lever_arm
-from stereo_seecolor.mapping.track.mount import constant_turn
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
-from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
-from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 
 Poses = NDArray[np.float64]

@@ -11,13 +11,14 @@ from mapping_scene import ReefFrames
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.extras.evaluation.maps import trajectory_error
+from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import odometry, pose_graph, track_work
+from stereo_seecolor.mapping.track import loops as pose_graph
+from stereo_seecolor.mapping.track import odometry, track_work
 from stereo_seecolor.mapping.track.features import detect
 from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
 from stereo_seecolor.records import SurveyFrame

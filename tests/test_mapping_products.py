@@ -13,12 +13,11 @@ from mapping_scene import CONFIG, PAIR, flat_frame, track
 from PIL import Image
 
 from stereo_seecolor.mapping.raster import mosaic
-from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.block_raster import BlockRaster, Grid
 from stereo_seecolor.mapping.raster.georeference import Georeference, write_geotiff
-from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.preview import render_preview
+from stereo_seecolor.mapping.raster.products import render_terrain
 from stereo_seecolor.mapping.raster.reef_metrics import measure, measure_squares, site_of
-from stereo_seecolor.mapping.raster.terrain import render_terrain
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import GeoOrigin, Trajectory
@@ -252,7 +251,7 @@ def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_
 def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mosaic, "SETTINGS", replace(mosaic.SETTINGS, views_a_meter=1))
+    monkeypatch.setattr(mosaic, "MOSAIC_SETTINGS", replace(mosaic.MOSAIC_SETTINGS, views_a_meter=1))
     build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG.model_copy(update={"mosaic_m": 0.01}), track(6, step_m=0.6))
     with rasterio.open(tmp_path / "orthomosaic.tif") as painted, rasterio.open(tmp_path / "dem.tif") as terrain:
         heights = terrain.read(1)

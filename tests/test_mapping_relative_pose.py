@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.geometry import pose, rotation_from_vector
-from stereo_seecolor.mapping.track.image_space import move
-from stereo_seecolor.mapping.track.pose_kernels import pose_residuals
+from stereo_seecolor.mapping.track.relative_pose import move, pose_residuals
 
 
 def test_the_normal_equations_are_those_of_the_model() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.mapping.track import sift
-from stereo_seecolor.mapping.track.near_matches import alike_near
+from stereo_seecolor.mapping.track.sift import alike_near
 
 
 def test_each_is_the_others_nearest_and_clearly_so() -> None:

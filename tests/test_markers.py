@@ -17,11 +17,11 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.commands.markers import Known, markers
-from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.markers.control_points import control_fit
-from stereo_seecolor.mapping.markers.marker_map import PlacedMarker, ScaleCheck
+from stereo_seecolor.mapping.markers.placing import PlacedMarker, ScaleCheck
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 RIG = RectifiedPair(531.0, 320.0, 318.0, 256.0, 0.12, (640, 512))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stereo_seecolor.extras.synthetic.measured_waters import (
+from stereo_seecolor.extras.synthetic.waters import (
     WAVELENGTH_NM,
     Contents,
     Kind,

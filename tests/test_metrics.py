@@ -17,23 +17,18 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.reef.commands.metrics import metrics
+from stereo_seecolor.extras.reef.commands.compare import metrics
 from stereo_seecolor.extras.reef.metrics.colony import Colony, Measured, measure_outlines
-from stereo_seecolor.extras.reef.metrics.cover import cover
-from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
-from stereo_seecolor.extras.reef.metrics.outlines import Outline
-from stereo_seecolor.extras.reef.metrics.rdh import mean_height_range, rdh
-from stereo_seecolor.extras.reef.metrics.structure import Numbers, numbers_of, squares_of, structure
+from stereo_seecolor.extras.reef.metrics.outlines import Outline, read_outlines
+from stereo_seecolor.extras.reef.metrics.structure import Numbers, mean_height_range, numbers_of, rdh, squares_of, structure
+from stereo_seecolor.extras.reef.metrics.tables import cover
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
-from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors, grid_of, terrain_errors, terrain_of
+from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.records import GeoOrigin
-from stereo_seecolor.report.dive_facts import DiveFacts
-from stereo_seecolor.report.overview import dive_facts, methods
+from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
 from stereo_seecolor.report.texts import digits, phrase
-from stereo_seecolor.run_folder.finished_map import open_map
-from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.finished_run import open_map, open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 CELL_M = 0.01

@@ -11,22 +11,27 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from stereo_seecolor.compute import packed
+from stereo_seecolor.compute import sequences
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files import deflate
+from stereo_seecolor.files import encode
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.deflate import Compression
-from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask, rounded
+from stereo_seecolor.files.decode import quickly_decoded, read_array
+from stereo_seecolor.files.encode import (
+    Compression,
+    _file,
+    encode_confidence,
+    encode_image,
+    encode_map,
+    encode_mask,
+    encode_png,
+    rounded,
+)
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
-from stereo_seecolor.files.png import _file, encode_png
-from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.records import FrameRow, Water
-from stereo_seecolor.run_folder.frames_csv import frames_csv
-from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary
-from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
+from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary, frames_csv
 
 RNG = np.random.default_rng(1)
 
@@ -62,7 +67,7 @@ def test_smooth_pictures_deflate() -> None:
 
 def test_pictures_are_written_without_the_fast_library_too(monkeypatch: pytest.MonkeyPatch) -> None:
     pixels = RNG.integers(0, 255, (6, 7, 3), dtype=np.uint8)
-    monkeypatch.setattr(deflate, "fast_compress", None)
+    monkeypatch.setattr(encode, "fast_compress", None)
     np.testing.assert_array_equal(decoded(encode_png(pixels))[..., ::-1], pixels)
 
 
@@ -282,15 +287,15 @@ def test_a_png_that_inflates_to_more_than_its_pixels_is_not_inflated() -> None:
 
 
 def test_rows_of_a_long_dive_are_as_they_were_added_whatever_comes_when() -> None:
-    number = 2 * packed.CHUNK + 7
+    number = 2 * sequences.CHUNK + 7
     table = FrameTable()
     for k in range(number):
         table.add(FrameRow(f"{k}", left=f"l/{k}", hashes={"left": f"{k:064x}"}, seconds={"match": 0.5}))
-    for k in (*range(number), 3, packed.CHUNK):
+    for k in (*range(number), 3, sequences.CHUNK):
         table.add(FrameRow(f"{k}", left=f"l/{k}", seconds={"color": 1.0}))
     rows = table.rows
     assert len(rows) == number
     assert [row.name for row in rows] == [f"{k}" for k in range(number)]
-    assert [rows[k].seconds["color"] for k in (0, 3, packed.CHUNK, number - 1)] == [1.0, 2.0, 2.0, 1.0]
+    assert [rows[k].seconds["color"] for k in (0, 3, sequences.CHUNK, number - 1)] == [1.0, 2.0, 2.0, 1.0]
     assert all(row.seconds["match"] == 0.5 for row in rows)
     assert rows[-1].hashes == {"left": f"{number - 1:064x}"}

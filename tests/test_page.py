@@ -15,24 +15,22 @@ import pytest
 from conftest import REEF, Cli, Dive, SampleRun, command, contents
 
 from calibration.formats import native
-from calibration.refinement import Movement, Refinement
-from calibration.rig_errors import RigErrors
-from stereo_seecolor.commands.report import report
+from calibration.rig import Movement, Refinement, RigErrors
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
-from stereo_seecolor.extras.evaluation.chart_finder import FoundChart
-from stereo_seecolor.extras.evaluation.chart_search import patch_colors
-from stereo_seecolor.extras.evaluation.chart_types import CLASSIC
-from stereo_seecolor.extras.evaluation.targets import chart
+from stereo_seecolor.extras.evaluation.charts.finder import FoundChart
+from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
+from stereo_seecolor.extras.evaluation.charts.search import patch_colors
+from stereo_seecolor.extras.evaluation.charts.targets import chart
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.dive_facts import RowFacts
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
-from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
+from stereo_seecolor.report.overview import RowFacts, judge_so_far
+from stereo_seecolor.report.range_code import RANGE_CODE_CODE, CodedRanges, std_blocks, std_codes, std_from_codes
 from stereo_seecolor.report.texts import digits
-from stereo_seecolor.report.verdict import judge_so_far
 from stereo_seecolor.run_folder.finished_run import open_run
 
 STATIC = Path(__file__).resolve().parents[1] / "stereo_seecolor/report/static"
@@ -208,8 +206,8 @@ def test_formats_that_no_browser_shows_are_shown_as_jpeg(make_dive: Callable[...
 def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.early_frames.BRIEF_FRAMES", 2)
-    monkeypatch.setattr("stereo_seecolor.report.example_frames.COUNT", 1)
+    monkeypatch.setattr("stereo_seecolor.report.live_page.BRIEF_FRAMES", 2)
+    monkeypatch.setattr("stereo_seecolor.report.frame_files.COUNT", 1)
     go(make_dive(5), tmp_path / "out")
     brief = report(tmp_path / "out", brief=True)
     assert {"0000", "0003"} <= set(data(tmp_path / "out")["shown"])
@@ -368,7 +366,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
 def test_a_chart_is_shown_before_and_after_beside_its_published_colors(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     corners = np.array([(30, 30), (120, 30), (120, 90), (30, 90)], float)
     monkeypatch.setattr(
-        "stereo_seecolor.extras.evaluation.chart_search.find_charts",
+        "stereo_seecolor.extras.evaluation.charts.search.find_charts",
         lambda image: (FoundChart(CLASSIC, corners, 0.9, np.ones(24, bool)),),
     )
     report(out, charts=True)
@@ -480,7 +478,7 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
 def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
     range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
     coded = CodedRanges.of(range_m)
-    assert coded.step_per_m > CODE.step_per_m
+    assert coded.step_per_m > RANGE_CODE_CODE.step_per_m
     np.testing.assert_allclose(coded.range_m(), range_m, rtol=1e-3)
 
 

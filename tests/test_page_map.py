@@ -12,12 +12,12 @@ import pytest
 from mapping_scene import CONFIG, PAIR, flat_frames, write_map
 
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.report import report
+from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece
 from stereo_seecolor.report.map_mesh import levels as mesh_levels
+from stereo_seecolor.report.range_code import coded_heights
 
 
 def hills(count: int = 60, seed: int = 0) -> Piece:

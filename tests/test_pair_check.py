@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.errors import MatchingError
-from stereo_seecolor.matching.pair_check import CONSTANTS, PairCheck, coverage
-from stereo_seecolor.matching.texture import textured_fraction
+from stereo_seecolor.matching.diagnostics import PAIR_CHECK_CONSTANTS, PairCheck, coverage
+from stereo_seecolor.matching.gray import textured_fraction
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 PIXELS = 1000
@@ -130,7 +130,7 @@ def test_a_dive_of_poor_pairs_is_not_matched_twice() -> None:
     check = PairCheck(swapped)
     for number in range(20):
         check(str(number), matched(0.2), partial(pair, str(number)))
-    assert len(swapped.names) == CONSTANTS.swap_tries
+    assert len(swapped.names) == PAIR_CHECK_CONSTANTS.swap_tries
 
 
 @pytest.mark.real_data

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.commands.inspect import inspect
-from stereo_seecolor.commands.range_limits import range_limits
+from stereo_seecolor.commands.pre_checks import range_limits
 from stereo_seecolor.config import MatchingConfig
 
 RNG = np.random.default_rng(0)

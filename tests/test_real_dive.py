@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.field_checks.hypotheses import likely_mistake, settle_reading
 from calibration.formats import load_rig
-from calibration.mistakes import likely_mistake
-from calibration.readings import settle_reading
 from stereo_seecolor.cli import main
 from stereo_seecolor.run_folder.finished_run import open_run
 

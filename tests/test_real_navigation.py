@@ -14,8 +14,8 @@ import pytest
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
 from calibration import Camera, StereoRig
+from calibration.field_checks.hypotheses import settle_reading
 from calibration.formats import load_rig, native
-from calibration.readings import settle_reading
 from stereo_seecolor.commands.dive_rig import read_both
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig, MappingConfig, RunConfig
@@ -23,15 +23,15 @@ from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.comparison import Navigation, examine
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.mapping.track.navigation import Navigation, examine
-from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.assignment import place
 from stereo_seecolor.mapping.track.placing import place_survey
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.posed_run import SurveyFrames
 
 pytestmark = [pytest.mark.real_data, pytest.mark.slow]
 PAIRS = 8

@@ -13,9 +13,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.matching.sgm import search as sgm
-from stereo_seecolor.matching.sgm.band import WIDENING, Band
-from stereo_seecolor.matching.sgm.layout import LANES, TILE
-from stereo_seecolor.matching.sgm.penalties import PENALTIES
+from stereo_seecolor.matching.sgm.band import LANES, PENALTIES, TILE, WIDENING, Band
 
 
 def pair(seed: int, height: int, width: int, shift: int, noise: float) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_re
 from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec, track
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
-from stereo_seecolor.inputs.timestamps import timestamp_from_name
+from stereo_seecolor.inputs.name_keys import timestamp_from_name
 from stereo_seecolor.inputs.trajectories import read_trajectory
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"

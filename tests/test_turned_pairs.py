@@ -5,8 +5,8 @@ import pytest
 from matching_scenes import Scene, render
 
 from calibration import Camera, StereoRig
-from calibration.transforms import rigid
-from calibration.turns import quarter_turn
+from calibration.geometry import rigid
+from calibration.rig import quarter_turn
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import StereoFrame

@@ -20,11 +20,11 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.owned_files import OwnedFiles
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.posed_run import SurveyFrames
 
 PRECIOUS = b"three years of field notes"
 PRODUCT_FOLDERS = ("corrected", "range", "range_std", "confidence", "mask", "clouds", "rectified_left", "rectified_right", "map")

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from stereo_seecolor.color.fitting.misfit import quality
-from stereo_seecolor.color.fitting.robust import fit_all
+from stereo_seecolor.color.fitting.robust import fit_all, quality
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
 from stereo_seecolor.config import ColorConfig, RobustConfig

@@ -9,10 +9,10 @@ import pytest
 from test_chart_white import some_water
 from test_evaluation_chart_finder import placed, rubble, under_water
 
-from stereo_seecolor.extras.evaluation.chart_types import CLASSIC
-from stereo_seecolor.extras.evaluation.chart_white import SeenWhite, believed
-from stereo_seecolor.extras.evaluation.targets import targets_of
-from stereo_seecolor.extras.evaluation.white_cards import white_cards
+from stereo_seecolor.extras.evaluation.charts.chart_white import SeenWhite, believed
+from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
+from stereo_seecolor.extras.evaluation.charts.targets import targets_of
+from stereo_seecolor.extras.evaluation.charts.white_cards import white_cards
 
 CORNERS = np.array([[110, 90], [171, 102], [160, 158], [99, 146]], float)
 

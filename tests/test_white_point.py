@@ -11,8 +11,8 @@ import pytest
 from conftest import Cli, Dive
 
 from stereo_seecolor.color.white_point import DOUBT, white_doubt, white_errors, with_white
-from stereo_seecolor.extras.evaluation.chart_white import seen_whites
-from stereo_seecolor.extras.evaluation.targets import targets_of
+from stereo_seecolor.extras.evaluation.charts.chart_white import seen_whites
+from stereo_seecolor.extras.evaluation.charts.targets import targets_of
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Water
 

@@ -8,33 +8,25 @@ from typing import Any, Literal, get_args
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.formats import (
-    basalt,
     bouguet,
-    calib_filter,
-    calib_io,
-    cityscapes,
     colmap,
-    depthai,
     euroc,
     kalibr,
     kitti,
     matlab,
     metashape,
-    middlebury,
     native,
     okvis,
     opencv,
-    oplab,
     orbslam,
-    rectified,
     ros,
     seagis,
     viame,
-    zed,
 )
-from calibration.formats.document import load_document
-from calibration.formats.folder import calibration_files, left_first, merged
-from calibration.formats.section import Section, naming
+from calibration.formats.others import basalt, calib_filter, calib_io, cityscapes, depthai, middlebury, oplab, rectified, zed
+from calibration.formats.reading.document import load_document
+from calibration.formats.reading.folder import calibration_files, left_first, merged
+from calibration.formats.reading.section import Section, naming
 from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig
 

@@ -7,12 +7,10 @@ import cv2
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
-from calibration.formats.section import Section, naming
-from calibration.formats.units import to_meters
-from calibration.rig import Camera, StereoRig
-from calibration.rig_errors import RigErrors
-from calibration.transforms import rigid
+from calibration.geometry import rigid
+from calibration.rig import Camera, RigErrors, StereoRig
 
 Size = tuple[int, int]
 STDS = 3

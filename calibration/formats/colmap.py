@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.lens_models import field_of_view, fitted_camera
+from calibration.formats.reading.lens_models import field_of_view, fitted_camera
+from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
-from calibration.formats.section import Section, naming
-from calibration.formats.units import to_meters
+from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse_transform, rigid
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
-CAMERAS, RIGS = "cameras.txt of COLMAP", "rigs.txt of COLMAP"  # keys that document.py puts the lines of these files under
+CAMERAS, RIGS = "cameras.txt of COLMAP", "rigs.txt of COLMAP"  # keys that reading/document.py puts the lines of these files under
 MODEL_SCALE = (
     "the rig of a COLMAP model has the scale of the model, metric only if that was given one: measure a known length, or give the "
     "rig that was calibrated"

@@ -3,10 +3,10 @@
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import check_sides_named, make_camera
-from calibration.formats.section import Section, naming
+from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse_transform
 
 DISTORTION_MODELS: dict[str, CameraModel] = {"radial-tangential": "pinhole", "radtan": "pinhole", "equidistant": "fisheye"}
 

@@ -6,8 +6,8 @@ Geiger et al., Vision meets Robotics: The KITTI Dataset, 2013, section 4: x = P 
 from dataclasses import replace
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
-from calibration.formats.section import Section, naming
 from calibration.rig import Camera, StereoRig
 
 COLOR, GRAY = ("2", "3"), ("0", "1")

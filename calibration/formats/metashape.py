@@ -11,12 +11,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats.lens_models import fitted_camera, metashape
+from calibration.formats.reading.lens_models import fitted_camera, metashape
+from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
-from calibration.formats.section import Section, naming
-from calibration.formats.units import to_meters
+from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
-from calibration.transforms import inverse_transform, rigid
 
 SENSORS, SCALE = "sensors of Metashape", "scale"
 TYPES = ("frame", "fisheye")

@@ -9,12 +9,10 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calibration.errors import CalibrationError
-from calibration.formats.document import load_document
-from calibration.formats.section import Section, naming
+from calibration.formats.reading.document import load_document
+from calibration.formats.reading.section import Section, naming
 from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
-from calibration.refinement import UNSEEN, Movement, Refinement
-from calibration.rig import Camera, CameraModel, Medium, StereoRig
-from calibration.rig_errors import RigErrors
+from calibration.rig import UNSEEN, Camera, CameraModel, Medium, Movement, Refinement, RigErrors, StereoRig
 
 FORMAT = "stereo-seecolor/rig"
 VERSION = 1

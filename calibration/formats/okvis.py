@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats.lens_models import fitted_camera, omni
+from calibration.formats.reading.lens_models import fitted_camera, omni
+from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
-from calibration.formats.section import Section, naming
+from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse_transform
 
 DISTORTION_TYPES: dict[str, CameraModel] = {
     "radialtangential": "pinhole",
@@ -77,7 +77,7 @@ def _okvis_camera(section: Section) -> Camera:
 
 def _beside(document: Section, key: str) -> Section:
     """The file that ``key`` names, in the folder of the document."""
-    from calibration.formats.document import load_document  # which reads the text that this module makes sense of
+    from calibration.formats.reading.document import load_document  # which reads the text that this module makes sense of
 
     return load_document(Path(document.where).parent / document.text(key))
 

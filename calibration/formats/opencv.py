@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats.finder import Parts, Role, Side, find
-from calibration.formats.leaves import texts, words
-from calibration.formats.poses import Pose, has_pose, pose_in_meters
+from calibration.formats.reading.finder import Parts, Role, Side, find
+from calibration.formats.reading.leaves import texts, words
+from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
+from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
-from calibration.formats.section import Section, naming
+from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse_transform
 
 FISHEYE_NAMES = {"fisheye", "equidistant", "kannalabrandt", "kannalabrandt8", "kb4", "opencvfisheye"}
 OTHER_LENSES = {"omni", "omnidirectional", "mei", "fov", "atan", "ds", "doublesphere", "eucm", "ucm", "division", "scaramuzza"}

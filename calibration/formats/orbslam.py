@@ -3,10 +3,10 @@
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.section import Section
 from calibration.formats.ros import make_camera, rig_from_projections
-from calibration.formats.section import Section
+from calibration.geometry import inverse_transform
 from calibration.rig import Camera, StereoRig
-from calibration.transforms import inverse_transform
 
 Size = tuple[int, int]
 

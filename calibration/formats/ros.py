@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
-from calibration.formats.section import Section, naming
-from calibration.plan import upright_rotations
-from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import rigid
-from calibration.turns import quarter_turn
+from calibration.formats.reading.section import Section, naming
+from calibration.geometry import rigid
+from calibration.rectification import upright_rotations
+from calibration.rig import Camera, CameraModel, StereoRig, quarter_turn
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
     "plumb_bob": "pinhole",

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
-from calibration.formats.section import Section, naming
-from calibration.formats.units import to_meters
+from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
-from calibration.transforms import inverse_transform, rigid
 
 Array = NDArray[np.float64]
 FORMAT = "SeaGIS .cam"

@@ -3,8 +3,7 @@
 import sys
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
-from stereo_seecolor.compute.garbage import collect_seldom
-from stereo_seecolor.compute.library_threads import one_thread_in_libraries
+from stereo_seecolor.compute.process import collect_seldom, one_thread_in_libraries
 
 __all__ = ["main"]
 

@@ -10,13 +10,12 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from stereo_seecolor.cli import dive_commands, look_commands, machine_commands, map_commands, rig_commands
+from stereo_seecolor.cli import dive_commands, look_commands, map_commands, rig_commands
 from stereo_seecolor.cli.command import Command
 from stereo_seecolor.cli.errors import exit_code_of
-from stereo_seecolor.cli.quiet import quiet_libraries
+from stereo_seecolor.cli.output import prepare_streams, quiet_libraries, write_error, write_out
 from stereo_seecolor.cli.report import Report
-from stereo_seecolor.cli.streams import prepare_streams, write_error, write_out
-from stereo_seecolor.compute.allocator import keep_freed_memory
+from stereo_seecolor.compute.process import keep_freed_memory
 from stereo_seecolor.errors import PluginError
 from stereo_seecolor.plugins import added, load
 
@@ -32,8 +31,8 @@ CORE: dict[str, Command] = {
     "rectify": dive_commands.rectify,
     "range": dive_commands.range_,
     "correct": dive_commands.correct,
-    "doctor": machine_commands.doctor,
-    "config": machine_commands.config,
+    "doctor": look_commands.doctor,
+    "config": look_commands.config,
 }
 """The commands of the core, in the order of the help."""
 

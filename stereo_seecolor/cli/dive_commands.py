@@ -11,10 +11,9 @@ import typer
 
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import SIDES, command
-from stereo_seecolor.cli.contents import map_exit_code, run_content, run_exit_code
 from stereo_seecolor.cli.report import Report, computing
-from stereo_seecolor.cli.run_text import map_text, page_text, run_text
-from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.cli.results import map_exit_code, map_text, page_text, run_content, run_exit_code, run_text
+from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.layout import INDEX
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.dive.run_options import PageTime
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.progress import Listener
-    from stereo_seecolor.run_folder.frames_table import RunSummary
+    from stereo_seecolor.run_folder.frames_csv import RunSummary
 
 
 @command(
@@ -210,7 +209,7 @@ def _record(out: Path, out_mcap: Path | None) -> str:
 def _end_with_map(
     report: Report, summary: "RunSummary", out: Path, fuse: "Callable[[Listener], MapSummary]", out_mcap: Path | None
 ) -> NoReturn:
-    from stereo_seecolor.commands.report import report as write_page
+    from stereo_seecolor.commands.view import report as write_page
 
     report.say(run_text(summary, out))
     with report.working() as listener:

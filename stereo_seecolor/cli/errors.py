@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
-from stereo_seecolor.cli.streams import write_error, write_out
+from stereo_seecolor.cli.output import write_error, write_out
 from stereo_seecolor.errors import OutputError, printable
 from stereo_seecolor.files.json_values import json_line
 

@@ -4,10 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
-from stereo_seecolor.cli.contents import map_exit_code
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import BareReport, Report, computing
-from stereo_seecolor.cli.run_text import map_text, page_text, report_text
+from stereo_seecolor.cli.results import map_exit_code, map_text, page_text, report_text
 
 if TYPE_CHECKING:
     pass
@@ -19,7 +18,7 @@ def fuse(
 ) -> None:
     """Fuse a finished run into one map of the dive, OUT/map: cloud, mesh, orthomosaic, terrain, rugosity."""
     from stereo_seecolor.commands.fuse import fuse as fuse_frames
-    from stereo_seecolor.commands.report import report as write_page
+    from stereo_seecolor.commands.view import report as write_page
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
         made = fuse_frames(out, poses, settings.load(run=out), listener, compute)
@@ -39,7 +38,7 @@ def report(
     report: Report,
 ) -> None:
     """Write OUT/index.html, the page of a finished run, with the images and numbers of every frame."""
-    from stereo_seecolor.commands.report import report as write_page
+    from stereo_seecolor.commands.view import report as write_page
 
     with report.working() as listener:
         result = write_page(out, listener, charts=charts)

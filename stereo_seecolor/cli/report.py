@@ -11,16 +11,66 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import typer
 
 from stereo_seecolor.cli.errors import EXIT_DONE, is_known, message_of
-from stereo_seecolor.cli.logs import logging_to
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
-from stereo_seecolor.cli.streams import write_error, write_out
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.cli.output import write_error, write_out
+from stereo_seecolor.errors import ClusterError, OutputError, printable_lines
 from stereo_seecolor.files.json_values import json_line
+from stereo_seecolor.files.names import FORM, is_log
 from stereo_seecolor.plugins import added, load
 
 if TYPE_CHECKING:
     from stereo_seecolor.compute.interface import Compute
     from stereo_seecolor.progress import Listener
+
+
+# The log of a command: the only place that configures logging.
+
+LIBRARIES = ("stereo_seecolor", "calibration")
+
+
+class _Formatter(logging.Formatter):
+    """Writes no control character of a file's name or content: a terminal would obey it."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable_lines(super().format(record))
+
+
+@contextmanager
+def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
+    """Append the log to a file; with verbose, write it to standard error too. Does nothing if neither is asked for.
+
+    Raises OutputError if the file cannot be opened, or is there already and no log of this program.
+    """
+    handlers: list[logging.Handler] = [logging.NullHandler()]  # or logging itself writes warnings and errors to standard error
+    if verbose:
+        handlers.append(logging.StreamHandler(sys.stderr))
+    if log_file is not None:
+        handlers.append(_file_handler(log_file))
+    loggers = [logging.getLogger(name) for name in LIBRARIES]
+    for handler in handlers:
+        handler.setFormatter(_Formatter(FORM))
+        for logger in loggers:
+            logger.addHandler(handler)
+            logger.setLevel(logging.DEBUG if verbose else logging.INFO)
+    try:
+        yield
+    finally:
+        for handler in handlers:
+            for logger in loggers:
+                logger.removeHandler(handler)
+                logger.setLevel(logging.NOTSET)
+            handler.close()
+
+
+def _file_handler(path: Path) -> logging.Handler:
+    try:
+        if path.is_file() and path.stat().st_size and not is_log(path):
+            raise OutputError(f"--log-file {path}: is there already, and is not a log of this program: give another name")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return logging.FileHandler(path, mode="a", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise OutputError(f"--log-file {path}: cannot be written: {error.strerror or error}: give another file") from error
+
 
 ProgressKind = Literal["auto", "bar", "lines", "json", "none"]
 
@@ -97,12 +147,12 @@ class Report:
 
     @contextmanager
     def _shown(self) -> "Iterator[Listener]":
-        from stereo_seecolor.cli.progress_lines import JsonLines, PlainLines
+        from stereo_seecolor.cli.progress import JsonLines, PlainLines
         from stereo_seecolor.progress import Silence
 
         kind = self._kind()
         if kind == "bar":
-            from stereo_seecolor.cli.progress_bar import bar
+            from stereo_seecolor.cli.progress import bar
 
             with bar() as listener:
                 yield listener

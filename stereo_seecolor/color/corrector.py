@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.light_model import Light, lit_by
 from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
-from stereo_seecolor.color.render.carried_colors import within_measured
-from stereo_seecolor.color.render.carried_ranges import carry_ranges
-from stereo_seecolor.color.render.exposure import choose
-from stereo_seecolor.color.render.tone import Tone
+from stereo_seecolor.color.render.carried import carry_ranges, within_measured
+from stereo_seecolor.color.render.tone import Tone, choose
 from stereo_seecolor.color.table.black_rim import without_rim
-from stereo_seecolor.color.table.evidence import doubts
 from stereo_seecolor.color.table.measure import check_pair, measure
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_quantiles import doubts
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Correction, Image, Map, Mask, Water
@@ -101,7 +99,7 @@ class Corrector:
 
         if self.config.lock == "frame":
             return FrameFitter(fit, linked)
-        from stereo_seecolor.color.photometry.stretches import AutoFitter  # loads numba
+        from stereo_seecolor.color.photometry.segments import AutoFitter  # loads numba
 
         if self.config.lock == "auto":
             return AutoFitter(self.config, fit, linked)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render.exposure import choose
+from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError

@@ -1,25 +1,38 @@
-"""Calibrate a stereo rig from two folders of images of a target, or print the target."""
+"""``calibrate``, ``convert-calib`` and ``check``: a rig from images of a target, in another format, tested on a dive."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from calibration import printing
+import numpy as np
+
+from calibration import CalibrationError, Rectification, StereoRig
+from calibration.boards import printing
+from calibration.boards.report import CalibrationReport
+from calibration.boards.targets import View, detect_view, parse_target
 from calibration.calibrate import calibrate as fit_rig
-from calibration.formats import write_rig
-from calibration.report import CalibrationReport
-from calibration.rig import Medium
-from calibration.targets import parse_target
-from calibration.views import View, detect_view
-from stereo_seecolor.commands.dive_rig import pairs_of, spread
+from calibration.checks import RowCheck, judge_matches, port_error, suspicions
+from calibration.field_checks.hypotheses import likely_mistake, may_be_mistaken, settle_matches
+from calibration.field_checks.matches import Images, Matches, raw_matches, rectified_matches
+from calibration.field_checks.motion import find_motion
+from calibration.field_checks.vertical_disparity import LIMITS
+from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
+from calibration.port import FlatPort
+from calibration.refine import refine_matches
+from calibration.resizing import resized_rig
+from calibration.rig import Medium, Refinement
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, neighbors, pairs_of, read_both, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.atomic import refuse_existing, write_atomic
 from stereo_seecolor.files.encode import encode_image
-from stereo_seecolor.files.new_folder import refuse_existing
+from stereo_seecolor.inputs.file_form import as_stored, stored_facts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.inputs.video_images import is_video
+from stereo_seecolor.inputs.video_file import is_video
 from stereo_seecolor.records import FrameRow
+
+# Calibrate a stereo rig from two folders of images of a target, or print the target.
 
 MOST_FRAMES = 60
 """Most frames taken of videos, spread over them: neighboring frames show the target in nearly the same place."""
@@ -68,3 +81,163 @@ def print_target(target: str, out: Path, dpi: int = 300) -> Path:
     refuse_existing(out)
     printing.print_target(parse_target(target), out, dpi)
     return out
+
+
+# Convert a calibration into another format.
+
+
+@dataclass(frozen=True)
+class ConvertedCalibration:
+    """A calibration that was written. baseline_m: of the rig; it shows a wrong unit. notes: a line on each guess."""
+
+    source: str
+    out: str
+    format: WritableFormat
+    baseline_m: float
+    notes: tuple[str, ...] = ()
+
+
+def convert_calib(
+    source: str, out: str | Path, to: WritableFormat = "native", size: str | None = None, resize: str | None = None
+) -> ConvertedCalibration:
+    """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the same.
+
+    size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that were binned or resized since.
+    out: new. Raises CalibrationError, OutputError.
+    """
+    refuse_existing(*paths_of(out, to))
+    rig = load_rig(source, parse_size(size) if size else None)
+    if resize:
+        rig = resized_rig(rig, parse_size(resize))
+    write_rig(rig, out, to)
+    notes = list(rig.doubts)
+    if rig.alternatives:
+        notes.append(
+            f"{rig.reading}: taken, but the file can be read in {len(rig.alternatives) + 1} ways: "
+            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' lets images of the dive decide"
+        )
+    return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))
+
+
+# ``check``: test a calibration on image pairs of a dive.
+
+PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
+"""Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
+
+
+@dataclass(frozen=True)
+class RigFacts:
+    """Numbers of a rig that a user can compare with the known camera.
+
+    focal_px: of the rectified images. field_deg: their horizontal field of view. disparity_at_1_m_px: of a point at depth 1 m.
+    port: "flat", "dome" or "none". working_range_m: range at which a flat port's model is exact, else None.
+    port_error: (range in meters, relative range error that a flat port leaves there).
+    """
+
+    camera_model: str
+    image_size: tuple[int, int]
+    baseline_m: float
+    medium: str
+    focal_px: float
+    field_deg: float
+    disparity_at_1_m_px: float
+    port: str = "none"
+    working_range_m: float | None = None
+    port_error: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """A calibration tested on a dive.
+
+    rows: vertical disparity of rectified pairs, and the motion between neighbors, which is that of the refined rig. suspicions:
+    doubts about the calibration itself. refined: what has moved since the calibration; refined_file: the refined rig; both None
+    unless asked for.
+    """
+
+    rig: RigFacts
+    rows: RowCheck
+    suspicions: tuple[str, ...]
+    refined: Refinement | None = None
+    refined_file: Path | None = None
+
+    @property
+    def acceptable(self) -> bool:
+        """True if rows agree, with the refined rig where there is one, and so does the motion between neighboring pairs."""
+        if self.refined is None:
+            return self.rows.acceptable
+        return self.refined.after_px <= LIMITS.acceptable_px and not self.rows.motion.is_found
+
+
+def check(
+    left: Path,
+    right: Path,
+    calib: str,
+    most_pairs: int = 12,
+    refine: Path | None = None,
+    images: InputConfig | None = None,
+) -> CheckResult:
+    """Test a calibration on ``most_pairs`` pairs spread evenly over a dive.
+
+    images: how the files are paired and read. refine: a new file for the refined rig, in the native format: what has moved since
+    the calibration is estimated from the pairs.
+    Raises CalibrationError, InputError, OutputError.
+    """
+    images = images or InputConfig()
+    if refine:
+        refuse_existing(refine)
+    pairs = pairs_of(left, right, images).pairs
+    images = as_stored(images, stored_facts(images, spread(pairs, most_pairs)))
+    rig = load_unsettled(calib, pairs, images)
+    raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
+    rig = settle_matches(rig, raw)
+    rows = _judged(rig, raw, (read_both(pair, images) for pair in spread(pairs, DECIDING_PAIRS)))
+    if refine and (rows.mistake or rows.refusal):
+        raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
+    refined = refine_matches(rig, raw) if refine else None
+    if refine and refined:
+        write_rig(refined, refine)
+    motion = find_motion(Rectification.from_rig(refined or rig), neighbors(pairs, images))
+    return CheckResult(
+        rig_facts(rig), replace(rows, motion=motion), suspicions(rig), refined.refinement if refined else None, refine
+    )
+
+
+def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> RowCheck:
+    """Vertical disparity of the matches, with the likely mistake where it is large.
+
+    raw: matches of unrectified pairs. images: a few of these pairs. Raises CalibrationError where there are too few matches.
+    """
+    try:
+        rows = judge_matches(rig, rectified_matches(rig, raw))
+    except CalibrationError:
+        if mistake := likely_mistake(rig, images):
+            raise CalibrationError(mistake.line) from None
+        raise
+    mistake = likely_mistake(rig, images) if may_be_mistaken(rows) else None
+    return replace(rows, mistake=mistake.line) if mistake else rows
+
+
+def rig_facts(rig: StereoRig) -> RigFacts:
+    """The numbers of a rig."""
+    pair = Rectification.from_rig(rig).pair
+    width = rig.left.image_size[0]
+    return RigFacts(
+        camera_model=rig.left.model,
+        image_size=rig.left.image_size,
+        baseline_m=rig.baseline_m,
+        medium=rig.medium,
+        focal_px=pair.focal_px,
+        field_deg=float(np.degrees(2 * np.arctan(width / 2 / pair.focal_px))),
+        disparity_at_1_m_px=pair.focal_px * pair.baseline_m,
+        port="none" if rig.port is None else "flat" if isinstance(rig.port, FlatPort) else "dome",
+        working_range_m=rig.port.working_range_m if isinstance(rig.port, FlatPort) else None,
+        port_error=_port_errors(rig),
+    )
+
+
+def _port_errors(rig: StereoRig) -> tuple[tuple[float, float], ...]:
+    if not isinstance(rig.port, FlatPort):
+        return ()
+    ranges_m = np.array(PORT_RANGES) * rig.port.working_range_m
+    return tuple(zip(ranges_m.tolist(), port_error(rig, ranges_m).range_error.tolist(), strict=True))

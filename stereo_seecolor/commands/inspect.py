@@ -1,36 +1,112 @@
 """``inspect``: identify the files of a dive, name problems, and give the ``run`` command that fits. Nothing is written."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calibration import CalibrationError
+from calibration.errors import counted
+from calibration.formats import load_rig
 from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
 from stereo_seecolor.commands.dive_rig import spread
-from stereo_seecolor.commands.inspect_calibration import NOTHING_TESTED, CalibrationFacts, Tested, tested_calibration
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
-from stereo_seecolor.commands.inspect_images import problems_of_images
-from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
-from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
-from stereo_seecolor.commands.inspect_unknown import unknown_files
+from stereo_seecolor.commands.inspect_rig import (
+    NOTHING_TESTED,
+    CalibrationFacts,
+    FoundCalibration,
+    FoundPoses,
+    Tested,
+    find_calibration,
+    find_poses,
+    refused_calibrations,
+    tested_calibration,
+)
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.frames import FrameReader
-from stereo_seecolor.inputs.halves import SIDES, half_of
-from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
-from stereo_seecolor.inputs.listing import EXTENSIONS, unread_hint
+from stereo_seecolor.inputs.dive_pairs import SIDES, half_of, pair_sides
+from stereo_seecolor.inputs.file_form import ImageFacts, image_facts
+from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.listing import BAG, EXTENSIONS, folder_of, is_pattern, unread_hint
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.inputs.patterns import folder_of, is_pattern
 from stereo_seecolor.inputs.sides import Sides, find_sides
-from stereo_seecolor.inputs.video_file import video_file
-from stereo_seecolor.inputs.video_images import is_video
-from stereo_seecolor.inputs.video_streams import gray
+from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.video_file import gray, is_video, video_file
+
+# Files that were named to ``inspect`` and that it cannot use.
+
+NOT_KNOWN = (
+    "is no trajectory that is known here",
+    "is no calibration",
+    "cannot be parsed",
+    "is no UTF-8 text",
+    "is not UTF-8 text",
+)
+"""Of errors that say no more than that a file is something else."""
+
+
+def unknown_files(places: Sequence[Path], known: Collection[Path], problems: Sequence[str]) -> tuple[str, ...]:
+    """A line for each file of the places that is not among the known ones, with what it is where that can be told.
+
+    problems: lines that name files already.
+    """
+    files = [place for place in places if place.is_file() and place not in known and not _is_images(place)]
+    return tuple(_line(file) for file in files if not any(str(file) in line for line in problems))
+
+
+def _is_images(path: Path) -> bool:
+    return path.suffix.lower() in EXTENSIONS or is_video(path)
+
+
+def _line(file: Path) -> str:
+    if BAG.search(file.name):
+        return f"not used{unread_hint([str(file)])}"
+    for read in (read_trajectory, load_rig):
+        try:
+            read(file)
+        except (InputError, CalibrationError) as error:
+            if not any(words in str(error) for words in NOT_KNOWN):
+                return f"not used: {error}"
+    return f"not used: {file}: is neither images, nor a calibration or trajectory of a format that is known here"
+
+
+# Problems of how files became pairs, as ``inspect`` names them.
+
+
+def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[str, ...]:
+    """One line for each problem: notes of the pairing, sides that no name tells, files without a partner, folders left out.
+
+    doubtful: sample pairs do not tell either which side is left.
+    """
+    problems = list(pairing.notes)
+    if doubtful:
+        problems.append(
+            f"no name says which images are left and which right, and {sides.left} and {sides.right} show too little in common to "
+            "be the two sides: give them by hand, a folder for each or a pattern ('*/im0.png' and '*/im1.png')"
+        )
+    elif sides.guessed:
+        problems.append("no name says which side is left and which right: they were taken in order")
+    if pairing.unpaired:
+        first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
+        problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
+    if sides.others:
+        problems.append(
+            f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: {sides.others[0]}: each pair of "
+            f"them is a run of its own, which stereo-seecolor campaign does one after the other{_together(sides)}"
+        )
+    return tuple(problems)
+
+
+def _together(sides: Sides) -> str:
+    """The options that run folders of the same names as one dive; "" where none do."""
+    if not (patterns := sides.together):
+        return ""
+    return "; all of them as one dive: " + shlex.join(["--left", str(patterns[0]), "--right", str(patterns[1])])
+
 
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are examined."""

@@ -13,13 +13,13 @@ from calibration import Rectification, StereoRig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.neighbors import neighbor_that_fits, show_one_scene
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.matching.texture import sides_without_texture
+from stereo_seecolor.matching.gray import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameResult, Image
-from stereo_seecolor.run_folder.products import correction_files, range_files
+from stereo_seecolor.run_folder.frame_products import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
 """Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on two sets in daylight."""

@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.first_run import compile_for, load_beside
-from stereo_seecolor.commands.planned import Meter
-from stereo_seecolor.commands.run_page import RunPage
+from stereo_seecolor.commands.dive_job import Meter, RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
-from stereo_seecolor.compute.names import Names
+from stereo_seecolor.commands.warm_up import compile_for, load_beside
+from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import Source
@@ -19,16 +18,14 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
+from stereo_seecolor.matching.diagnostics import NOT_ONE_SCENE
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.claim import Claim, Owner
-from stereo_seecolor.run_folder.current_frames import CurrentFrames
-from stereo_seecolor.run_folder.disk_need import Room, need_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.folder import Room, RunFolder, need_bytes
+from stereo_seecolor.run_folder.frames_csv import CurrentFrames, RunSummary
 from stereo_seecolor.run_folder.layout import RIG, RUN, WATER, Stage, state
+from stereo_seecolor.run_folder.ownership import Claim, Owner
 from stereo_seecolor.run_folder.reports import FinalRows, RunDescription, close_run, products, write_reports
 
 KIND = "stereo"

@@ -9,28 +9,27 @@ from pathlib import Path
 from calibration.formats import native
 from stereo_seecolor.commands.reported_run import claim, reported, stereo_run
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
-from stereo_seecolor.compute.library_threads import one_thread_in_products
+from stereo_seecolor.compute.process import one_thread_in_products
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import NO_LIGHT, correct_frames, count_frames, find_light, fit_waters, make_pass, measure_ranges
-from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.dive.source import RangedImages
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.compression import compression_notes
-from stereo_seecolor.inputs.file_form import form_notes
+from stereo_seecolor.inputs.file_form import compression_notes, form_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.dive_files import read_known_waters, read_waters, waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frame_products import rectified_files
+from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import RECTIFIED_RIG, WATER
 from stereo_seecolor.run_folder.manifest import StageRecord
-from stereo_seecolor.run_folder.products import rectified_files
-from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters, waters_content
+from stereo_seecolor.run_folder.ownership import Owner
 
 
 def run(

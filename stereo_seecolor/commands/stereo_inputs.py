@@ -6,27 +6,23 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from calibration.checks import suspicions
-from stereo_seecolor.commands.dive_rig import load_rig_for, spread
-from stereo_seecolor.commands.first_look import first_notes
-from stereo_seecolor.commands.refine_dive import DiveRefinement
-from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for, spread
+from stereo_seecolor.commands.pre_checks import first_notes
+from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.contained import read_bytes, special_kind
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.files.reading import read_bytes, special_kind
-from stereo_seecolor.inputs.compression import compression_notes
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.file_form import form_notes
-from stereo_seecolor.inputs.linear_look import encoding_notes
+from stereo_seecolor.inputs.file_form import as_stored, compression_notes, encoding_notes, form_notes, stored_facts, stored_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
-from stereo_seecolor.inputs.video_images import is_video
+from stereo_seecolor.inputs.video_file import is_video
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.plugins import load
-from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.ownership import Owner
 
 STORAGE_PAIRS = 6
 """Pairs that are examined for how images store their pixels: one dark frame must not decide."""

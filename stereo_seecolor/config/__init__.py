@@ -7,9 +7,7 @@ from stereo_seecolor.config.color import ColorConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.input import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
 from stereo_seecolor.config.matching import MatchingConfig
-from stereo_seecolor.config.measuring import MeasuringConfig
-from stereo_seecolor.config.output import OutputConfig
-from stereo_seecolor.config.stage import StageConfig
+from stereo_seecolor.config.stage import MeasuringConfig, OutputConfig, StageConfig
 
 __all__ = [
     "ColorConfig",

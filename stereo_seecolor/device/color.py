@@ -14,14 +14,11 @@ from torch.nn import functional as F
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import torch_apply
 from stereo_seecolor.color.render.apply import corrected
-from stereo_seecolor.color.render.carried_colors import SETTINGS, bounds_of
-from stereo_seecolor.color.render.carried_ranges import SAMPLE, Smoother
-from stereo_seecolor.color.render.gains import gains
+from stereo_seecolor.color.render.carried import SAMPLE, SETTINGS, Smoother, bounds_of
 from stereo_seecolor.color.render.lookup import Shown
-from stereo_seecolor.color.render.tone import Tone, display
-from stereo_seecolor.color.table.bins import VALUE_BINS
+from stereo_seecolor.color.render.tone import Tone, display, gains
 from stereo_seecolor.color.table.measure import check_pair
-from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.moment_table import VALUE_BINS, MomentTable
 from stereo_seecolor.color.table.torch_counting import count_pixels
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.device.memory import Memory

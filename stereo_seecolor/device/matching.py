@@ -18,7 +18,7 @@ from stereo_seecolor.device.memory import Memory
 from stereo_seecolor.device.surroundings import fattening, judge, log_odds, refine, remove_speckles, surroundings
 from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.confidence import least_odds
-from stereo_seecolor.matching.fill import fill
+from stereo_seecolor.matching.disparity import fill
 from stereo_seecolor.matching.gray import SMOOTHING_PX
 from stereo_seecolor.matching.matcher import CONSTANTS, Matcher
 from stereo_seecolor.matching.sgm.search import Band, bands
@@ -59,7 +59,9 @@ class DeviceMatcher(Matcher):
             return RangeMap.unknown(self._pair.image_size[::-1], f"{reason}: no range is known"), 1.0
         repeating = core_pool().submit(diagnostics.repeated, small_left, (self._highest - self._lowest) // self._scale)
         found, coarse_fraction = self._search(left, right)
-        vertical_px = diagnostics.vertical_px_of(_row_costs(left, right, found.disparity, diagnostics.CONSTANTS.vertical_search_px))
+        vertical_px = diagnostics.vertical_px_of(
+            _row_costs(left, right, found.disparity, diagnostics.DIAGNOSTICS_CONSTANTS.vertical_search_px)
+        )
         repeated = repeating.result()
         found = self._kept(found, repeated | diagnostics.blank(small_left))
         detail = float(found.disparity.isfinite().float().mean()) / coarse_fraction if coarse_fraction else 1.0

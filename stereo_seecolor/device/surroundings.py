@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from stereo_seecolor.matching.confidence import BORDER_PX, WEIGHTS
-from stereo_seecolor.matching.context import CONSTANTS as CONTEXT
-from stereo_seecolor.matching.fattening import CONSTANTS as FATTENING
+from stereo_seecolor.matching.confidence import CONTEXT_CONSTANTS as CONTEXT
+from stereo_seecolor.matching.confidence import FATTENING_CONSTANTS as FATTENING
 from stereo_seecolor.matching.refine import CONSTANTS as REFINE
 from stereo_seecolor.matching.refine import SMOOTHED, WINDOW
 from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX, PER_PX

@@ -8,19 +8,19 @@ from typing import Any, Generic, TypeVar
 
 from calibration import CalibrationError
 from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.dive.checks import RepeatedImages
 from stereo_seecolor.dive.frames import Frames, PageFrames, Source
-from stereo_seecolor.dive.pairs import chosen
-from stereo_seecolor.dive.repeated_images import RepeatedImages
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.dive.source import chosen
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary
+from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary
 from stereo_seecolor.run_folder.kept_pixels import KeptPixels
 from stereo_seecolor.run_folder.kept_records import KeptPlan
 from stereo_seecolor.run_folder.layout import SET_ASIDE, Stage
-from stereo_seecolor.run_folder.progress_file import USUAL, Expected, ProgressFile
+from stereo_seecolor.run_folder.reports import USUAL, Expected, ProgressFile
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")

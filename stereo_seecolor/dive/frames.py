@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
-from calibration.original_view import OriginalView
+from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.badly_exposed import exposure_warnings
-from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.exposure import exposure_warnings
+from stereo_seecolor.color.photometry.frame_shading import even_light
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
@@ -23,16 +23,16 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.frame_facts import capture_facts, color_facts, range_facts
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
+from stereo_seecolor.run_folder.cached import keep_table, kept_table
 from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frame_products import Files, correction_files, mask_codes, original_files, range_files
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
-from stereo_seecolor.run_folder.kept_table import keep_table, kept_table
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
-from stereo_seecolor.run_folder.products import Files, correction_files, mask_codes, original_files, range_files
 
 
 class Source(Protocol):

@@ -9,17 +9,16 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_beside_water import beside_water
+from stereo_seecolor.color.photometry.exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.frame_shading import Parts, solve_shading, without_shading
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, DifferenceTable, differences, solve_chain
 from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
-from stereo_seecolor.color.photometry.sightings import SeenWindow
+from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.lazy import Lazy
-from stereo_seecolor.compute.names import Names, SomeNames
+from stereo_seecolor.compute.sequences import Lazy, Names, SomeNames
 from stereo_seecolor.dive.overlap import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
 from stereo_seecolor.records import Capture
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.sightings import KeyFrame, SeenWindow, View, sightings_of
+from stereo_seecolor.color.photometry.observations import KeyFrame, SeenWindow, View, sightings_of
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m, inverse

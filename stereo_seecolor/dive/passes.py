@@ -17,22 +17,21 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.survey import CountedFrames, Fitter
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.names import ByName
+from stereo_seecolor.compute.sequences import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.dive.channel_order import channel_order_notes
+from stereo_seecolor.dive.checks import channel_order_notes, range_scale_notes
 from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt
 from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frames import color_settings, correct_frame, count_colors, range_row, read_frame, water_keys
-from stereo_seecolor.dive.pairs import Groups, Named, chosen
-from stereo_seecolor.dive.range_scale import range_scale_notes
+from stereo_seecolor.dive.source import Groups, Named, chosen
 from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, FrameRow, Water
+from stereo_seecolor.run_folder.dive_files import waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_records import KeptFit, KeptLight
 from stereo_seecolor.run_folder.layout import Stage
-from stereo_seecolor.run_folder.water_file import waters_content
 
 NO_OVERLAP = "light: no two frames were found to show the same spots, so that lamps, lens and exposure stay in the images"
 LONG_DIVE = 10_000

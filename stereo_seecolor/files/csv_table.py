@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.contained import read_bytes
 
 
 def csv_text(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:

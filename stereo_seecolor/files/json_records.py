@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
-from calibration.bounded_text import load_json
+from calibration.files import load_json
 
 Record = TypeVar("Record")
 

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import re
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
 from stereo_seecolor.errors import printable
 
@@ -70,3 +70,17 @@ def folder_keys(name: str) -> list[str]:
     """Name frames whose file names begin anew in each folder: ``10h_0001`` and ``left_0001`` of ``10h/left/0001.png``."""
     path = PurePath(name.replace("\\", "/"))
     return [f"{folder}_{path.stem}" for folder in dict.fromkeys(path.parts[:-1])]
+
+
+# The form of a line of the log, by which a file is known as a log of this program.
+
+FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ (stereo_seecolor|calibration)[.:]")
+
+
+def is_log(path: Path) -> bool:
+    """Tell whether a file begins as a log of this program does."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return bool(_LINE.match(file.read(200)))

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from calibration.bounded_text import YAML_ERRORS, load_json, load_yaml
+from calibration.files import YAML_ERRORS, load_json, load_yaml
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.contained import read_bytes
 
 
 def read_text(path: Path) -> str:

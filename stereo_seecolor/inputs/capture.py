@@ -1,12 +1,18 @@
 """What the camera recorded in EXIF: exposure, time, position; and the EXIF block that a corrected image keeps."""
 
+import csv
 import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 from PIL import ExifTags, Image
 
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.inputs.headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import Capture
 
@@ -52,11 +58,11 @@ def read_capture(content: bytes) -> Capture:
 def _capture(exif: Image.Exif) -> Capture:
     details: _Tags = exif.get_ifd(ExifTags.IFD.Exif)
     gps: _Tags = exif.get_ifd(ExifTags.IFD.GPSInfo)
-    iso = _positive(details.get(ExifTags.Base.ISOSpeedRatings))
+    iso = _positive_capture(details.get(ExifTags.Base.ISOSpeedRatings))
     return Capture(
-        exposure_s=_positive(details.get(ExifTags.Base.ExposureTime)),
+        exposure_s=_positive_capture(details.get(ExifTags.Base.ExposureTime)),
         gain=None if iso is None else iso / 100,
-        aperture=_positive(details.get(ExifTags.Base.FNumber)),
+        aperture=_positive_capture(details.get(ExifTags.Base.FNumber)),
         captured_s=_time(details),
         latitude_deg=_degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "S"),
         longitude_deg=_degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "W"),
@@ -98,7 +104,7 @@ def _degrees(parts: Any, reference: Any, negative: str) -> float | None:
     return -degrees if _text(reference).upper() == negative else degrees
 
 
-def _positive(value: Any) -> float | None:
+def _positive_capture(value: Any) -> float | None:
     first = value[0] if isinstance(value, tuple) and value else value
     try:
         number = float(first)
@@ -109,3 +115,96 @@ def _positive(value: Any) -> float | None:
 
 def _text(value: Any) -> str:
     return value.strip("\x00 ") if isinstance(value, str) else ""
+
+
+# Exposure and gain of each frame from a table: for cameras that write them to a log and not into
+# their images.
+
+NAMES = ("name", "file", "filename", "file_name", "image", "image_name", "path", "relative_path")
+EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3, "exposure_us": 1e-6, "exposure_time": 1.0, "exposuretime": 1.0}
+"""Column -> seconds of its unit. exposure_time is EXIF's own name, in seconds."""
+
+MOST_CHARACTERS = 10_000
+"""Of a line; more is another file."""
+
+GAINS = ("gain", "gain_db", "iso")
+
+
+@dataclass(frozen=True)
+class ExposureTable:
+    """Exposure and gain by file: its name, its stem, or either after the name of its folder."""
+
+    rows: Mapping[str, Capture]
+
+    @classmethod
+    def read(cls, path: Path) -> "ExposureTable":
+        """Read a CSV with a header: a column of file names; exposure_s (or _ms, _us); gain (a factor), gain_db or iso.
+
+        A file's name may lack its suffix, and needs its folder (``left/0001.png``) only where both sides use the same names.
+        Raises InputError for a file that cannot be read or has no such columns, and for a bad value, naming the line.
+        """
+        try:
+            lines = read_bytes(path).decode("utf-8-sig").splitlines()
+        except UnicodeDecodeError as error:
+            raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+        if max(map(len, lines), default=0) > MOST_CHARACTERS:
+            raise InputError(f"{path}: has a line of more than {MOST_CHARACTERS} characters: is it a table of exposures?")
+        reader = csv.DictReader(lines, skipinitialspace=True)
+        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+        name, exposure, gain = (_column(path, reader.fieldnames, known) for known in (NAMES, tuple(EXPOSURES), GAINS))
+        if not name or not (exposure or gain):
+            raise InputError(
+                f"{path}: needs a header with a column of file names ({', '.join(NAMES)}) and exposure or gain "
+                f"({', '.join((*EXPOSURES, *GAINS))})"
+            )
+        rows = {}
+        for row in reader:
+            where = f"{path}: line {reader.line_num}"
+            exposure_s = _positive_exposure(where, row, exposure) * EXPOSURES[exposure] if exposure else None
+            rows[_key(row[name] or "")] = Capture(exposure_s, _gain(where, row, gain) if gain else None)
+        return cls(rows)
+
+    def applied(self, capture: Capture, image: Path) -> Capture:
+        """``capture`` with what the table says of ``image`` in place of what the camera wrote."""
+        folder = image.parent.name
+        keys = (f"{folder}/{image.name}", f"{folder}/{image.stem}", image.name, image.stem)
+        row = next((self.rows[key] for key in keys if key in self.rows), Capture())
+        exposure_s = capture.exposure_s if row.exposure_s is None else row.exposure_s
+        return replace(capture, exposure_s=exposure_s, gain=capture.gain if row.gain is None else row.gain)
+
+
+def _column(path: Path, header: Sequence[str], known: Sequence[str]) -> str:
+    """The one column of the header that is known, "" where there is none."""
+    found = [name for name in header if name in known]
+    if len(found) > 1:
+        raise InputError(f"{path}: has the columns {' and '.join(found)}: leave one")
+    return found[0] if found else ""
+
+
+def _key(name: str) -> str:
+    """The file with its folder, if that is given."""
+    return "/".join(PurePosixPath(name.strip().replace("\\", "/")).parts[-2:])
+
+
+def _gain(where: str, row: Mapping[str, str], column: str) -> float:
+    """As a factor: 1 is 0 dB or ISO 100."""
+    if column == "gain_db":
+        return float(10 ** (_number(where, row, column) / 20))
+    return _positive_exposure(where, row, column) / (100 if column == "iso" else 1)
+
+
+def _positive_exposure(where: str, row: Mapping[str, str], column: str) -> float:
+    number = _number(where, row, column)
+    if number <= 0:
+        raise InputError(f"{where}: {column} must be more than 0, got {number:g}")
+    return number
+
+
+def _number(where: str, row: Mapping[str, str], column: str) -> float:
+    try:
+        number = float(row[column] or "")
+    except ValueError as error:
+        raise InputError(f"{where}: {column} must be a number, got {row[column] or ''!r}") from error
+    if not np.isfinite(number) or abs(number) > 1e9:
+        raise InputError(f"{where}: {column} is {number:g}: no camera has that")
+    return number

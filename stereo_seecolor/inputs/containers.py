@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from stereo_seecolor.files.contained import Container, contained, open_containers
-from stereo_seecolor.inputs.halves import Halves, is_half
-from stereo_seecolor.inputs.video_images import VideoImages, is_video
+from stereo_seecolor.inputs.dive_pairs import Halves, is_half
+from stereo_seecolor.inputs.video_file import VideoImages, is_video
 from stereo_seecolor.plugins import added, load
 
 

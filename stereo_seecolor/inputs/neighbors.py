@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration import CalibrationError, Rectification
-from calibration.matches import find_matches, look_alikes
-from calibration.row_check import LIMITS as ROW_LIMITS
-from calibration.wording import counted
+from calibration.errors import counted
+from calibration.field_checks.matches import find_matches, look_alikes
+from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image

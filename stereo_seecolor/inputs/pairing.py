@@ -9,18 +9,26 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.wording import counted
-from stereo_seecolor.compute.lazy import Lazy
-from stereo_seecolor.compute.packed import Packed
+from calibration.errors import counted
+from stereo_seecolor.compute.sequences import Lazy, Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, short_hash, stem_of
-from stereo_seecolor.inputs.clock_offset import clock_offset_s, drift_notes
 from stereo_seecolor.inputs.listing import FolderFiles, Listing, Unpaired, list_images
-from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_keys, side_keys, stem_keys
-from stereo_seecolor.inputs.near_times import distances_s, nearest, timed
+from stereo_seecolor.inputs.name_keys import (
+    Keys,
+    affix_keys,
+    clock_offset_s,
+    distances_s,
+    drift_notes,
+    nearest,
+    number_keys,
+    side_keys,
+    stem_keys,
+    timed,
+    timestamp_from_name,
+)
 from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
-from stereo_seecolor.inputs.timestamps import timestamp_from_name
 
 SEVERAL = "several files are called"
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.binary import read_arrays
+from calibration.formats.reading.binary import read_arrays
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.numpy_files import PARSING
+from stereo_seecolor.files.raw_arrays import PARSING
 from stereo_seecolor.inputs.decoding import MAX_PIXELS, decode_raw
 from stereo_seecolor.inputs.headers import TIFF_COMPRESSION, TIFF_SIGNATURES, TIFF_UNCOMPRESSED, tiff_numbers
 from stereo_seecolor.inputs.listing import EXTENSIONS

@@ -18,7 +18,7 @@ from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.listing import EXTENSIONS, folder_parts, inner_folders, list_images, unread_hint
 from stereo_seecolor.inputs.name_keys import side_of
-from stereo_seecolor.inputs.video_images import is_video
+from stereo_seecolor.inputs.video_file import is_video
 
 DEPTH = 3
 """Levels of folders that are searched for images: a dive, a camera, a format;"""

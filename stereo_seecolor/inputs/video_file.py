@@ -3,8 +3,9 @@
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -14,8 +15,111 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.video_streams import decoded, opened, video_stream
+from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.files.contained import Container, special_kind
+from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.inputs.dive_pairs import SIDES, half_of
+
+# The streams of a video file beside its colors: times, gray pictures, sound, time code. By PyAV
+# (FFmpeg).
+
+MAX_PIXELS = 150_000_000  # more is a damaged header
+
+SOUND_RATE_HZ = 8000
+"""Enough for voices, clicks and motors; a sample is 0.1 ms."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if PyAV is missing."""
+    try:
+        import av
+    except ImportError as error:
+        raise DeviceError("videos need a library that is missing (av): pip install -c constraints.txt '.[video]'") from error
+    try:
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a video")
+        with av.open(str(path), metadata_errors="ignore") as container:
+            yield container
+    except (av.FFmpegError, OSError) as error:
+        raise InputError(f"{path}: is no video that FFmpeg can read: {error.strerror or error}") from error
+
+
+def video_stream(container: Any, path: Path) -> Any:
+    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims to be too large."""
+    stream = container.streams.best("video")  # not a cover picture
+    if stream is None:
+        raise InputError(f"{path}: holds no pictures")
+    if stream.codec_context is None:
+        raise InputError(f"{path}: its pictures are coded in a way that FFmpeg does not know")
+    if stream.width * stream.height > MAX_PIXELS:
+        raise InputError(f"{path}: claims pictures of {stream.width}x{stream.height} px: not read")
+    stream.thread_type = "AUTO"
+    return stream
+
+
+def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Each frame's time in seconds on the file's own clock, and the frame in gray, upright.
+
+    A damaged frame ends it. Raises InputError if there is none, DeviceError.
+    """
+    count = 0
+    with opened(path) as container:
+        for frame in decoded(container, video_stream(container, path)):
+            if frame.pts is None:
+                continue
+            yield float(frame.pts * frame.time_base), gray(frame)
+            count += 1
+    if not count:
+        raise InputError(f"{path}: holds no frame that can be decoded")
+
+
+def gray(frame: Any) -> NDArray[np.uint8]:
+    """Convert a decoded frame to gray, (H, W), turned as the file says that players are to turn it."""
+    return np.rot90(frame.to_ndarray(format="gray"), round(frame.rotation / 90))
+
+
+def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
+    """Read the time at which the sound begins on the file's own clock, seconds, and its samples at SOUND_RATE_HZ; none where it is
+    silent or absent.
+
+    Raises InputError, DeviceError.
+    """
+    with opened(path) as container:
+        if not container.streams.audio:
+            return 0.0, np.zeros(0, np.float32)
+        import av
+
+        resampler = av.AudioResampler(format="flt", layout="mono", rate=SOUND_RATE_HZ)
+        start_s, parts = None, []
+        for frame in decoded(container, container.streams.audio[0]):
+            if start_s is None and frame.pts is not None:
+                start_s = float(frame.pts * frame.time_base)
+            parts += [np.asarray(piece.to_ndarray()).ravel() for piece in resampler.resample(frame)]
+        return start_s or 0.0, np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, np.float32)
+
+
+def recorded_at(path: Path) -> float | None:
+    """Read when a recording began by its camera's clock, seconds since 1970; None where the file does not say.
+
+    Cameras that write their local time are taken to be at UTC. Raises InputError, DeviceError.
+    """
+    with opened(path) as container:
+        try:
+            return datetime.fromisoformat(container.metadata.get("creation_time", "")).replace(tzinfo=UTC).timestamp()
+        except ValueError:
+            return None
+
+
+def decoded(container: Any, stream: Any) -> Iterator[Any]:
+    """Frames up to the first that is damaged: what follows it would have times, but no pictures."""
+    import av
+
+    try:
+        yield from container.decode(stream)
+    except av.FFmpegError:
+        return
+
 
 KEPT_BYTES = 1 << 26
 """Decoded frames that are kept of a video: threads ask for frames near each other, and for each more than once."""
@@ -170,3 +274,56 @@ def _frame_index(path: Path) -> FrameIndex:
             raise InputError(f"{path}: holds no frame with a time")
         stated_s = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / 1e6  # AV_TIME_BASE
         return FrameIndex(np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s)
+
+
+# The frames of a video as image files inside it: ``dive.mp4/000012.tif``; halves of a picture
+# that shows both sides, ``dive.mp4/left/000012.tif``.
+
+EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
+
+FULL_16 = 257 / 256
+"""FFmpeg makes white of 8 bits 255 * 256 of 16; the rest of the program has it at 65535."""
+
+
+def is_video(path: Path) -> bool:
+    """Tell whether a file has a video's extension."""
+    return path.suffix.lower() in EXTENSIONS and not path.is_dir()
+
+
+def frame_path(video: Path, number: int, side: str = "") -> Path:
+    """The path of a frame, or of one half of it."""
+    return video / side / f"{number:06d}.tif"
+
+
+@dataclass(frozen=True)
+class VideoImages(Container):
+    """All frames of a video as contained files, by their names."""
+
+    path: Path
+
+    def read(self, name: str) -> bytes:
+        """An uncompressed TIFF of 8 bits, or of 16 where the video has more than 8. Raises InputError, DeviceError."""
+        side, _, file = name.rpartition("/")
+        if not file.endswith(".tif") or not file[:-4].isdecimal() or (side and side not in SIDES):
+            raise InputError(f"{self.path}: holds no image {name}")
+        rgb = pixels(video_file(self.path).frame(int(file[:-4])))
+        return encode_tiff(half_of(rgb, side, self.path) if side else rgb)
+
+
+def pixels(frame: Any) -> NDArray[Any]:
+    """Convert a decoded frame (av.VideoFrame), upright, to (H, W, 3) RGB: uint8, or uint16 of full scale where it has more than 8
+    bits.
+    """
+    from av.video.reformatter import Interpolation
+
+    exact = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+    deep = max(component.bits for component in frame.format.components) > 8
+    rgb = frame.reformat(format="gbrp16le" if deep else "rgb24", interpolation=exact, threads=1).to_ndarray()
+    if deep:
+        rgb = np.minimum(np.rint(rgb * np.float32(FULL_16)), 65535).astype(np.uint16)
+    return upright(rgb, frame)
+
+
+def upright(image: NDArray[Any], frame: Any) -> NDArray[Any]:
+    """An image of a frame, turned as the file says that players are to turn it."""
+    return np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90)))

@@ -9,10 +9,59 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.errors import FrameError
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
-from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 from stereo_seecolor.records import SurveyFrame
+
+# A survey's frames, some of which may turn out to be lost: each of those is named, and the map is
+# made of the rest.
+
+
+@dataclass(frozen=True)
+class Unplaced:
+    """A frame that is not in the map, and why."""
+
+    name: str
+    reason: str
+
+
+Frames = Sequence[SurveyFrame | Unplaced]
+
+
+class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
+    """Frames with their ranges scaled by a factor: of a rig whose scale is known better than by its calibration."""
+
+    def __init__(self, frames: Frames, scale: float) -> None:
+        self._frames, self._scale = frames, scale
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def item(self, number: int) -> SurveyFrame | Unplaced:
+        """Read a frame; Unplaced if it is lost."""
+        frame = self._frames[number]
+        return frame if isinstance(frame, Unplaced) else frame.scaled(self._scale)
+
+
+class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
+    """Frames as they are read; one whose files are missing or damaged is Unplaced from then on. lost: those, by number."""
+
+    def __init__(self, frames: Sequence[SurveyFrame]) -> None:
+        self._frames = frames
+        self.lost: dict[int, Unplaced] = {}
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def item(self, number: int) -> SurveyFrame | Unplaced:
+        """Read a frame; Unplaced if it is lost."""
+        if number not in self.lost:
+            try:
+                return self._frames[number]
+            except FrameError as error:
+                self.lost[number] = Unplaced(error.name, str(error))
+        return self.lost[number]
 
 
 @dataclass(frozen=True)
@@ -77,3 +126,21 @@ def _read(path: Path) -> SurveyFrame | None:
     frame = SurveyFrame(str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful)
     vars(frame)["color_is_doubtful"] = doubtful  # clipped ones are among them: they need not be looked for again
     return frame
+
+
+# Scratch folders that a map which was stopped continues from.
+
+KEY_LENGTH = 16
+"""Of the hash that a folder is called by: short names, and no two are alike."""
+
+
+def kept_folder(folder: Path, key: str) -> Path:
+    """Name the folder in ``folder`` for work made from inputs of this hash, and delete those of other inputs.
+
+    So a worker that was slow to hear of a new run writes into a folder that nobody reads.
+    """
+    kept = folder / key[:KEY_LENGTH]
+    for other in folder.iterdir() if folder.is_dir() else ():
+        if other != kept:
+            shutil.rmtree(other, ignore_errors=True)
+    return kept

@@ -14,34 +14,30 @@ import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.library_threads import one_thread_in_products
+from stereo_seecolor.compute.process import one_thread_in_products
 from stereo_seecolor.compute.threads import Threads, beside
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
-from stereo_seecolor.mapping.kept_frames import KeptFrames
-from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
+from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, RecoveredFrames, Unplaced
+from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
 from stereo_seecolor.mapping.map_records import comment, write_description, write_poses, write_track
+from stereo_seecolor.mapping.navigation.comparison import Navigation
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference
-from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
+from stereo_seecolor.mapping.raster.mosaic import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
-from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
-from stereo_seecolor.mapping.surface import islands
+from stereo_seecolor.mapping.surface import parts
 from stereo_seecolor.mapping.surface.engines import engine
-from stereo_seecolor.mapping.surface.join import write_map
+from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
-from stereo_seecolor.mapping.surface.tile_store import TileStore
+from stereo_seecolor.mapping.surface.parts import write_map
 from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
-from stereo_seecolor.mapping.surface.tiles import Tiling, cut
-from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
-from stereo_seecolor.mapping.survey import Survey
-from stereo_seecolor.mapping.track.marks import read_known
-from stereo_seecolor.mapping.track.marks_fit import MarkersFit
-from stereo_seecolor.mapping.track.navigation import Navigation
+from stereo_seecolor.mapping.surface.tiles import TileStore, Tiling, cut
+from stereo_seecolor.mapping.survey import Component, Survey
+from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit
+from stereo_seecolor.mapping.track.fiducials import read_known
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
-from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
@@ -199,7 +195,7 @@ def _build_component(
     files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, placed)]
     store = TileStore.of(scratch / "tiles" / f"{number}", tiling, component, config.engine)
     _fuse_tiles(component, tiling, store, config, lost)
-    islands.drop(store, tiling)
+    parts.drop(store, tiling)
     surfaces = partial(store.surfaces, tiling)
     with beside(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
         with beside(partial(write_preview, folder, surfaces)) as preview:

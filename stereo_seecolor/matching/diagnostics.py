@@ -1,5 +1,6 @@
 """Diagnostics of a pair: images that cannot be matched, and warnings about range maps that should not be trusted."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.compute.threads import Lock
+from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.census import PATTERN, census_at, padded
-from stereo_seecolor.matching.gray import Gray
-from stereo_seecolor.records import Map
+from stereo_seecolor.matching.gray import Gray, sides_without_texture
+from stereo_seecolor.records import Map, RangeMap, StereoFrame
 
 FULL_SCALE = 65280
 """Gray of 255 in an 8-bit image."""
@@ -50,18 +53,18 @@ class DiagnosticsConstants:
     vertical_px: float = 0.75
 
 
-CONSTANTS = DiagnosticsConstants()
+DIAGNOSTICS_CONSTANTS = DiagnosticsConstants()
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
     """Give the reason why a pair, reduced, cannot be matched at all; None if it can."""
     for side, image in (("left", left), ("right", right)):
         half, most = np.percentile(image[::4, ::4], (50, 99))
-        if most < CONSTANTS.black:
+        if most < DIAGNOSTICS_CONSTANTS.black:
             return f"the {side} image is black"
-        if half > CONSTANTS.saturated:
+        if half > DIAGNOSTICS_CONSTANTS.saturated:
             return f"the {side} image is saturated"
-        if float(image.std()) < CONSTANTS.texture:
+        if float(image.std()) < DIAGNOSTICS_CONSTANTS.texture:
             return f"the {side} image is uniform: there is nothing to match"
     if np.array_equal(left, right):
         return "left and right are the same image"
@@ -72,10 +75,12 @@ def blank(image: Gray) -> NDArray[np.bool_]:
     """Mark the pixels of a reduced image that are black and even: a frame around the picture, the corners of a round or an
     undistorted one, shadows cut off at black. (H, W) bool.
     """
-    around = np.ones((CONSTANTS.blank_px, CONSTANTS.blank_px), np.uint8)
+    around = np.ones((DIAGNOSTICS_CONSTANTS.blank_px, DIAGNOSTICS_CONSTANTS.blank_px), np.uint8)
     most, least = cv2.dilate(image, around), cv2.erode(image, around)
-    black = (most < CONSTANTS.blank_level) & (most - least < CONSTANTS.blank)
-    return np.asarray(cv2.dilate(black.view(np.uint8), np.ones((CONSTANTS.rim_px, CONSTANTS.rim_px), np.uint8)) > 0)
+    black = (most < DIAGNOSTICS_CONSTANTS.blank_level) & (most - least < DIAGNOSTICS_CONSTANTS.blank)
+    return np.asarray(
+        cv2.dilate(black.view(np.uint8), np.ones((DIAGNOSTICS_CONSTANTS.rim_px, DIAGNOSTICS_CONSTANTS.rim_px), np.uint8)) > 0
+    )
 
 
 def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
@@ -86,7 +91,7 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     """
     height, width = image.shape
     mask = np.zeros(image.shape, np.bool_)
-    rows, columns = min(CONSTANTS.window[0], height), min(CONSTANTS.window[1], width)
+    rows, columns = min(DIAGNOSTICS_CONSTANTS.window[0], height), min(DIAGNOSTICS_CONSTANTS.window[1], width)
     tops = [*range(0, height - rows, rows), height - rows]
     lefts = [*range(0, width - columns, columns // 2), width - columns]
     windows = np.stack([[image[y : y + rows, x : x + columns] for x in lefts] for y in tops]).astype(np.float32)
@@ -94,9 +99,9 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     power = (np.abs(np.fft.rfft(windows, 2 * columns)) ** 2).sum(axis=-2)
     lags = np.arange(min(search_px, columns // 2) + 1)
     similarity = np.fft.irfft(power)[..., : lags.size] * (columns / (columns - lags))
-    energy = np.maximum(similarity[..., :1], rows * columns * CONSTANTS.texture**2)
+    energy = np.maximum(similarity[..., :1], rows * columns * DIAGNOSTICS_CONSTANTS.texture**2)
     past_first_peak = np.maximum.accumulate(similarity < 0.3 * energy, axis=-1)
-    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > CONSTANTS.repeated_similarity
+    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > DIAGNOSTICS_CONSTANTS.repeated_similarity
     for i, j in np.argwhere(again):
         mask[tops[i] : tops[i] + rows, lefts[j] : lefts[j] + columns] = True
     return mask
@@ -105,7 +110,7 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
 def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
     """Warn if a good part of the image repeats itself; None if not."""
     fraction = float(repeated.mean())
-    if fraction < CONSTANTS.repeated:
+    if fraction < DIAGNOSTICS_CONSTANTS.repeated:
         return None
     return f"the texture repeats over {fraction:.0%} of the left image: many ranges match there, so none is given"
 
@@ -117,11 +122,11 @@ def one_sided_warning(left: Gray, disparity: Map, repeated: NDArray[np.bool_], s
     disparity jumps up across it is an occlusion; a longer one is not.
     """
     unmatched = np.zeros(disparity.shape, np.uint8)
-    _long_holes(disparity, np.float32(scale), CONSTANTS.excess_px, unmatched)
+    _long_holes(disparity, np.float32(scale), DIAGNOSTICS_CONSTANTS.excess_px, unmatched)
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
     unmatched &= texture & ~repeated
     fraction = float(cv2.morphologyEx(cv2.medianBlur(unmatched, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
-    if fraction < CONSTANTS.one_sided:
+    if fraction < DIAGNOSTICS_CONSTANTS.one_sided:
         return None
     why = "it moved, covers one lens, or lies outside matching.min_range_m to matching.max_range_m"
     return f"{fraction:.1%} of the left image finds no counterpart in the right one: {why}"
@@ -143,14 +148,14 @@ def _long_holes(disparity: Map, scale: Any, excess_px: float, hole: NDArray[np.u
 
 def vertical_disparity_warning(vertical_px: float) -> str | None:
     """Warn if the same point lies on different rows of the two images; None if not."""
-    if not abs(vertical_px) >= CONSTANTS.vertical_px:
+    if not abs(vertical_px) >= DIAGNOSTICS_CONSTANTS.vertical_px:
         return None
     return f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration no longer fits, ranges are biased"
 
 
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
     """Estimate how many pixels the right image's rows lie below the matching left ones; NaN where that cannot be estimated."""
-    most = CONSTANTS.vertical_search_px
+    most = DIAGNOSTICS_CONSTANTS.vertical_search_px
     return vertical_px_of(_row_costs(padded(left), padded(right), PATTERN, disparity, most))
 
 
@@ -158,7 +163,7 @@ def vertical_px_of(cost: NDArray[np.float64]) -> float:
     """The shift of rows, pixels, with the least of the costs of shifts -most..most; NaN where none stands out."""
     best, most = int(np.argmin(cost)), len(cost) // 2
     compared = cost.max() if best == most else cost[most]
-    if cost[best] >= (1 - CONSTANTS.vertical_gain) * compared:
+    if cost[best] >= (1 - DIAGNOSTICS_CONSTANTS.vertical_gain) * compared:
         return float("nan")
     if not 0 < best < cost.size - 1:
         return float(best - most)
@@ -184,3 +189,95 @@ def _row_costs(left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: M
                 different = (different + (different >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
                 cost[i] += np.uint32(different * np.uint32(0x01010101)) >> np.uint32(24)
     return cost
+
+
+# Check that the two images of a pair show the same scene, by how much of them matched and by
+# whether they have texture to match.
+
+
+@dataclass(frozen=True)
+class PairCheckConstants:
+    """Thresholds of the check.
+
+    least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (synthetic reef).
+    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs reach 0.6 and more. swap_tries:
+    so many pairs of a dive are matched the other way round, since that costs as much as matching itself.
+    """
+
+    least_coverage: float = 0.05
+    swap_coverage: float = 0.35
+    swap_tries: int = 3
+
+
+PAIR_CHECK_CONSTANTS = PairCheckConstants()
+NOT_ONE_SCENE = "the two images do not show the same thing"
+"""In the message of a pair that fails for that, so that its neighbors can be tried."""
+
+
+def coverage(range_map: RangeMap) -> float:
+    """Compute the fraction of the left image's pixels that have a measured range."""
+    return float(np.isfinite(range_map.measured_m).mean())
+
+
+class PairCheck:
+    """The check of the pairs of a dive; safe to call from many threads.
+
+    match: the range map of a pair as the cameras gave it. The same function tells whether another pairing would fit:
+    ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
+    """
+
+    def __init__(self, match: Callable[[StereoFrame], RangeMap]) -> None:
+        self._match = match
+        self._tries_left = PAIR_CHECK_CONSTANTS.swap_tries
+        self._swapped_pair: str | None = None
+        self._lock = Lock()
+
+    def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> RangeMap:
+        """Return the range map, or one without a known pixel where both images lack the texture to be matched (open water, sand).
+
+        Raises MatchingError if the sides look swapped, or if so little matched that the images are not of one scene, or one of
+        them alone lacks texture (a covered lens).
+
+        raw: gives the pair as the cameras gave it, which is hardly ever needed and need not stay in memory until here.
+        """
+        matched = coverage(range_map)
+        if matched >= PAIR_CHECK_CONSTANTS.swap_coverage:
+            return range_map
+        if matched == 0 and range_map.warnings:
+            raise MatchingError(f"{name}: {'; '.join(range_map.warnings)}")
+        too_little = matched < PAIR_CHECK_CONSTANTS.least_coverage
+        if too_little and (plain := sides_without_texture(raw())):
+            if len(plain) == 1:
+                raise MatchingError(f"{name}: {_without_texture(f'the {plain[0]} image shows', matched)}")
+            unknown = _without_texture("both images show", matched)
+            return RangeMap.unknown(range_map.range_m.shape, unknown)  # what matched may be noise
+        self._check_swapped(name, matched, raw)
+        if too_little:
+            raise MatchingError(
+                f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
+                "all of it lies outside matching.min_range_m to matching.max_range_m"
+            )
+        return range_map
+
+    def _check_swapped(self, name: str, matched: float, raw: Callable[[], StereoFrame]) -> None:
+        with self._lock:
+            if self._swapped_pair is None and self._tries_left:
+                self._tries_left -= 1
+                frame = raw()
+                other = coverage(self._match(StereoFrame(name, frame.right, frame.left)))
+                if other > 3 * matched + 0.1:
+                    self._swapped_pair = name
+                    numbers = f"{matched:.0%} of the pixels match as given and {other:.0%} the other way round"
+                    raise MatchingError(f"{name}: left and right look swapped: {numbers}: exchange --left and --right")
+        if self._swapped_pair is not None:
+            raise MatchingError(
+                f"{name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
+                "matched better the other way round: exchange --left and --right"
+            )
+
+
+def _without_texture(show: str, matched: float) -> str:
+    return (
+        f"only {matched:.1%} of the pixels match: {show} too little texture to match (open water, even sand, turbid water, a dark "
+        "frame): no range is known"
+    )

@@ -8,18 +8,13 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
-from stereo_seecolor.matching.confidence import judge_rows, least_odds, surroundings, weigh_rows
-from stereo_seecolor.matching.context import Context
-from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
-from stereo_seecolor.matching.fattening import fattening
-from stereo_seecolor.matching.fill import fill
+from stereo_seecolor.matching.confidence import Context, fattening, judge_rows, least_odds, surroundings, weigh_rows
+from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity, RangeMaps, fill
+from stereo_seecolor.matching.engines import Network, OpenCvMatching
 from stereo_seecolor.matching.gray import Gray, GrayPair
-from stereo_seecolor.matching.onnx_engine import Network
-from stereo_seecolor.matching.opencv_engine import OpenCvMatching
 from stereo_seecolor.matching.refine import contrast_gain, refine_rows
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
 from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX, remove_speckles
-from stereo_seecolor.matching.triangulation import RangeMaps
 from stereo_seecolor.plugins import load
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 

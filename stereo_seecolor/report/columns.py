@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.dive_facts import DiveFacts
-from stereo_seecolor.run_folder.finished_map import TrackPoint
+from stereo_seecolor.report.overview import DiveFacts
+from stereo_seecolor.run_folder.finished_run import TrackPoint
 
 Column = list[float | None]
 DIGITS = 5

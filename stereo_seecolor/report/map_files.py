@@ -10,16 +10,15 @@ import numpy as np
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.report.dive_facts import DiveFacts
-from stereo_seecolor.report.height_code import height_std_m, height_tiles
 from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
+from stereo_seecolor.report.overview import DiveFacts
+from stereo_seecolor.report.range_code import height_std_m, height_tiles
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
-from stereo_seecolor.report.templates import script
-from stereo_seecolor.run_folder.finished_map import FinishedMap
+from stereo_seecolor.report.texts import script
+from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
-from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN, Stamp
 
 FORMAT = "4"
 STRIP_VOXELS = 1

@@ -2,16 +2,106 @@
 
 import json
 import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from statistics import median
 from typing import Any
 
 import numpy as np
 
+from stereo_seecolor.color.white_point import DOUBT, white_doubt
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import flat
-from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.errors import ColorError, InputError
+from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.texts import digits, duration, length, phrase
-from stereo_seecolor.run_folder.finished_map import FinishedMap
+from stereo_seecolor.run_folder.dive_files import read_waters
+from stereo_seecolor.run_folder.finished_run import FinishedMap, FinishedRun, open_map
+from stereo_seecolor.run_folder.frames_csv import Problem, problems_of, read_frames
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+
+# Facts of a run and its map for the page.
+
+
+@dataclass(frozen=True)
+class RowFacts:
+    """Facts from the rows of frames.csv, of a finished dive or one under way. rows: in the dive's order."""
+
+    rows: tuple[FrameRow, ...]
+
+    @property
+    def pairs(self) -> tuple[FrameRow, ...]:
+        """Rows of pairs, without files that found no partner."""
+        return tuple(row for row in self.rows if row.status != "unpaired")
+
+    def count(self, status: str) -> int:
+        """Number of rows of that status."""
+        return sum(row.status == status for row in self.rows)
+
+    def typical(self, fact: str) -> float | None:
+        """The median of a column over all frames; None where it is empty."""
+        values = [row.facts[fact] for row in self.rows if fact in row.facts]
+        return median(values) if values else None
+
+    @cached_property
+    def problems(self) -> tuple[Problem, ...]:
+        """Kinds of errors and warnings, the most frequent first."""
+        return tuple(problems_of(self.rows))
+
+
+@dataclass(frozen=True)
+class DiveFacts(RowFacts):
+    """Facts of a finished run. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None without a map."""
+
+    run: FinishedRun
+    waters: Mapping[str, Water]
+    map: FinishedMap | None
+    posed: PosedRun | None
+
+    @classmethod
+    def of(cls, run: FinishedRun) -> "DiveFacts":
+        """Read the facts of a run. Raises InputError if frames.csv or the map is missing or damaged."""
+        rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
+        made = open_map(run.root)
+        return cls(rows, run, _waters(run), made, open_posed_run(run.root) if made else None)
+
+    @property
+    def water(self) -> Water | None:
+        """The one water of all frames, None where each has its own."""
+        contents = {id(water): water for water in self.waters.values()}
+        return next(iter(contents.values())) if len(contents) == 1 else None
+
+    @property
+    def track_m(self) -> float | None:
+        """Length of the track through all placed frames, meters."""
+        if self.map is None or len(self.map.track) < 2:
+            return None
+        points = [(point.x_m, point.y_m, point.z_m) for point in self.map.track]
+        return sum(math.dist(a, b) for a, b in pairwise(points))
+
+    @property
+    def duration_s(self) -> float | None:
+        """Seconds from the first to the last frame, None where names hold no time."""
+        times = [row.timestamp_s for row in self.pairs if row.timestamp_s is not None]
+        return max(times) - min(times) if len(times) > 1 else None
+
+    @property
+    def ground_pixel_m(self) -> float | None:
+        """Edge of a pixel on the bottom at the median range, meters."""
+        range_m, geometry = self.typical("median_range_m"), self.run.geometry
+        return range_m / geometry.focal_px if range_m is not None and geometry is not None else None
+
+
+def _waters(run: FinishedRun) -> Mapping[str, Water]:
+    try:
+        return read_waters(run.water_file, [frame.name for frame in run.frames])
+    except (InputError, ColorError):
+        return {}
+
 
 NAMED_FRAMES = 8
 """Frames of a warning that are named; the others are counted. So many fill a line on a screen."""
@@ -159,3 +249,96 @@ def changed_settings(config: RunConfig) -> list[Fact]:
     default = flat(RunConfig().model_dump(mode="json"))
     mine = flat(config.model_dump(mode="json"))
     return [Fact(key, json.dumps(value)) for key, value in mine.items() if default.get(key) != value]
+
+
+# The page's verdict on a dive: whether it is good, and what to examine before using the results.
+
+
+@dataclass(frozen=True)
+class VerdictLimits:
+    """Limits beyond which the page tells the user to examine the results."""
+
+    warned_fraction: float = 0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
+    unmatched_fraction: float = 0.05  # less of a frame that moves, a fish or a soft coral, is left out and changes nothing else
+    coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
+    unrecoverable_fraction: float = 0.1  # more of a frame without one of its colors is seen by eye
+    placed_fraction: float = 0.95  # a frame in twenty may point into the blue
+
+
+LIMITS = VerdictLimits()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A verdict. good: nothing needs to be examined. line: the verdict in a sentence. reasons: what to examine, a sentence each."""
+
+    good: bool
+    line: str
+    reasons: tuple[str, ...]
+
+
+def judge_so_far(facts: RowFacts) -> Verdict:
+    """The verdict on the pairs that a run has processed so far."""
+    reasons = (*_of_pairs(facts), *_of_pixels(facts))
+    return Verdict(not reasons, phrase("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons)
+
+
+def judge(facts: DiveFacts) -> Verdict:
+    """The verdict on a finished run."""
+    reasons = (*_of_shards(facts), *_of_pairs(facts), *_of_pixels(facts), *_of_white(facts), *_of_map(facts))
+    if not facts.run.frames:
+        return Verdict(False, phrase("verdict.nothing"), reasons)
+    return Verdict(not reasons, phrase("verdict.look" if reasons else "verdict.good"), reasons)
+
+
+def _of_shards(facts: DiveFacts) -> list[str]:
+    missing = facts.run.totals.get("missing_shards", [])
+    return [phrase("verdict.shards", shards=", ".join(missing))] if missing else []
+
+
+def _of_pairs(facts: RowFacts) -> list[str]:
+    reasons = []
+    for status in ("failed", "pending", "unpaired"):
+        if count := facts.count(status):
+            reasons.append(phrase(f"verdict.{status}", count=count, pairs=len(facts.pairs)))
+    warned = sum(any(map(_matters, row.warnings)) for row in facts.pairs)
+    if warned > LIMITS.warned_fraction * len(facts.pairs):
+        reasons.append(phrase("verdict.warned", count=warned, pairs=len(facts.pairs)))
+    return reasons
+
+
+def _matters(warning: str) -> bool:
+    """Whether a warning of a frame says more than that something small moved in it, as a soft coral does."""
+    if warning.startswith(DOUBT):  # of the white point: the verdict has a reason of its own
+        return False
+    small = re.match(r"([\d.]+)% of the left image finds no counterpart", warning)
+    return small is None or float(small[1]) >= 100 * LIMITS.unmatched_fraction
+
+
+def _of_pixels(facts: RowFacts) -> list[str]:
+    reasons = []
+    coverage, lost = facts.typical("coverage"), facts.typical("unrecoverable_fraction")
+    if coverage is not None and coverage < LIMITS.coverage:
+        reasons.append(phrase("verdict.coverage", percent=f"{coverage:.0%}"))
+    if lost is not None and lost > LIMITS.unrecoverable_fraction:
+        reasons.append(phrase("verdict.unrecoverable", percent=f"{lost:.0%}"))
+    return reasons
+
+
+def _of_white(facts: DiveFacts) -> list[str]:
+    """The doubt of the white point of most frames, as in frames.csv."""
+    doubts = [white_doubt(water) for water in {id(water): water for water in facts.waters.values()}.values()]
+    named = [f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts if doubt]
+    return named[:1] if len(named) > len(doubts) / 2 else []
+
+
+def _of_map(facts: DiveFacts) -> list[str]:
+    if facts.map is None:
+        return []
+    reasons = []
+    placed, frames = len(facts.map.track), len(facts.run.frames)
+    if placed < LIMITS.placed_fraction * frames:
+        reasons.append(phrase("verdict.placed", placed=placed, frames=frames))
+    if facts.map.pieces:
+        reasons.append(phrase("verdict.pieces", pieces=facts.map.pieces + 1))
+    return reasons

@@ -12,17 +12,12 @@ from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
-from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
-from stereo_seecolor.report.dive_facts import DiveFacts
-from stereo_seecolor.report.early_frames import FORMAT, frames_in_full, page_stage
-from stereo_seecolor.report.example_frames import example_frames
-from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
+from stereo_seecolor.report.frame_files import FrameFiles, example_frames, kept_charts, raw_is_there
+from stereo_seecolor.report.live_page import FORMAT, frames_in_full, page_stage
 from stereo_seecolor.report.map_files import write_map_files
-from stereo_seecolor.report.overview import NAMED_FRAMES, changed_settings, citations, dive_facts, methods
-from stereo_seecolor.report.templates import filled_in, script
-from stereo_seecolor.report.texts import STATIC, phrase, texts
-from stereo_seecolor.report.verdict import judge
+from stereo_seecolor.report.overview import NAMED_FRAMES, DiveFacts, changed_settings, citations, dive_facts, judge, methods
+from stereo_seecolor.report.texts import STATIC, filled_in, phrase, script, texts
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE

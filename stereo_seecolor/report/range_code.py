@@ -1,10 +1,7 @@
-"""Range maps for the page: 16-bit numbers, compressed and packed into text of a script.
-
-A range is stored as code = 1 / (range step), rounded: its error grows with the square of the range, as that of stereo does. Codes
-are predicted from their neighbors (predicted_codes.py), and deflated.
-"""
+"""Ranges and heights for the page: whole numbers, predicted and packed into scripts."""
 
 import base64
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +9,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.files.deflate import Compression
-from stereo_seecolor.files.deflate import deflated as compress
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.encode import Compression
+from stereo_seecolor.files.encode import deflated as compress
+from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.predicted_codes import UNKNOWN, predicted
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
+
+# Prediction of whole numbers on a pixel grid, for the page: errors of left + upper - upper left,
+# as two planes of bytes.
+#
+# Unknown pixels repeat their left neighbor, and are marked in a mask of their own. The page
+# decodes the numbers by sums along columns and rows (web/src/codes.ts).
+
+UNKNOWN = -1
+"""The code of an unknown pixel."""
+
+
+def predicted(codes: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """(2, H, W) low and high bytes of the prediction's errors, of codes (H, W) from 0 to 65535 or UNKNOWN."""
+    planes = np.empty((2, *codes.shape), np.uint8)
+    _predict(codes, planes)
+    return planes
+
+
+@compiled
+def _predict(codes, planes):  # type: ignore[no-untyped-def]
+    """Fill ``planes`` with the errors modulo 2^16, small ones of either sign as small numbers."""
+    height, width = codes.shape
+    above = np.zeros(width, np.int32)
+    for row in range(height):
+        left, left_above = np.int32(0), np.int32(0)
+        for column in range(width):
+            code = codes[row, column]
+            if code < 0:
+                code = left
+            error = np.int32(np.int16(code - left - above[column] + left_above))
+            folded = (error << 1) ^ (error >> 31)
+            planes[0, row, column], planes[1, row, column] = folded & 255, (folded >> 8) & 255
+            left, left_above, above[column] = code, above[column], code
+
+
+# Range maps for the page: 16-bit numbers, compressed and packed into text of a script.
+#
+# A range is stored as code = 1 / (range step), rounded: its error grows with the square of the
+# range, as that of stereo does. Codes are predicted from their neighbors (range_code.py),
+# and deflated.
 
 
 @dataclass(frozen=True)
@@ -28,8 +67,8 @@ class RangeCode:
     std_block_px: int = 4  # standard errors vary slowly
 
 
-CODE = RangeCode()
-STRIP = 64 * CODE.std_block_px
+RANGE_CODE_CODE = RangeCode()
+STRIP = 64 * RANGE_CODE_CODE.std_block_px
 """Rows whose blocks are sorted together, while they are in the processor's cache."""
 
 
@@ -48,7 +87,7 @@ class CodedRanges:
         """Code ranges (H, W), NaN where unknown; the step is coarser if the nearest range requires it."""
         known = range_m > 0
         nearest_m = float(np.min(range_m, where=known, initial=np.inf))
-        step = max(CODE.step_per_m, 1 / (65535 * nearest_m))
+        step = max(RANGE_CODE_CODE.step_per_m, 1 / (65535 * nearest_m))
         codes = np.empty(range_m.shape, np.int32)
         _code(range_m, step, codes)
         return cls(step, predicted(codes), known)
@@ -76,14 +115,14 @@ def std_codes(range_std_m: Map) -> NDArray[np.uint8]:
     """(ceil(H/4), ceil(W/4)) of standard errors (H, W): 0 unknown, else logarithmic steps of each block's median."""
     blocks = std_blocks(range_std_m)
     known = np.isfinite(blocks)
-    octaves = np.log2(np.maximum(np.where(known, blocks, 1), CODE.std_floor_m) / CODE.std_floor_m)
-    codes = 1 + np.rint(octaves * CODE.std_steps_per_octave)
+    octaves = np.log2(np.maximum(np.where(known, blocks, 1), RANGE_CODE_CODE.std_floor_m) / RANGE_CODE_CODE.std_floor_m)
+    codes = 1 + np.rint(octaves * RANGE_CODE_CODE.std_steps_per_octave)
     return np.where(known, np.clip(codes, 1, 255), 0).astype(np.uint8)
 
 
 def std_from_codes(codes: NDArray[np.uint8]) -> Map:
     """The standard errors of ``std_codes`` in meters, NaN where unknown."""
-    values = CODE.std_floor_m * 2 ** ((codes.astype(np.float64) - 1) / CODE.std_steps_per_octave)
+    values = RANGE_CODE_CODE.std_floor_m * 2 ** ((codes.astype(np.float64) - 1) / RANGE_CODE_CODE.std_steps_per_octave)
     return np.where(codes > 0, values, np.nan).astype(np.float32)
 
 
@@ -94,7 +133,7 @@ def std_blocks(range_std_m: Map) -> Map:
 
 
 def _medians(range_std_m: Map) -> Map:
-    step = CODE.std_block_px
+    step = RANGE_CODE_CODE.std_block_px
     height, width = range_std_m.shape
     rows, columns = -(-height // step), -(-width // step)
     padded = np.full((rows * step, columns * step), np.inf, np.float32)
@@ -135,3 +174,71 @@ def deflated(values: NDArray[Any], compression: Compression = "fast") -> bytes:
 def text(content: bytes) -> str:
     """Bytes as base64, for a script."""
     return base64.b64encode(content).decode("ascii")
+
+
+# Heights of a map's terrain for the page: tiles of 16-bit numbers in steps of a twentieth of a
+# millimeter.
+#
+# Codes are predicted from their neighbors, as those of ranges are (range_code.py), and
+# deflated.
+
+
+@dataclass(frozen=True)
+class HeightCode:
+    """Settings of the code."""
+
+    step_m: float = 5e-5  # an error of 0.025 mm; 3.2 m of relief in a tile, and coarser steps where there is more
+    tile_px: int = 512  # as the tiles of the mosaic
+    sampled_frames: int = 12  # spread over the dive: the median of their standard errors is steady to a few percent
+
+
+HEIGHT_CODE_CODE = HeightCode()
+
+
+def coded_heights(heights_m: Map) -> dict[str, Any]:
+    """The content of a script with a tile (H, W) of heights, NaN where unknown; it includes the lowest height and the step."""
+    known = np.isfinite(heights_m)
+    low_m, high_m = (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
+    step_m = max(HEIGHT_CODE_CODE.step_m, (high_m - low_m) / 65535)
+    codes = np.where(known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), UNKNOWN).astype(np.int32)
+    return {
+        "height": heights_m.shape[0],
+        "width": heights_m.shape[1],
+        "low_m": low_m,
+        "step_m": step_m,
+        "heights": text(deflated(predicted(codes))),
+        "known": text(deflated(np.packbits(known))),
+    }
+
+
+def height_tiles(width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(COLUMN_ROW, content) of all tiles with a known height. read: (left, top, width, height) -> heights, NaN where unknown."""
+    for top in range(0, height, HEIGHT_CODE_CODE.tile_px):
+        for left in range(0, width, HEIGHT_CODE_CODE.tile_px):
+            heights_m = read((left, top, min(HEIGHT_CODE_CODE.tile_px, width - left), min(HEIGHT_CODE_CODE.tile_px, height - top)))
+            if np.isfinite(heights_m).any():
+                yield f"{left // HEIGHT_CODE_CODE.tile_px}_{top // HEIGHT_CODE_CODE.tile_px}", coded_heights(heights_m)
+
+
+def height_std_m(run: FinishedRun) -> float:
+    """The standard error of a height of the map, meters: that of a typical range in one frame of the dive.
+
+    Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be read.
+    """
+    frames = run.frames[:: max(1, len(run.frames) // HEIGHT_CODE_CODE.sampled_frames)]
+    known = [value for value in (_typical_std_m(run, frame) for frame in frames) if np.isfinite(value)]
+    return float(np.median(known)) if known else float("nan")
+
+
+def _typical_std_m(run: FinishedRun, frame: FinishedFrame) -> float:
+    try:
+        if "range_std" in frame.products:
+            std_m = frame.read("range_std")
+        elif run.geometry is not None:
+            std_m = estimated_range_std_m(frame.measured_range_m(), run.geometry)
+        else:
+            return float("nan")
+    except InputError:
+        return float("nan")
+    known = std_m[::4, ::4][np.isfinite(std_m[::4, ::4])]
+    return float(np.median(known)) if known.size else float("nan")

@@ -1,21 +1,23 @@
 """OUT while a run writes into it: locked for one run at a time, with every file known to the manifest before it is there."""
 
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
-from stereo_seecolor.run_folder.claim import Claim, Owner, check_claim, refuse_foreign, refuse_used
+from calibration.errors import counted
+from stereo_seecolor.config import OutputConfig
+from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
 from stereo_seecolor.run_folder.kept_records import forget_refinement
-from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS
+from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS, refuse_links
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
-from stereo_seecolor.run_folder.own_paths import refuse_links
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders
-from stereo_seecolor.run_folder.replaced import refuse_inputs
+from stereo_seecolor.run_folder.ownership import Claim, Owner, check_claim, refuse_foreign, refuse_inputs, refuse_used
 
 
 class RunFolder:
@@ -96,3 +98,62 @@ class RunFolder:
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
         for folder in (MAP, PAGE, *PRODUCTS, ORIGINAL):
             remove_empty_folders(self.root / folder)
+
+
+# The disk space that a run needs: stated before it begins; a run that cannot finish is refused.
+
+
+@dataclass(frozen=True)
+class BytesAPixel:
+    """Bytes for each pixel of a product, measured on synthetic pairs of 1280x1024 with 8 bits (docs/performance.md, *Disk*); real
+    ones take as much or less.
+    """
+
+    cloud: float = 13.8
+    picture: float = 1.6
+    map: float = 4.0
+    deflated_range: float = 2.1
+    deflated_std: float = 1.2
+    others: float = 0.25
+    least: float = 0.4
+    """Fraction of the need that a run takes at least: clouds hold known pixels only, pictures of haze are small."""
+
+
+BYTES = BytesAPixel()
+
+
+def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
+    """Estimate the bytes of a pair. corrected: with its picture and cloud, not with its range alone."""
+    deflated = output.map_compression is not None
+    total = BYTES.others + (BYTES.deflated_range if deflated else BYTES.map)
+    total += output.range_std * (BYTES.deflated_std if deflated else BYTES.map)
+    total += corrected * (BYTES.picture + BYTES.cloud * output.with_clouds)
+    return pixels * total
+
+
+@dataclass(frozen=True)
+class Room:
+    """The bytes that a number of pairs need on the disk of OUT, and the bytes that are free there."""
+
+    pairs: int
+    need: float
+    free: float
+
+    @classmethod
+    def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "Room":
+        """Compute need and free space for the pairs that are left. Raises OutputError where the disk is too small."""
+        room = cls(pairs, pairs * pair_bytes, shutil.disk_usage(root).free)
+        if room.need * BYTES.least > room.free:
+            raise OutputError(f"{root}: {room.line}: set output.preset=lean, or choose an --out on another disk")
+        return room
+
+    @property
+    def line(self) -> str:
+        """One line for the user, before the work begins."""
+        needs = f"{counted(self.pairs, 'pair')} need{'s' if self.pairs == 1 else ''}"
+        return f"disk: {needs} about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
+
+    @property
+    def is_tight(self) -> bool:
+        """Tell whether the disk may turn out too small."""
+        return self.need > self.free

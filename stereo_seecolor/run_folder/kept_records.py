@@ -12,15 +12,15 @@ from typing import Any
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import native
-from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import files_below, write_atomic
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.layout import WATER, fit_file, light_file, plan_file, refinement_files
-from stereo_seecolor.run_folder.water_file import read_waters
 from stereo_seecolor.water.model import Water
 
 

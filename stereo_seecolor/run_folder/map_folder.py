@@ -8,9 +8,8 @@ from pathlib import Path
 
 from stereo_seecolor.files.atomic import files_below, flush_folder, output_errors
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, state
+from stereo_seecolor.run_folder.layout import MAP, Stamp, state
 from stereo_seecolor.run_folder.manifest import DiveRecord
-from stereo_seecolor.run_folder.stamp import Stamp
 
 BUILDING, OLD = "map_building", "map_old"
 

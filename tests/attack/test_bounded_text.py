@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from calibration import CalibrationError
-from calibration.bounded_text import MAX_DEPTH, TooMuchError, load_json, load_yaml
+from calibration.files import MAX_DEPTH, TooMuchError, load_json, load_yaml
 from calibration.formats import load_rig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
-from stereo_seecolor.extras.evaluation.targets import read_targets
+from stereo_seecolor.extras.evaluation.charts.targets import read_targets
 from stereo_seecolor.extras.fleet.campaign import CampaignFile
-from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
-from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
+from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
+from stereo_seecolor.extras.reef.metrics.outlines import read_outlines
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
-from stereo_seecolor.run_folder.water_file import read_waters
+from stereo_seecolor.run_folder.dive_files import read_waters
 
 ROOT = Path(__file__).resolve().parents[2]
 BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
@@ -85,7 +85,7 @@ def test_nothing_else_parses_text_of_users() -> None:
         for line in path.read_text(encoding="utf-8").splitlines()
         if parsers.search(line) and "JSONDecodeError" not in line
     ]
-    assert [line.partition(":")[0] for line in found] == 2 * ["calibration/bounded_text.py"], found
+    assert [line.partition(":")[0] for line in found] == 2 * ["calibration/files.py"], found
 
 
 @pytest.mark.parametrize("text", ["a" + ".a" * 60_000 + " = 1", "matrix = " + "[" * 50_000, "matrix = " + "{a=" * 40_000])

@@ -11,8 +11,8 @@ from conftest import Dive
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
@@ -20,7 +20,7 @@ from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.status import status
 from stereo_seecolor.extras.reef.commands.measure import measure
 from stereo_seecolor.files import csv_table
-from stereo_seecolor.inputs.exposure import ExposureTable
+from stereo_seecolor.inputs.capture import ExposureTable
 from stereo_seecolor.mapping.markers.tables import read_bars
 
 TABLES = ("frames.csv", "map/poses.csv", "map/reef_metrics.csv")

@@ -24,8 +24,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import correct, range_maps, rectify, run
+from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError
@@ -34,8 +34,8 @@ from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.campaign import campaign
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
-from stereo_seecolor.extras.reef.commands.metrics import metrics
-from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.extras.reef.commands.compare import metrics
+from stereo_seecolor.run_folder.layout import Stamp
 
 MINUTES = float(os.environ.get("STEREO_SEECOLOR_ATTACK_MINUTES", "0"))
 OWN = (

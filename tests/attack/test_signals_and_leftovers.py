@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.files.atomic import temporary_path
-from stereo_seecolor.files.new_folder import new_folder
+from stereo_seecolor.files.atomic import new_folder, temporary_path
 
 PROGRAM = (sys.executable, "-m", "stereo_seecolor")
 NAMES = (".writing-notes.txt", ".writing-0", ".writing-2024-05-01-dive.csv", ".writing-thesis")
@@ -60,7 +59,7 @@ def test_leftovers_of_a_killed_run_go_and_a_users_files_stay(make_dive, cli, tmp
 
 @pytest.mark.posix
 def test_what_a_killed_export_left_goes_with_the_next_and_nothing_else(tmp_path: Path) -> None:
-    code = "import os, sys; from pathlib import Path; from stereo_seecolor.files.new_folder import new_folder\n"
+    code = "import os, sys; from pathlib import Path; from stereo_seecolor.files.atomic import new_folder\n"
     code += "with new_folder(Path(sys.argv[1])) as building:\n    (building / 'a').touch()\n"
     killed = "    os.kill(os.getpid(), 9)"
     live = "    print('at work', flush=True); input()"

@@ -21,7 +21,7 @@ from stereo_seecolor.color.fitting.scene_prior import deviations, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.records import Water
 from stereo_seecolor.water.physics import backscatter, optical_depth
 
@@ -47,7 +47,7 @@ class RobustSettings:
     logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit particles or little light mostly at 0.5 to 1.3."""
 
 
-SETTINGS = RobustSettings()
+ROBUST_SETTINGS = RobustSettings()
 MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
 """The middle half and the brightest hundredth, among the nine quantiles."""
 RED_HIGHLIGHTS = (
@@ -74,13 +74,13 @@ def fit_all(
     several: Sequence[RangeQuantiles], config: ColorConfig, starts: Sequence[Water | None] = (), enough: float = 0.0
 ) -> list[Water]:
     """``fit`` of each of several tables, from their quantiles, at once. enough: as of ``minimize``."""
-    begun = [_begin(seen, config, start) for seen, start in zip(several, starts or [None] * len(several), strict=True)]
+    begun = [_begin_robust(seen, config, start) for seen, start in zip(several, starts or [None] * len(several), strict=True)]
     found, curvature, _ = minimize([problem for problem, _ in begun], [x for _, x in begun], enough)
     problems = (problem for problem, _ in begun)
     return [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
 
 
-def _begin(seen: RangeQuantiles, config: ColorConfig, start: Water | None) -> tuple[Problem, Vector]:
+def _begin_robust(seen: RangeQuantiles, config: ColorConfig, start: Water | None) -> tuple[Problem, Vector]:
     """What is minimized, and from where."""
     scale = scale_of(seen)
     light = seen.light / scale
@@ -95,14 +95,14 @@ def _begin(seen: RangeQuantiles, config: ColorConfig, start: Water | None) -> tu
 
 def scale_of(seen: RangeQuantiles) -> float:
     """The brightest light, a fraction of full scale, against which the fit counts light."""
-    return max(float(seen.light[..., -2].max()), SETTINGS.least_light)
+    return max(float(seen.light[..., -2].max()), ROBUST_SETTINGS.least_light)
 
 
 def _water(seen: RangeQuantiles, problem: Problem, x: Vector, curvature: NDArray[np.float64], config: ColorConfig) -> Water:
     """The water of the parameters at the minimum, with standard errors and warnings."""
     scale, precision, prior_error = scale_of(seen), problem.precision, whole_prior(len(seen.range_m), config.robust)[2]
     covariance: NDArray[np.float64] = np.asarray(np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64)
-    learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
+    learned = deviations(covariance) < ROBUST_SETTINGS.nothing_learned * prior_error
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
     errors[:4] = standard_errors(values, correlated_covariance(curvature, precision, seen.light.shape[-1]))[:4]
@@ -168,7 +168,7 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     if seen.clipped.all():
         return ("every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",)
     near_m, far_m = seen.range_m[0], seen.range_m[-1]
-    if far_m > SETTINGS.little_relief * near_m:
+    if far_m > ROBUST_SETTINGS.little_relief * near_m:
         return ()
     return (f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; use color.lock=survey",)
 
@@ -177,12 +177,12 @@ def _highlight_warnings(apart: Vector, quantiles: int) -> tuple[str, ...]:
     """Whether the white point rests on highlights that the scene's colors contradict. apart: parameters less their prior means."""
     content = apart[WATER : WATER + 3 * quantiles].reshape(3, quantiles)
     redder = content[:, HIGHLIGHTS].mean(axis=1) - content[:, MIDDLE].mean(axis=1)
-    return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > SETTINGS.red_highlights else ()
+    return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > ROBUST_SETTINGS.red_highlights else ()
 
 
 def trust_in(seen: RangeQuantiles) -> Vector:
     """(G,) weight of each range, 0..1; all 0 where every quantile is at full scale."""
-    return np.asarray(seen.pixels / (seen.pixels + SETTINGS.few_pixels) * (not seen.clipped.all()))
+    return np.asarray(seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all()))
 
 
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
@@ -192,7 +192,8 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
     far = np.exp(log_far)
     loss = optical_depth(range_m, far * np.expm1(log_near), RATE_OF_CHANGE, far, 0.0)
     direct = (
-        np.log(np.maximum(light - veil[..., None], SETTINGS.least_direct * light) + NOISE.floor) + (loss - log_white)[..., None]
+        np.log(np.maximum(light - veil[..., None], ROBUST_SETTINGS.least_direct * light) + NOISE.floor)
+        + (loss - log_white)[..., None]
     )
     reflectance = x[WATER : WATER + direct[:, 0].size].reshape(3, 1, -1)
     brightness = (direct - reflectance).mean(axis=(0, 2))
@@ -206,3 +207,51 @@ def parameters(water: Water, scale: float) -> Vector:
     return np.concatenate(
         [np.log(water.y), np.log1p(ratio), np.log(water.beta), np.log(backscatter), np.log(water.white / scale)], dtype=np.float64
     )
+
+
+# The misfit of a frame's colors to a water: one fitted to other frames, or the frame's own.
+
+
+@dataclass(frozen=True)
+class MisfitSettings:
+    """What counts as the same water."""
+
+    tolerance: float = 0.05
+    """Standard deviation of the logarithms of a shared water's parameters from frame to frame: what cannot be seen in a color."""
+    exposure: float = 2.0
+    """Standard deviation of the logarithm of a frame's exposure: it says nothing of the water."""
+
+
+MISFIT_SETTINGS = MisfitSettings()
+ENOUGH = 0.1
+"""A step that lowers a cost by less ends its minimization: costs are compared with limits of 25 and more."""
+
+
+def quality(seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water] | None = None) -> NDArray[np.float64]:
+    """(N,) least cost of each frame's quantiles under its water at any exposure; for None, under the water that fits it best.
+
+    The cost is half the sum of squared errors in standard deviations, with those of the priors: 0 or above.
+    waters: of the robust method, or of another with attenuation far away (y) above 0.
+    """
+    if not seen:
+        return np.zeros(0)
+    each: Sequence[Water | None] = waters or [None] * len(seen)
+    begun = [_begin_misfit(frame, settings, water) for frame, water in zip(seen, each, strict=True)]
+    return minimize([problem for problem, _ in begun], [x for _, x in begun], ENOUGH)[2]
+
+
+def _begin_misfit(seen: RangeQuantiles, settings: RobustConfig, water: Water | None) -> tuple[Problem, NDArray[np.float64]]:
+    """What is minimized, and from where."""
+    scale = scale_of(seen)
+    light = seen.light / scale
+    mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
+    brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
+    if water is not None:
+        mean[:WATER] = parameters(water, scale)
+        covariance = np.eye(WATER) * MISFIT_SETTINGS.tolerance**2
+        covariance[12:, 12:] += MISFIT_SETTINGS.exposure**2
+        precision[:WATER, :WATER] = np.linalg.inv(covariance)
+    x = mean.copy()
+    x[12:WATER] = brightest if water is None else x[12:WATER] + (brightest - x[12:WATER]).mean()
+    begin_content(x, seen.range_m, light)
+    return Problem(seen.range_m, light, seen.clipped, trust_in(seen), mean, precision), x

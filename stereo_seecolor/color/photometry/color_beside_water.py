@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.photometry.color_trend import with_color_trend
-from stereo_seecolor.color.photometry.crossing import alike
+from stereo_seecolor.color.photometry.light_choice import alike
 from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window, solve
-from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.config import ColorConfig

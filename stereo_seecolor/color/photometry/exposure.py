@@ -1,14 +1,20 @@
-"""A frame's camera exposure relative to others, from brightness at equal ranges: exposure scales reef and backscatter alike."""
+"""Exposure of frames: from brightness, as the camera recorded it, and too bad to be measured."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.bins import RANGE_BINS
-from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
-from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.records import Water
+from stereo_seecolor.color.photometry.gain_chain import Chain, Chosen, Differences, offset_between, solve_chain
+from stereo_seecolor.color.render.tone import FULL_AT
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins, decoded_values
+from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable
+from stereo_seecolor.records import Capture, Image, Map, Water
+
+# A frame's camera exposure relative to others, from brightness at equal ranges: exposure scales
+# reef and backscatter alike.
 
 _PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
@@ -73,3 +79,101 @@ def exposed(water: Water, factor: float) -> Water:
     if water.final_sigmoid:
         return replace(water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor)
     return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor, white=water.white * factor)
+
+
+# The exposure that the camera recorded, as a prior of each frame's gain, where it explains
+# differences between frames.
+#
+# Records may be wrong, and with a strobe the exposure time has no effect. So differences between
+# frames that show the same spots decide whether the records are used.
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """When records are used."""
+
+    varies: float = 0.03
+    """Least standard deviation over the dive (logarithm) of records that are examined; smaller offsets are not corrected."""
+    left: float = 0.8
+    """Fraction of the offsets between frames that may be left with them, as for gains that are measured."""
+    no_gain: float = 1e-9
+    """Logarithm: a gain of color alone has none of luminance but for rounding."""
+
+
+SETTINGS = RecordSettings()
+
+
+def log_exposures(captures: Sequence[Capture]) -> Array:
+    """(F,) logarithms of each frame's recorded exposure, of mean 0; 0 for a frame that lacks a number which others recorded."""
+    values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
+    fields = np.fromiter((np.nan if value is None else value for value in values), np.float64).reshape(len(captures), 3)
+    recorded = ~np.isnan(fields)
+    complete = (recorded | ~recorded.any(axis=0)).all(axis=1)
+    logs = np.log(np.where(recorded, fields, 1.0)) @ np.array([1.0, 1.0, -2.0])
+    usual = logs[complete].mean() if complete.any() else 0.0
+    return np.where(complete, logs - usual, 0.0)
+
+
+def worth_a_look(recorded: Array) -> bool:
+    """Whether the (F,) records differ enough between frames to be examined."""
+    return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
+
+
+def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
+    """rms of luminance between frames, without and with the (F,) records subtracted."""
+    return offset_between(found, np.zeros_like(recorded)), offset_between(found, recorded)
+
+
+def explain(offsets: tuple[float, float]) -> bool:
+    """Whether subtracting the records lowers the differences of luminance enough. offsets: of ``offsets_about``."""
+    return offsets[1] < SETTINGS.left * offsets[0]
+
+
+def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
+    """Solve the gains of all frames about the (F,) records; one without overlap gets its record. chosen: see ``solve_chain``."""
+    chain = solve_chain(found, recorded, chosen)
+    left = chain.offsets[1] if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain else chain.offsets[0]
+    return Chain(
+        chain.gains + recorded[:, None], chain.measured | (recorded != 0), (offset_between(found, np.zeros_like(recorded)), left)
+    )
+
+
+# Frames too badly exposed for their colors to be measured: almost black, or clipped by the
+# camera.
+
+
+@dataclass(frozen=True)
+class ExposureLimits:
+    """Limits of brightness beyond which a frame gets a warning."""
+
+    dark: float = 0.005
+    """Linear light of the brightest channel, fraction of full scale (16 of 255 in sRGB): noise of 1.5 of 255 is a tenth of it."""
+    dark_fraction: float = 0.9
+    """Fraction of the pixels of known range that are darker: a lit object in open water fills more than the rest."""
+    clipped_fraction: float = 0.1
+    """Fraction of these pixels that are clipped: highlights and white cards fill less."""
+    step_px: int = 4
+    """Only every fourth row and column is examined."""
+
+
+LIMITS = ExposureLimits()
+
+
+def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
+    """A warning for each fault of a frame's exposure, judged where its range is known; empty for a good exposure.
+
+    image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
+    """
+    small = image[:: LIMITS.step_px, :: LIMITS.step_px]
+    brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])]
+    if not brightest.size:
+        return ()
+    light = decoded_values(8 * image.dtype.itemsize, encoding)
+    if np.quantile(light[brightest], LIMITS.dark_fraction) < LIMITS.dark:
+        return ("the frame is almost black: its colors are mostly noise",)
+    clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
+    if clipped > LIMITS.clipped_fraction:
+        return (f"overexposed: {clipped:.0%} of it is clipped by the camera, its color not recoverable",)
+    return ()

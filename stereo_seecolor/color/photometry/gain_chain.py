@@ -14,7 +14,7 @@ from stereo_seecolor.color.photometry.banded import solve_banded
 from stereo_seecolor.color.photometry.frame_shading import PART, Parts, parts_of
 from stereo_seecolor.color.photometry.light_model import places
 from stereo_seecolor.color.photometry.light_prior import COLOR
-from stereo_seecolor.color.photometry.sightings import SeenWindow
+from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 

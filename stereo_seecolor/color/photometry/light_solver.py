@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHADING, SHAPE, TERMS, pattern_terms
 from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
-from stereo_seecolor.color.photometry.sightings import Sightings
+from stereo_seecolor.color.photometry.observations import Sightings
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]

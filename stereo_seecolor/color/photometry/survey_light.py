@@ -8,13 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.color_trend import ColorTrend
-from stereo_seecolor.color.photometry.crossing import SETTINGS, alike, pictures_crossed
-from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, choose
+from stereo_seecolor.color.photometry.light_choice import (
+    CROSSING_SETTINGS,
+    Candidate,
+    Choice,
+    alike,
+    choose,
+    pictures_crossed,
+    under_one_light,
+)
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window
-from stereo_seecolor.color.photometry.one_light import under_one_light
-from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
 
 
 @dataclass(frozen=True)
@@ -99,9 +105,9 @@ class SurveyLight:
             before_deg, after_deg = (np.degrees(ANGLE * part.between_views) for part in (color.before, color.after))
             same = "the same" if color.use == luminance.use else str(color.use)
             parts.append(f"color corrected for {same}: views differ by {after_deg:.1f} degrees (before: {before_deg:.1f})")
-        if luminance.use.pattern and self.crossed < SETTINGS.color:
+        if luminance.use.pattern and self.crossed < CROSSING_SETTINGS.color:
             parts.append(
-                f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of reef, {SETTINGS.color:.0f} needed"
+                f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of reef, {CROSSING_SETTINGS.color:.0f} needed"
             )
         if self.offsets and self.solved.gains and not luminance.use.gains:
             without, with_gains = (_percent(offset) for offset in self.offsets)
@@ -178,7 +184,7 @@ def solve_light(
         candidates = _candidates_of_luminance(allowed, priors[:1])
     luminance = choose(made, luminances, candidates, len(measured))
     of_color = allowed._replace(
-        pattern=allowed.pattern and crossed >= SETTINGS.color and not differ,
+        pattern=allowed.pattern and crossed >= CROSSING_SETTINGS.color and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
     color = _choose_color(made, of_color, alike(crossed), len(measured))

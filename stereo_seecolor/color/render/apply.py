@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.gains import Gains, gains
 from stereo_seecolor.color.render.lookup import Shown
-from stereo_seecolor.color.render.tone import Display, Tone, display
-from stereo_seecolor.color.table.bins import range_bits
+from stereo_seecolor.color.render.tone import Display, Gains, Tone, display, gains
 from stereo_seecolor.color.table.measure import check_pair
+from stereo_seecolor.color.table.moment_table import range_bits
 from stereo_seecolor.color.white_point import white_doubt
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water

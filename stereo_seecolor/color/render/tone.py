@@ -1,19 +1,94 @@
-"""The exposure of an image for display, and the roll-off of highlights beyond full scale.
+"""The brightness of a corrected image, and the roll-off of its highlights."""
 
-A scene is shown at one median brightness (``render.exposure``). Where its brightest would then clip, light above mid-gray is
-compressed: all channels of a pixel by one factor, which depends on its brightest channel alone. Chromaticity does not change, and
-light up to mid-gray stays linear.
-"""
-
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.gains import MID_GRAY
-from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins, decoded_values, decoding_slope, encode
+from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable, range_edges_m
+from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files import srgb
+from stereo_seecolor.files.srgb import LUMINANCE
+from stereo_seecolor.records import Water
+
+# Gain and offset that remove a water, by channel and range, and the limit that noise sets to the
+# gain.
+
+MID_GRAY = 0.18
+"""Linear light of a surface in the middle of the grays."""
+
+FINE = 4
+FINE_BINS = FINE * RANGE_BINS
+"""Bins of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
+
+
+class Gains(NamedTuple):
+    """J = gain I - offset, for each channel and fine range bin.
+
+    gain, offset: (3, 1024) float32, offset as a fraction of full scale. capped: (1025,) bool, True where noise limits a gain; the
+    last is for unknown range: False. missing: (3, 1024) float32, fraction of a channel's light that its limit leaves out, relative
+    to the channel that is limited least. noise: (1024,) float32, of the light of a black surface, root mean square of the channels,
+    above that which exposure alone gives. matrix: (3, 3) float32, mixes the channels of J; of no rows where they are not mixed.
+    """
+
+    gain: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    missing: NDArray[np.float32]
+    capped: NDArray[np.bool_]
+    noise: NDArray[np.float32]
+    matrix: NDArray[np.float32]
+
+
+@cache
+def fine_ranges_m() -> NDArray[np.float64]:
+    """(1024,) middle of each fine range bin, meters: 128 an octave from 1/8 m to 32 m."""
+    edges = range_edges_m()
+    steps = (np.arange(FINE) + 0.5) / FINE
+    return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
+
+
+def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
+    """The gains that remove this water and show the scene at this exposure.
+
+    A channel that noise limits more than another is weighted by the square of the ratio of their limits, as in Wiener's filter. A
+    color matrix multiplies a channel's noise by at most the largest entry of its column.
+    """
+    wanted, subtracted = unexposed(water, fine_ranges_m())
+    amplified = np.abs(water.matrix).max(axis=0)[:, None]
+    most = config.output_noise / exposure / amplified / _noise(wanted, subtracted, config, MID_GRAY / exposure)
+    allowed = np.minimum(1.0, most / wanted)
+    best = allowed.max(axis=0)
+    trust = (allowed / best) ** 2
+    shown = best * trust * exposure
+    gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust))
+    matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
+    black = np.square(_noise(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
+    without_water = np.square(config.input_noise * decoding_slope(np.zeros(1), config.input_encoding) * exposure)
+    noise = np.sqrt(np.maximum(black - without_water, 0.0)).astype(np.float32)
+    return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
+
+
+def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, limited only against overflow."""
+    gain = 1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
+    return gain, gain * water.backscatter(range_m).T
+
+
+def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float) -> NDArray[np.float64]:
+    """(3, N) noise in linear light, before gains, of a surface whose corrected light is J = ``surface``."""
+    light = (offset + surface) / gain
+    return np.asarray(config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding))
+
+
+# The exposure of an image for display, and the roll-off of highlights beyond full scale.
+#
+# A scene is shown at one median brightness (``render.exposure``). Where its brightest would then
+# clip, light above mid-gray is compressed: all channels of a pixel by one factor, which depends
+# on its brightest channel alone. Chromaticity does not change, and light up to mid-gray stays
+# linear.
 
 BRIGHTEST_SHOWN = 0.97
 """Displayed value, fraction of full scale, of the brightest pixel that may not clip: it leaves room for a white target's noise."""
@@ -83,3 +158,73 @@ def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Displ
 def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray[np.float32]:
     codes = (encode(np.linspace(0, REACH, REACH * NODES + 1), encoding) + zero) * (2**bit_depth - 1) * CODES[bit_depth]
     return np.append(codes, codes[-1]).astype(np.float32)
+
+
+# Chooses the brightness of corrected images from their moment table.
+
+CLIPPED_FRACTION = 0.0005
+"""Of all pixels, those that may clip: a white card far away may be but a thousandth of a frame."""
+STRAYS = 0.02
+"""At most this fraction of a frame's pixels, those with most gain, is left out of the choice of exposure,"""
+STRAY_GAIN = 8.0
+"""where the gain of the channel least attenuated is this much above that at the median range: wrong ranges, or mostly noise."""
+_MANTISSA_BITS = 16
+"""Bits of float32's mantissa that are dropped for a histogram of 128 bins an octave."""
+_OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
+"""Bins of such a histogram, up to all finite light."""
+
+
+def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
+    """The tone at which the median luminance is ``config.median_luminance``, or as near to it as highlights allow; 1 for a black
+    image.
+
+    The median luminance is taken as the luminance of the channels' medians: it is where channels rise and fall together.
+    """
+    occupied = np.flatnonzero(table.pixels)
+    gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
+    judged = _judged(gain.min(axis=0), table.pixels[occupied])
+    occupied, gain, offset = occupied[judged], np.ascontiguousarray(gain[:, judged]), np.ascontiguousarray(offset[:, judged])
+    number, light = np.zeros((3, _OCTAVES), np.int64), decoded_bins(table.bit_depth, config.input_encoding)
+    _add_up(table.counts, occupied, gain, offset, light, number)
+    pixels = int(table.pixels[occupied].sum())
+    brightest = _exceeded(number.sum(axis=0), int(CLIPPED_FRACTION * pixels))
+    if brightest <= 0:
+        return Tone(1.0)
+    if config.input_encoding == "as-is":
+        return Tone(BRIGHTEST_SHOWN / brightest)
+    median = float(LUMINANCE @ [_exceeded(channel, pixels // 2) for channel in number])
+    unclipped, wanted = BRIGHTEST_LIGHT / brightest, config.median_luminance / max(median, 1e-9)
+    exposure = min(wanted, unclipped * (1 if config.highlights == "clip" else REACH))
+    return Tone(exposure, max(exposure / unclipped, 1.0))
+
+
+def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) True for range bins that count, False for those of stray ranges. gain, pixels: (N,) of each bin."""
+    order = np.argsort(-gain)
+    part = np.cumsum(pixels[order]) / max(pixels.sum(), 1)
+    judged = np.ones(len(gain), np.bool_)
+    if len(gain):
+        usual = gain[order][np.searchsorted(part, 0.5)]
+        judged[order] = (part > STRAYS) | (gain[order] <= STRAY_GAIN * usual)
+    return judged
+
+
+def _exceeded(number: NDArray[np.int64], allowed: int) -> float:
+    """The least light that at most ``allowed`` of the counted values exceed, to 1/128 of an octave; 0 for any light.
+
+    number: (32640,) values counted, by the leading bits of the light that they are shown as (``_add_up``).
+    """
+    places = np.flatnonzero(number)[::-1]
+    reached = np.append(places, 0)[np.searchsorted(np.cumsum(number[places]), allowed, side="right")]
+    return float(((reached + 1).astype(np.int32) << _MANTISSA_BITS).view(np.float32)) if reached else 0.0
+
+
+@compiled
+def _add_up(counts: Any, bins: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
+    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number`` (3, 32640), each at the leading bits (exponent and 7 more) of
+    the light that it is shown as. gain, offset: (3, N)."""
+    for c in range(3):
+        for i in range(bins.size):
+            for value in range(light.size):
+                shown = np.float32(max(gain[c, i] * light[value] - offset[c, i], 0.0))
+                number[c, shown.view(np.int32) >> _MANTISSA_BITS] += counts[c, bins[i], value]

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from stereo_seecolor.color.device import one_thread
-from stereo_seecolor.color.render.gains import FINE_BINS, Gains
 from stereo_seecolor.color.render.lookup import FINE_SHIFT, Shown, count_full, fine_bins, look_up
-from stereo_seecolor.color.render.tone import NODES, Display
+from stereo_seecolor.color.render.tone import FINE_BINS, NODES, Display, Gains
 from stereo_seecolor.color.table.torch_counting import on_device, pixels_on, positions
 from stereo_seecolor.compute.threads import in_parts
 

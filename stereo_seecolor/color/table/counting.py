@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.bins import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
+from stereo_seecolor.color.table.moment_table import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
 from stereo_seecolor.compute.compiled import compiled
 
 U, L = np.uint32, np.uint64  # unsigned indices: numba then leaves out its tests for negative ones

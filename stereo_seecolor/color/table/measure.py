@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from stereo_seecolor.color.table.bins import VALUE_BINS
-from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.moment_table import VALUE_BINS, MomentTable
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Image, Map
 

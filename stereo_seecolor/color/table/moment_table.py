@@ -11,8 +11,41 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.bins import LOW_BITS, RANGE_BINS, VALUE_BINS, bin_values, range_edges_m
-from stereo_seecolor.files.deflate import deflated
+from stereo_seecolor.files.encode import deflated
+
+# The bins of a moment table: by range, 32 an octave, and by value.
+#
+# A range bin is the leading bits of the float32 number: from 1/8 m to 32 m, 1.6 to 3.1 % wide,
+# the same for every frame of every run, so that tables add.
+
+RANGE_BINS = 256
+VALUE_BINS = {8: 256, 16: 4096}
+"""Value bins by bit depth of the image; 16-bit images are counted to 12 bits (more than a camera's sensor gives)."""
+
+NEAREST_M = 0.125
+"""Near edge of the first bin; the last one ends at 32 m. Ranges outside are counted in these two."""
+
+LOW_BITS = 18
+"""A range bin is what remains of a float32 range's bits, counted from those of NEAREST_M, after a shift by this many."""
+
+
+def range_bits(range_m: NDArray[np.floating]) -> NDArray[np.int32]:
+    """The bits of a map's ranges as float32, row after row, (H*W,) int32."""
+    return np.ascontiguousarray(range_m, dtype=np.float32).reshape(-1).view(np.int32)
+
+
+def range_edges_m() -> NDArray[np.float64]:
+    """(257,) the edges of the range bins, meters."""
+    first = np.float32(NEAREST_M).view(np.int32)
+    bits = first + (np.arange(RANGE_BINS + 1, dtype=np.int32) << LOW_BITS)
+    return bits.astype(np.int32).view(np.float32).astype(np.float64)
+
+
+def bin_values(bit_depth: int) -> NDArray[np.float64]:
+    """(V,) the value of each bin as a fraction of full scale: v/255, or the middle of sixteen neighbors of 65535."""
+    if bit_depth == 8:
+        return np.arange(256) / 255.0
+    return np.asarray((np.arange(4096) * 16 + 7.5) / 65535.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

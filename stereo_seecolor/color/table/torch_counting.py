@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from stereo_seecolor.color.table.bins import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
 from stereo_seecolor.color.table.counting import LAST
+from stereo_seecolor.color.table.moment_table import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
 
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))

@@ -4,11 +4,18 @@ Every method takes an image as displayed, (H, W, 3) float64 in [0, 1], with a ra
 returns (H, W, 3) float64 in the same encoding, not clipped, NaN where it has no result. ``expose`` sets all to one exposure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.listing import list_images
+from stereo_seecolor.records import Image
 
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array], Array]
@@ -181,3 +188,78 @@ def _two_exponentials(z: Array, attenuation: Array) -> Callable[[Array], Array]:
     assert best is not None
     rates, weights = best[1], best[2]
     return lambda z: np.asarray(np.exp(-rates * z[:, None]) @ weights)
+
+
+# Corrected images of other tools, read from folders, to be scored beside this program's.
+
+
+@dataclass(frozen=True, eq=False)
+class OtherResults:
+    """Corrected images of other tools. folders: name of a method -> stem of an image -> its corrected image."""
+
+    folders: dict[str, dict[str, Path]]
+
+    @classmethod
+    def of(cls, folders: Sequence[Path]) -> "OtherResults":
+        """The images in these folders; a method has the name of its folder.
+
+        Raises InputError where two methods have the same name, or a folder holds no image, or two of the same name.
+        """
+        found: dict[str, dict[str, Path]] = {}
+        for folder in folders:
+            name = folder.resolve().name
+            if name in (*METHODS, PAPER, OURS):
+                raise InputError(f"{folder}: a method that is scored anyway is called {name!r} too: rename the folder")
+            if name in found:
+                raise InputError(f"{folder}: another folder of results is called {name!r} too: rename one")
+            found[name] = _by_stem(list_images(folder, "corrected images").files)
+        return cls(found)
+
+    def missing(self, stems: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Method -> the stems of these images that it lacks, for methods that lack any."""
+        lacking = {method: tuple(stem for stem in stems if stem not in files) for method, files in self.folders.items()}
+        return {method: names for method, names in lacking.items() if names}
+
+    def refuse_other_names(self, stems: Sequence[str]) -> None:
+        """Raise InputError where a method has none of these images: its files have other names."""
+        for method, files in self.folders.items():
+            if files.keys().isdisjoint(stems):
+                raise InputError(
+                    f"{method}: none of its images is called like one of those to be scored: its first is {min(files)!r}, "
+                    f"theirs is {min(stems)!r}: give its images the names of those that they were made from"
+                )
+
+    def corrected(self, stem: str, shape: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
+        """Method -> (H, W, 3) in [0, 1] as displayed, of the methods that have this image; NaN where it is black, as unknown.
+
+        Raises InputError where an image is not of the size (H, W) of the one that it was made from.
+        """
+        results = {}
+        for method, files in self.folders.items():
+            if stem not in files:
+                continue
+            image = _of_size(files[stem], shape)
+            shown = image / float(np.iinfo(image.dtype).max)
+            results[method] = np.where((image == 0).all(axis=2, keepdims=True), np.nan, shown)
+        return results
+
+    def images(self, stem: str, shape: tuple[int, ...]) -> dict[str, Image]:
+        """Method -> its image of that stem, unchanged; all methods must have it. Raises InputError where one has another size."""
+        return {method: _of_size(files[stem], shape) for method, files in self.folders.items()}
+
+
+def _by_stem(files: Iterable[Path]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for path in files:
+        if path.stem in found:
+            raise InputError(f"{path}: {found[path.stem].name} is an image of that name too: leave one of them in the folder")
+        found[path.stem] = path
+    return found
+
+
+def _of_size(path: Path, shape: tuple[int, ...]) -> Image:
+    image = read_image(path)
+    if image.shape[:2] != shape[:2]:
+        size, expected = (f"{sides[1]}x{sides[0]}" for sides in (image.shape, shape))
+        raise InputError(f"{path}: is {size} px, and the image that it was made from is {expected}: resize it")
+    return image

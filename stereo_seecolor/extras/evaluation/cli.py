@@ -64,9 +64,9 @@ def evaluate(
     report: LoggedReport,
 ) -> None:
     """Measure quality: errors against truth (--truth), differences between views (--spread), errors on charts (--chart)."""
-    from stereo_seecolor.extras.evaluation.charts import evaluate_charts
-    from stereo_seecolor.extras.evaluation.evaluate import evaluate as evaluate_run
-    from stereo_seecolor.extras.evaluation.evaluate import evaluate_spread
+    from stereo_seecolor.extras.evaluation.charts.scores import evaluate_charts
+    from stereo_seecolor.extras.evaluation.truth import evaluate as evaluate_run
+    from stereo_seecolor.extras.evaluation.truth import evaluate_spread
 
     if by_chart:
         if images is None or ranges is None:

@@ -4,11 +4,11 @@ import shlex
 from math import isnan
 from typing import TYPE_CHECKING
 
-from calibration.wording import counted
-from stereo_seecolor.cli.console import lines, table
+from calibration.errors import counted
+from stereo_seecolor.cli.output import lines, table
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.evaluation.charts import ChartReport
+    from stereo_seecolor.extras.evaluation.charts.scores import ChartReport
     from stereo_seecolor.extras.evaluation.spread import SpreadReport
     from stereo_seecolor.extras.evaluation.truth import TruthReport
     from stereo_seecolor.extras.evaluation.water import MeasuredWater

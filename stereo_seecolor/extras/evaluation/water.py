@@ -7,28 +7,28 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.frame_shading import even_light
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
-from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
-from stereo_seecolor.color.render.carried_ranges import carry_ranges
-from stereo_seecolor.commands.raw_images import RawImages
-from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.color.photometry.observations import KeyFrame, find_sightings
+from stereo_seecolor.color.render.carried import carry_ranges
+from stereo_seecolor.commands.fuse import RawImages
+from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
-from stereo_seecolor.extras.evaluation.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
-from stereo_seecolor.extras.evaluation.targets import Targets, read_targets, targets_of
+from stereo_seecolor.extras.evaluation.charts.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
+from stereo_seecolor.extras.evaluation.charts.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
+from stereo_seecolor.extras.evaluation.charts.targets import Targets, read_targets, targets_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_file
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.assignment import place
 from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MEASURED_WATER
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
-from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.run_folder.posed_run import SurveyFrames
 from stereo_seecolor.water.model import read_water_document
 
 

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibration.wording import counted
+from calibration.errors import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
-from stereo_seecolor.cli.console import lines
+from stereo_seecolor.cli.output import lines
 from stereo_seecolor.cli.report import BareReport
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def export(
 ) -> None:
     """Write a fused run for another program: COLMAP, Nerfstudio, Metashape, GLB, TagLab and others."""
     from stereo_seecolor.extras.export.command import export as write
-    from stereo_seecolor.extras.export.formats import export_formats
+    from stereo_seecolor.extras.export.command import export_formats
 
     if listed:
         known = export_formats()

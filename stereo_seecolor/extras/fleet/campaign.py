@@ -12,19 +12,28 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
+from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
-from stereo_seecolor.extras.fleet.campaign_files import refuse_foreign
-from stereo_seecolor.extras.fleet.campaign_records import COLLECTION, RECORDS, write_records
-from stereo_seecolor.extras.fleet.campaign_table import STATES, TABLE, DiveState, State, load_states, save_states
-from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
+from stereo_seecolor.extras.fleet.campaign_files import (
+    COLLECTION,
+    RECORDS,
+    STATES,
+    TABLE,
+    DiveState,
+    State,
+    load_states,
+    refuse_foreign,
+    save_states,
+    write_records,
+)
+from stereo_seecolor.extras.fleet.merge import SiteDive, fit_site
 from stereo_seecolor.files.text_documents import read_yaml
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frames_csv import RunSummary
 
 WATERS = "waters"
 RESERVED = {WATERS, RECORDS, TABLE, STATES, Path(COLLECTION).stem}

@@ -10,7 +10,7 @@ from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.reported_run import KIND, claim, reported
 from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
-from stereo_seecolor.compute.process_usage import peak_bytes
+from stereo_seecolor.compute.process import peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
@@ -18,10 +18,10 @@ from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.kept_records import KeptPlan, settings_key
-from stereo_seecolor.run_folder.progress_file import USUAL
-from stereo_seecolor.run_folder.replaced import refuse_inputs
+from stereo_seecolor.run_folder.ownership import refuse_inputs
+from stereo_seecolor.run_folder.reports import USUAL
 
 MEASURED_PAIRS = 10
 """Spread over the dive: the times of its pairs differ by some 10 %."""

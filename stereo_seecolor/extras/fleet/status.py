@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Literal
 
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
-from stereo_seecolor.extras.fleet.campaign_table import load_states
+from stereo_seecolor.extras.fleet.campaign_files import load_states
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.frames_csv import read_rows
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frames_csv import RunSummary, read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
-from stereo_seecolor.run_folder.lease import writer
+from stereo_seecolor.run_folder.lock import writer
 from stereo_seecolor.run_folder.manifest import Manifest
-from stereo_seecolor.run_folder.progress_file import Progress
+from stereo_seecolor.run_folder.reports import Progress
 
 State = Literal["running", "killed", "stopped", "complete", "no run"]
 Basis = Literal["", "the plan", "the usual shares of passes"]

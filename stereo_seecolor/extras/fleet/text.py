@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from stereo_seecolor.cli.console import duration, lines, table
+from stereo_seecolor.cli.output import duration, lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.fleet.campaign import CampaignResult

@@ -23,7 +23,7 @@ def metrics(
     report: BareReport,
 ) -> None:
     """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with standard errors."""
-    from stereo_seecolor.extras.reef.commands.metrics import metrics as measure
+    from stereo_seecolor.extras.reef.commands.compare import metrics as measure
 
     with report.working():
         result = measure(out, polygons, folder)
@@ -88,7 +88,7 @@ def measure(
     report: BareReport,
 ) -> None:
     """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
-    from stereo_seecolor.extras.reef.commands.length_table import length_table
+    from stereo_seecolor.extras.reef.commands.measure import length_table
     from stereo_seecolor.extras.reef.commands.measure import measure as measure_points
 
     if lengths:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from stereo_seecolor.cli.console import lines, table
+from stereo_seecolor.cli.output import lines, table
 from stereo_seecolor.files.csv_table import csv_text
 
 if TYPE_CHECKING:
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.commands.markers import FoundMarkers
     from stereo_seecolor.extras.reef.commands.measure import Measurement
     from stereo_seecolor.extras.reef.metrics.tables import SiteMetrics
-    from stereo_seecolor.mapping.markers.marker_map import ScaleCheck
+    from stereo_seecolor.mapping.markers.placing import ScaleCheck
 
 
 def metrics_text(result: "SiteMetrics") -> str:

@@ -9,8 +9,8 @@ from stereo_seecolor.commands.stereo_inputs import Opened, calibration_files, sa
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.ownership import Owner
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibration.wording import counted
+from calibration.errors import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import SIDES, command
-from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
+from stereo_seecolor.cli.output import lines, write_error
 from stereo_seecolor.cli.report import LoggedReport
-from stereo_seecolor.cli.streams import write_error
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.streams.bag_info import BagFacts

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from calibration.turns import quarter_turn
+from calibration.rig import quarter_turn
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.records import Map
 

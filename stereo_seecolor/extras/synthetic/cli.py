@@ -5,9 +5,8 @@ from typing import Annotated
 
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
-from stereo_seecolor.cli.contents import run_content, run_exit_code
 from stereo_seecolor.cli.report import Report
-from stereo_seecolor.cli.run_text import run_text
+from stereo_seecolor.cli.results import run_content, run_exit_code, run_text
 from stereo_seecolor.extras.evaluation.text import truth_text
 
 PairCount = Annotated[int, opt.option("--pairs", "N", "Number of stereo pairs.", min=1)]
@@ -37,8 +36,8 @@ def synthesize(
     report: Report,
 ) -> None:
     """Render a dive over a reef with known truth (docs/synthetic.md)."""
+    from stereo_seecolor.extras.synthetic.demo import synthesize as render
     from stereo_seecolor.extras.synthetic.dive import parse_spec
-    from stereo_seecolor.extras.synthetic.synthesize import synthesize as render
 
     with report.working() as listener:
         dive = render(parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed), out, listener)

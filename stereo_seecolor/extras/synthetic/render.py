@@ -13,9 +13,8 @@ from stereo_seecolor import geometry
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.extras.synthetic.casting import Rays, cast, in_rows, look_up
 from stereo_seecolor.extras.synthetic.fish import School
-from stereo_seecolor.extras.synthetic.lighting import caustics, lamplight, strobe_energy, sunlight, vignetting
+from stereo_seecolor.extras.synthetic.lighting import caustics, expose, lamplight, strobe_energy, sunlight, vignetting
 from stereo_seecolor.extras.synthetic.reef import Reef, build_reef
-from stereo_seecolor.extras.synthetic.sensor import expose
 from stereo_seecolor.extras.synthetic.survey import SurveySpec, rig, track
 from stereo_seecolor.extras.synthetic.waters import LitWater, lit_water
 from stereo_seecolor.files.srgb import encode_srgb

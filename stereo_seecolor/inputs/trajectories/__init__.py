@@ -9,24 +9,7 @@ import numpy as np
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.name_keys import side_of, without_side
-from stereo_seecolor.inputs.trajectories import (
-    acfr,
-    colmap,
-    column_map,
-    foreign,
-    kitti,
-    matisse,
-    metashape_reference,
-    metashape_xml,
-    nerf,
-    opensfm,
-    oplab,
-    orca,
-    pose_table,
-    receivers,
-    tartanair,
-    tum,
-)
+from stereo_seecolor.inputs.trajectories import column_map, foreign, models, poses, receivers, vehicles
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.records import Trajectory
@@ -41,20 +24,20 @@ FORMATS = (
 
 _Reader = Callable[[Lines, MountConfig], Trajectory]
 _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
-    ("Metashape cameras", metashape_xml.recognizes, metashape_xml.read),
-    ("Metashape reference", metashape_reference.recognizes, metashape_reference.read),
-    ("ACFR stereo_pose_est.data", acfr.recognizes, acfr.read),
-    ("COLMAP images.txt", colmap.recognizes, colmap.read),
-    ("oplab", oplab.recognizes, oplab.read),
-    ("ORCA", orca.recognizes, orca.read),
-    ("Matisse", matisse.recognizes, matisse.read),
-    ("KITTI", kitti.recognizes, kitti.read),
-    ("TartanAir", tartanair.recognizes, tartanair.read),
+    ("Metashape cameras", models.is_metashape_xml, models.read_metashape_xml),
+    ("Metashape reference", models.is_metashape_reference, models.read_metashape_reference),
+    ("ACFR stereo_pose_est.data", vehicles.is_acfr, vehicles.read_acfr),
+    ("COLMAP images.txt", models.is_colmap, models.read_colmap),
+    ("oplab", vehicles.is_oplab, vehicles.read_oplab),
+    ("ORCA", vehicles.is_orca, vehicles.read_orca),
+    ("Matisse", vehicles.is_matisse, vehicles.read_matisse),
+    ("KITTI", poses.is_kitti, poses.read_kitti),
+    ("TartanAir", poses.is_tartanair, poses.read_tartanair),
     ("NMEA, GPX or KML track", receivers.recognizes, receivers.read),
-    ("reconstruction.json", opensfm.recognizes, opensfm.read),
-    ("transforms.json", nerf.recognizes, nerf.read),
-    ("TUM", tum.recognizes, tum.read),
-    ("table of poses", pose_table.recognizes, pose_table.read),
+    ("reconstruction.json", models.is_opensfm, models.read_opensfm),
+    ("transforms.json", models.is_nerf, models.read_nerf),
+    ("TUM", poses.is_tum, poses.read_tum),
+    ("table of poses", poses.is_pose_table, poses.read_pose_table),
     ("table of navigation", column_map.recognizes, column_map.read_by_names),
 )
 

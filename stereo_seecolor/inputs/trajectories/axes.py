@@ -1,10 +1,16 @@
-"""Conversion of navigation's axes to the map's: north-east-down to east-north-up, Euler angles."""
+"""Axes of navigation and of the map, and the camera's poses from the vehicle's."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereo_seecolor.config import MountConfig
+from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.geometry import pose
+from stereo_seecolor.records import GeoOrigin, Trajectory
+
+# Conversion of navigation's axes to the map's: north-east-down to east-north-up, Euler angles.
 
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 
@@ -30,3 +36,40 @@ def mount_rotation(mount: MountConfig) -> NDArray[np.float64]:
 def mount_offset_m(mount: MountConfig) -> NDArray[np.float64]:
     """The position of the camera in vehicle axes: (3,)."""
     return np.array([mount.surge_m, mount.sway_m, mount.heave_m])
+
+
+# The camera's poses in the map from the vehicle's.
+
+Column = NDArray[np.float64]
+"""(N,) float64, NaN = unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleTrack:
+    """Navigation of a vehicle, N rows; what is NaN gives a NaN pose.
+
+    names: of the images, "" where none is named. timestamps_s: (N,) seconds since 1970. north_east_m: (N, 2) from the origin.
+    depth_m: (N,) below the surface. attitude_deg: (N, 3) roll, pitch, heading. origin: None for a local map.
+    """
+
+    names: tuple[str, ...]
+    timestamps_s: Column
+    north_east_m: NDArray[np.float64]
+    depth_m: Column
+    attitude_deg: NDArray[np.float64]
+    origin: GeoOrigin | None = None
+
+    def camera(self, mount: MountConfig) -> Trajectory:
+        """The raw camera's poses in east-north-up, z zero at the water's surface."""
+        R_ned_vehicle = rotation_from_euler(*np.radians(self.attitude_deg.T))
+        position = np.column_stack([self.north_east_m, self.depth_m]) + R_ned_vehicle @ mount_offset_m(mount)
+        T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
+        return Trajectory(self.names, self.timestamps_s, T, origin=self.origin, camera="raw")
+
+
+def from_degrees(latitude_deg: Column, longitude_deg: Column) -> tuple[NDArray[np.float64], GeoOrigin]:
+    """Convert to meters north and east of the first known position, (N, 2); and that position."""
+    known = np.flatnonzero(np.isfinite(latitude_deg) & np.isfinite(longitude_deg))
+    first = int(known[0]) if known.size else 0
+    origin = GeoOrigin(float(latitude_deg[first]), float(longitude_deg[first]))
+    return north_east_from_degrees(latitude_deg, longitude_deg, origin), origin

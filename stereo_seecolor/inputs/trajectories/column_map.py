@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
-from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds, is_unknown
-from stereo_seecolor.inputs.trajectories.vehicle import Column, VehicleTrack, from_degrees
+from stereo_seecolor.inputs.trajectories.axes import Column, VehicleTrack, from_degrees
+from stereo_seecolor.inputs.trajectories.table import (
+    AmbiguousDateError,
+    Lines,
+    Table,
+    TimeError,
+    column_seconds,
+    is_number,
+    is_unknown,
+)
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 ROLES = {

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import rigid_alignment, transformed
-from stereo_seecolor.mapping.markers.marker_map import PlacedMarker
+from stereo_seecolor.mapping.markers.placing import PlacedMarker
 from stereo_seecolor.mapping.markers.tables import USUAL_STD_M
 
 Array = NDArray[np.float64]

@@ -4,6 +4,8 @@ A corner's own range is as rough as any pixel's; the plane averages all of the m
 pixel.
 """
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.markers.detection import Sighting
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
@@ -30,7 +33,7 @@ class PlacingSettings:
     least_px: float = 0.02  # standard error of a disparity that was averaged: what rectification leaves
 
 
-SETTINGS = PlacingSettings()
+PLACING_SETTINGS = PlacingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> Pl
     cv2.fillConvexPoly(inside, np.rint(sighting.corners_px).astype(np.int32), 1)
     rows, columns = np.nonzero(inside)
     known = np.isfinite(frame.range_m[rows, columns])
-    if known.sum() < max(SETTINGS.fewest_px, SETTINGS.covered * len(rows)):
+    if known.sum() < max(PLACING_SETTINGS.fewest_px, PLACING_SETTINGS.covered * len(rows)):
         return None
     rows, columns = rows[known], columns[known]
     disparity = geometry.disparity_from_depth(geometry.depth_from_range(frame.range_m))[rows, columns]
@@ -67,9 +70,9 @@ def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> Pl
     depth_m = geometry.focal_px * geometry.baseline_m / (corners @ plane + geometry.cx_right_px - geometry.cx_left_px)
     x = (corners[:, 0] - geometry.cx_left_px) / geometry.focal_px
     y = (corners[:, 1] - geometry.cy_px) / geometry.focal_px
-    of_mean_px = max(spread_px * float(np.sqrt(SETTINGS.alike_px / len(rows))), SETTINGS.least_px)
+    of_mean_px = max(spread_px * float(np.sqrt(PLACING_SETTINGS.alike_px / len(rows))), PLACING_SETTINGS.least_px)
     at_corner = 2 * of_mean_px / (geometry.focal_px * geometry.baseline_m)  # twice that of the middle: the plane turns
-    std = SETTINGS.corner_px / geometry.focal_px, at_corner
+    std = PLACING_SETTINGS.corner_px / geometry.focal_px, at_corner
     return PlacedSighting(sighting.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1), std)
 
 
@@ -81,10 +84,109 @@ def _plane(pixels: Array, disparity: Array) -> tuple[Array, float]:
     basis = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
     weight = np.ones(len(basis))
     plane, spread_px = np.zeros(3), 0.0
-    for _ in range(SETTINGS.rounds):
+    for _ in range(PLACING_SETTINGS.rounds):
         scaled = basis * weight[:, None]
         plane = np.asarray(np.linalg.lstsq(scaled.T @ basis, scaled.T @ disparity, rcond=None)[0], np.float64)
         off = basis @ plane - disparity
         spread_px = max(deviation_about_zero(off), 1e-6 / TUKEY)
         weight = biweight(off / (TUKEY * spread_px))
     return plane, spread_px
+
+
+# Markers in the map: position, agreement of the sightings, and size compared with the given one.
+
+
+@dataclass(frozen=True)
+class MarkerSettings:
+    """When a size disagrees."""
+
+    wrong_size: float = 0.02  # off by more than this fraction, and by more than
+    wrong_sigmas: float = 5.0  # standard errors: no rig's scale is off so far, so it is the size that was given
+    fewest_views: int = 2  # a marker seen once may be none
+
+
+MARKER_MAP_SETTINGS = MarkerSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedMarker:
+    """A marker in the map.
+
+    number: of the marker. views: frames behind it. x_m, y_m, z_m: its middle in the map's world. residual_m: RMS distance of the
+    middles of its sightings, through the track, from that. edge_m: mean length of its sides, with its standard error.
+    """
+
+    number: int
+    views: int
+    x_m: float
+    y_m: float
+    z_m: float
+    residual_m: float
+    edge_m: float
+    edge_std_m: float
+
+    @property
+    def place_m(self) -> Array:
+        """The middle of the marker: (3,)."""
+        return np.array([self.x_m, self.y_m, self.z_m])
+
+
+@dataclass(frozen=True)
+class ScaleCheck:
+    """Lengths measured over lengths given: 1 where the rig's scale is right, with its standard error. wrong: it cannot be."""
+
+    ratio: float
+    std: float
+    lengths: int
+
+    @property
+    def wrong(self) -> bool:
+        """Tell whether the scale is further off than any rig's can be."""
+        off = abs(self.ratio - 1)
+        return off > MARKER_MAP_SETTINGS.wrong_size and off > MARKER_MAP_SETTINGS.wrong_sigmas * self.std
+
+
+def placed_markers(sightings: Sequence[PlacedSighting], T_world_camera: dict[str, Array]) -> list[PlacedMarker]:
+    """Place markers from all sightings in frames with a pose (4, 4), by number. Markers seen once are left out."""
+    by_number: dict[int, list[PlacedSighting]] = defaultdict(list)
+    for sighting in sightings:
+        if sighting.frame in T_world_camera:
+            by_number[sighting.number].append(sighting)
+    return [
+        _marker(number, own, T_world_camera)
+        for number, own in sorted(by_number.items())
+        if len(own) >= MARKER_MAP_SETTINGS.fewest_views
+    ]
+
+
+def _marker(number: int, sightings: list[PlacedSighting], T: dict[str, Array]) -> PlacedMarker:
+    middles = np.array([transformed(T[each.frame], each.corners_m).mean(axis=0) for each in sightings])
+    place = np.median(middles, axis=0)
+    edges = np.array([each.edges_m.mean() for each in sightings])
+    residual = float(np.sqrt(((middles - place) ** 2).sum(axis=1).mean()))
+    std = float(edges.std(ddof=1) / np.sqrt(len(edges)))
+    x_m, y_m, z_m = (float(value) for value in place)
+    return PlacedMarker(number, len(sightings), x_m, y_m, z_m, residual, float(edges.mean()), std)
+
+
+def size_check(markers: Sequence[PlacedMarker], edge_m: float) -> ScaleCheck | None:
+    """The markers' edges against the length that all of them have; None without markers."""
+    if not markers:
+        return None
+    weights = np.array([marker.views for marker in markers], np.float64)
+    ratios = np.array([marker.edge_m for marker in markers]) / edge_m
+    stds = np.array([marker.edge_std_m for marker in markers]) / edge_m
+    share = weights / weights.sum()
+    return ScaleCheck(float(share @ ratios), float(np.sqrt((share**2) @ (stds**2))), len(markers))
+
+
+def bar_checks(markers: Sequence[PlacedMarker], bars: dict[tuple[int, int], float]) -> dict[tuple[int, int], ScaleCheck]:
+    """Distances of markers' middles against known lengths; a bar of which an end was not found is left out."""
+    found = {marker.number: marker for marker in markers}
+    checks = {}
+    for (first, second), length_m in bars.items():
+        if first in found and second in found:
+            a, b = found[first], found[second]
+            std = float(np.hypot(a.residual_m / np.sqrt(a.views), b.residual_m / np.sqrt(b.views)))
+            checks[first, second] = ScaleCheck(float(np.linalg.norm(a.place_m - b.place_m)) / length_m, std / length_m, 1)
+    return checks

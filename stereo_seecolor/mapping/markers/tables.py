@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
+from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.component import Component
-from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
-from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.mosaic_blend import blend
-from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
-from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
+from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.limits import rounded
+from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster, Grid
+from stereo_seecolor.mapping.raster.mosaic_blend import agree, blend, see
+from stereo_seecolor.mapping.surface.kernels import BLOCK
+from stereo_seecolor.mapping.surface.tiles import Tiling
+from stereo_seecolor.mapping.survey import Component
 
 Float = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -42,7 +44,7 @@ class MosaicSettings:
     doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
 
 
-SETTINGS = MosaicSettings()
+MOSAIC_SETTINGS = MosaicSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder
         if np.isfinite(cells.z_m).any():
             mosaic.write(*window, _painted(cells, boxes, component, cache))
 
-    for done, _ in enumerate(Threads(SETTINGS.windows_at_once).each(paint, windows), 1):
+    for done, _ in enumerate(Threads(MOSAIC_SETTINGS.windows_at_once).each(paint, windows), 1):
         survey.progress(f"painting the mosaic{component.label}", done, len(windows))
     return mosaic
 
@@ -84,13 +86,13 @@ def _painted(cells: Cells, boxes: dict[int, tuple[Array, Array]], component: Com
     """Paint a window, (4, h, w): by the views nearest to its middle, then what those do not see by the views nearest to that."""
     known = np.isfinite(cells.z_m)
     painted, left = np.zeros((4, *known.shape), np.uint8), known
-    for _ in range(SETTINGS.repaints):
+    for _ in range(MOSAIC_SETTINGS.repaints):
         reaching = _reaching(cells, left, boxes, component.T_local_camera)
         views = [(sight, component.T_local_camera[i]) for i, sight in zip(reaching, cache.read(reaching), strict=True) if sight]
         painted[:, left] = _paint(cells, views, component.survey.geometry)[:, left]
         boxes = {i: box for i, box in boxes.items() if i not in reaching}
         left = known & (painted[3] == 0)
-        if left.sum() <= SETTINGS.unpainted * known.sum():
+        if left.sum() <= MOSAIC_SETTINGS.unpainted * known.sum():
             break
     return painted
 
@@ -120,7 +122,7 @@ class _Cache:
             for i in wanted:
                 self._held.move_to_end(i)
             found = [self._held[i] for i in wanted]
-            while len(self._held) > SETTINGS.cached_frames:
+            while len(self._held) > MOSAIC_SETTINGS.cached_frames:
                 self._held.popitem(last=False)
             return found
 
@@ -163,7 +165,7 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     lowest, highest = (cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _around_each(part))
     with np.errstate(invalid="ignore", divide="ignore"):
         z_m = np.where(weight > 0.5, z / weight, np.nan).astype(np.float64)
-        at_step = (weight > 0.5) & (highest - lowest > SETTINGS.hidden_m)
+        at_step = (weight > 0.5) & (highest - lowest > MOSAIC_SETTINGS.hidden_m)
         z_m[at_step] = _on_one_side(part, u[at_step], v[at_step])
         other_m = np.where(z_m - lowest > highest - z_m, lowest, highest)
     return Cells(grid.cell_m, x_m, y_m, z_m, np.where(at_step, other_m, np.nan).astype(np.float64))
@@ -183,7 +185,7 @@ def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
     highest, lowest = np.fmax.reduce(corners), np.fmin.reduce(corners)
     upper = weights * (corners > (highest + lowest) / 2)
     side = np.where(upper.sum(axis=0) > 0.5 * weights.sum(axis=0), upper, weights - upper)
-    weights = np.where(highest - lowest > SETTINGS.hidden_m, side, weights)
+    weights = np.where(highest - lowest > MOSAIC_SETTINGS.hidden_m, side, weights)
     return np.asarray((weights * np.nan_to_num(corners)).sum(axis=0) / weights.sum(axis=0))
 
 
@@ -192,7 +194,7 @@ def _closed(heights_m: Float) -> Float:
     known, window = np.isfinite(heights_m), (3, 3)
     fraction = cv2.blur(known.astype(np.float32), window)
     mean = cv2.blur(np.nan_to_num(heights_m), window) / np.maximum(fraction, np.float32(1e-6))
-    return np.asarray(np.where(known | (fraction < SETTINGS.closed), heights_m, mean), np.float32)
+    return np.asarray(np.where(known | (fraction < MOSAIC_SETTINGS.closed), heights_m, mean), np.float32)
 
 
 def _around_each(heights_m: Float) -> tuple[Float, Float]:
@@ -208,7 +210,7 @@ def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Ar
     low, high = np.array([x_m.min(), y_m.min()]), np.array([x_m.max(), y_m.max()])
     middle = (low + high) / 2
     near = [i for i, box in boxes.items() if (box[0] <= high).all() and (box[1] >= low).all()]
-    most = int(np.ceil(SETTINGS.views_a_meter * max(1.0, float((high - low).max()))))
+    most = int(np.ceil(MOSAIC_SETTINGS.views_a_meter * max(1.0, float((high - low).max()))))
     return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[:most])
 
 
@@ -230,8 +232,8 @@ def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedP
     if not all(sees_any):
         colors, costs, weights = colors[sees_any], costs[sees_any], weights[sees_any]
     mean = np.zeros((*cells.z_m.shape, 3), np.float32)
-    cost_a_level = SETTINGS.disagreement / 3 / 25.5
-    in_parts(lambda first, last: agree(colors, costs, weights, cost_a_level, SETTINGS.outlier, mean, first, last), len(mean))
+    cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
+    in_parts(lambda first, last: agree(colors, costs, weights, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last), len(mean))
     return blend(colors, costs, mean)
 
 
@@ -244,9 +246,36 @@ def _project(
     """
     sight, T_local_camera = view
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
-    limits = np.array([SETTINGS.hidden_m, SETTINGS.hidden_fraction, SETTINGS.doubtful_cost, cells.edge_m])
+    limits = np.array([MOSAIC_SETTINGS.hidden_m, MOSAIC_SETTINGS.hidden_fraction, MOSAIC_SETTINGS.doubtful_cost, cells.edge_m])
     count = see(
         cells.x_m, cells.y_m, cells.z_m, cells.other_m, inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3]),
         camera, sight.color, sight.range_m, sight.doubtful, limits, color, cost, weight,
     )  # fmt: skip
     return count > 0
+
+
+# The cell size of an orthomosaic where the settings leave it open.
+
+
+@dataclass(frozen=True)
+class MosaicCellSettings:
+    """How the cell size is chosen."""
+
+    cells: float = 16e6  # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
+
+
+MOSAIC_CELL_SETTINGS = MosaicCellSettings()
+
+
+def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
+    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where the area is large.
+
+    Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
+    """
+    points = [component.survey.index.points_m[i] for i in component.frames if len(component.survey.index.points_m[i])]
+    if config.mosaic_m or not points:
+        return config
+    pixel_m = float(np.median([np.median(own[:, 2]) for own in points])) / component.survey.geometry.focal_px
+    area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
+    cell_m = max(pixel_m, min(float(np.sqrt(area_m2 / MOSAIC_CELL_SETTINGS.cells)), config.mosaic_cell_m))
+    return config.model_copy(update={"mosaic_m": rounded(cell_m)})

@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.mapping.raster.block_raster import BlockRaster
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.block_raster import BlockRaster, Grid
 
 MIN_COVERAGE = 0.5
 """Fraction of a square's cells that must be known."""

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import in_parts
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.surface.extraction import PART_BLOCKS, extract
-from stereo_seecolor.mapping.surface.kernels import cells_of, in_sight, integrate
-from stereo_seecolor.mapping.surface.measured_pixels import MeasuredPixels
+from stereo_seecolor.mapping.surface.extraction import PART_BLOCKS, Volume, extract
+from stereo_seecolor.mapping.surface.kernels import MeasuredPixels, cells_of, in_sight, integrate
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
-from stereo_seecolor.mapping.surface.volume import Volume
 from stereo_seecolor.records import SurveyFrame
 
 PlacedFrame = tuple[SurveyFrame, NDArray[np.float64]]

@@ -1,16 +1,163 @@
 """Features of a frame: points with descriptors, and their positions in the camera."""
 
+import shutil
+import tempfile
+import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.mapping.track.local_contrast import local_contrast
+from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.raw_arrays import load_arrays
+from stereo_seecolor.mapping.kept_frames import kept_folder
+from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.sift import keypoints
-from stereo_seecolor.mapping.track.smooth_depth import smooth_depth
 from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.version import __version__
+
+# Local contrast of an image, which light that falls off, or that moves with the camera, hardly
+# changes.
+
+
+@dataclass(frozen=True)
+class ContrastSettings:
+    """The neighborhood of local contrast. Nothing depends on the position in the image: a grid of tiles would move with the
+    camera.
+    """
+
+    mean_px: float = 8.0  # standard deviation of the window whose mean is taken off: light varies less than the bottom there
+    spread_px: float = 16.0  # and of the window that contrast is measured in
+    noise: float = 0.02  # contrast, natural logarithm, below which there is only noise: sensor noise of a dark 8-bit image
+    gain: float = 40.0  # gray levels for a standard deviation: three fit into 8 bits
+    offset: float = 4.0  # added before the logarithm, gray levels: rounding to 8 bits makes dark pixels noisy
+    fill_px: tuple[int, ...] = (9, 33, 129, 513)  # widths of the means that fill in what was painted black
+    fill_known: float = 0.02  # of such a window: fewer known pixels make no mean
+
+
+LOCAL_CONTRAST_SETTINGS = ContrastSettings()
+
+
+def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    """Compute the local contrast of a gray image (H, W), reduced by ``scale``: (h, w), the logarithm less its local mean, over its
+    local spread, around 128.
+    """
+    filled = _filled(gray)
+    if scale < 1:
+        filled = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    logarithm = np.log(filled + np.float32(LOCAL_CONTRAST_SETTINGS.offset))
+    detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), LOCAL_CONTRAST_SETTINGS.mean_px)
+    spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), LOCAL_CONTRAST_SETTINGS.spread_px))
+    return np.asarray(
+        np.clip(128 + LOCAL_CONTRAST_SETTINGS.gain * detail / (spread + LOCAL_CONTRAST_SETTINGS.noise), 0, 255), np.uint8
+    )
+
+
+def _filled(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """With what was painted black for want of a range filled in smoothly: its rim is no thing on the bottom."""
+    known = (gray > 0).astype(np.float32)
+    filled = gray.astype(np.float32)
+    for width in LOCAL_CONTRAST_SETTINGS.fill_px:
+        if known.all():
+            break
+        share = cv2.blur(known, (width, width))
+        mean = cv2.blur(filled * known, (width, width)) / np.maximum(share, 1e-6)
+        filled = np.where((known == 0) & (share > LOCAL_CONTRAST_SETTINGS.fill_known), mean, filled)
+        known = np.where(share > LOCAL_CONTRAST_SETTINGS.fill_known, np.float32(1), known)
+    return filled
+
+
+# Smoothed inverse depth around pixels, by fitted planes: a plane, however it is tilted, is not
+# changed.
+
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """When the depth around a pixel is used."""
+
+    window_px: int = 9  # inverse depths are averaged over it: as wide as their errors are correlated
+    min_known: float = 0.6  # fraction of the window with a range
+    max_spread_std: float = 3.0  # spread around a plane, in standard errors,
+    max_spread: float = 0.005  # and as a fraction of the inverse depth: more is an edge, such as a fish's
+    unknown_std: float = 0.01  # standard error as a fraction of the range where it is not known
+
+
+SMOOTH_DEPTH_SETTINGS = SmoothingSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothDepth:
+    """Smoothed inverse depth at every so many pixels along both axes.
+
+    inverse, std: (h, w) inverse depth and its standard error, 1/m. usable: (h, w), where it is measured and there is no edge.
+    every: pixels from one sample to the next.
+    """
+
+    inverse: Map
+    std: Map
+    usable: NDArray[np.bool_]
+    every: int
+
+    def at(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """The inverse depth, its standard error and whether they are usable, (n,) each, at (n, 2) pixels of the frame."""
+        places = (pixels - self.every // 2) / self.every
+        columns, rows = np.clip(np.rint(places).astype(int), 0, np.array(self.usable.shape[::-1]) - 1).T
+        across, down = places.astype(np.float32).T
+        inverse = cv2.remap(self.inverse, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+        usable = self.usable[rows, columns] & np.isfinite(inverse)
+        return inverse.astype(np.float64), self.std[rows, columns].astype(np.float64), usable
+
+
+def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> SmoothDepth:
+    """Fit a plane to the inverse depths of each window; inverse depths of a plane are linear in pixels, ranges are not.
+
+    every: that many pixels along each axis are skipped but for one: neighbors have errors in common and tell little more.
+    """
+    some = (slice(every // 2, None, every),) * 2
+    measured_m, stated_m = frame.range_m[some], frame.range_std_m[some]
+    known = np.isfinite(measured_m) & (frame.confidence[some] > 0)
+    range_m = np.where(known, measured_m, np.float32(1))
+    inverse = np.where(known, geometry.ray_length[some] / range_m, 0).astype(np.float32)
+    width = _window(every)
+    share = _mean(known.astype(np.float32), width)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = _mean(inverse, width) / share
+        filled = np.where(known, inverse, mean)  # so that the windows' rims do not tilt the planes
+        slope, mean_of = _slope(width)
+        tilt = cv2.sepFilter2D(filled, -1, slope, mean_of) ** 2 + cv2.sepFilter2D(filled, -1, mean_of, slope) ** 2
+        variance = _mean(inverse * inverse, width) / share - mean**2 - tilt * (width**2 - 1) / 12
+        std_m = np.where(np.isfinite(stated_m), stated_m, SMOOTH_DEPTH_SETTINGS.unknown_std * range_m)
+        std = std_m * inverse / range_m
+        smooth = (
+            np.sqrt(np.maximum(variance, 0)) < SMOOTH_DEPTH_SETTINGS.max_spread_std * std + SMOOTH_DEPTH_SETTINGS.max_spread * mean
+        )
+    usable = known & (share > SMOOTH_DEPTH_SETTINGS.min_known) & smooth
+    return SmoothDepth(mean.astype(np.float32), std.astype(np.float32), usable, every)
+
+
+def _window(every: int) -> int:
+    """The window's width in the pixels that are left: odd, and three at least."""
+    return max(3, SMOOTH_DEPTH_SETTINGS.window_px // every // 2 * 2 + 1)
+
+
+def _mean(values: Map, width: int) -> Map:
+    return np.asarray(cv2.blur(values, (width, width)), np.float32)
+
+
+def _slope(width: int) -> tuple[Map, Map]:
+    """Kernels along and across an axis whose product is the slope of the plane of least squares along it."""
+    offsets = np.arange(width, dtype=np.float32) - width // 2
+    return offsets / np.float32((offsets**2).sum()), np.full(width, 1 / width, np.float32)
+
 
 Array = NDArray[np.float64]
 
@@ -25,7 +172,7 @@ class FeatureSettings:
     lateral_std_px: float = 0.3  # how well SIFT finds a point again (measured on the synthetic reef)
 
 
-SETTINGS = FeatureSettings()
+FEATURES_SETTINGS = FeatureSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +203,7 @@ class Features:
         return np.column_stack([self.points[:, :2], np.ones(len(self.points))]) / self.points[:, 2:]
 
 
-def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = SETTINGS) -> Features:
+def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = FEATURES_SETTINGS) -> Features:
     """SIFT (Lowe 2004) on the image of local contrast, kept where the range is measured and smooth all around."""
     gray: NDArray[np.uint8] = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, settings.max_width_px / gray.shape[1])
@@ -73,3 +220,59 @@ def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSetting
     points = np.column_stack([directions, inverse[good]])
     std = np.column_stack([lateral, lateral, inverse_std[good]])
     return Features(points, std, np.rint(descriptors[good]).astype(np.uint8))
+
+
+# Features of a survey's frames on disk: memory stays bounded, workers share them, and a track
+# that was stopped continues.
+
+HELD = 64
+"""Frames whose features a process holds, some 0.4 MB each: neighbors are asked for again and again."""
+
+
+class FeatureStore(Lazy[Features]):
+    """A folder with one file a frame, asked for by the frame's position on the track. names: of the files, by position."""
+
+    def __init__(self, folder: Path, names: Sequence[str]) -> None:
+        self._folder, self._names = folder, names
+
+    @classmethod
+    def of(cls, survey: Survey) -> "FeatureStore":
+        """Open the store of a survey's frames; features that an earlier run found in the same frames are kept."""
+        index = survey.index
+        if survey.scratch is None:
+            return _Temporary([f"{number}.npz" for number in index.order.tolist()])
+        names = [f"{number}_{index.checksums[number]:08x}.npz" for number in index.order.tolist()]
+        key = content_key(__version__, FEATURES_SETTINGS, survey.geometry)
+        return cls(kept_folder(survey.scratch / "features", key), names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def item(self, number: int) -> Features:
+        """Read the features of the frame at a position. Raises FileNotFoundError where they were not found yet."""
+        return _loaded(self._path(number))
+
+    def has(self, number: int) -> bool:
+        """Tell whether the features of a frame are stored."""
+        return self._path(number).is_file()
+
+    def save(self, number: int, features: Features) -> None:
+        """Write the features of a frame. Raises OutputError."""
+        with atomic_path(self._path(number)) as path, path.open("wb") as file:
+            np.savez(file, points=features.points, std=features.std, descriptors=features.descriptors)
+
+    def _path(self, number: int) -> Path:
+        return self._folder / self._names[number]
+
+
+class _Temporary(FeatureStore):
+    """In a folder that goes with this object."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(Path(tempfile.mkdtemp(prefix="stereo-seecolor-")), names)
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+
+
+@lru_cache(maxsize=HELD)
+def _loaded(path: Path) -> Features:
+    return Features(**load_arrays(path))

@@ -8,17 +8,14 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
+from stereo_seecolor.mapping.navigation.comparison import ALIKE, MAX_TURN_RAD, Navigation, Verdict, attitudes_alike, examine, priors
+from stereo_seecolor.mapping.navigation.deviations import spot_check
+from stereo_seecolor.mapping.navigation.interpretations import misfit
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import odometry, pose_graph
-from stereo_seecolor.mapping.track.fixes import at_fixes
-from stereo_seecolor.mapping.track.marks import Marks
-from stereo_seecolor.mapping.track.marks_fit import MarkersFit, fitted_to_marks
-from stereo_seecolor.mapping.track.navigation import ALIKE, MAX_TURN_RAD, Navigation, Verdict, attitudes_alike, examine, priors
-from stereo_seecolor.mapping.track.placement import place
-from stereo_seecolor.mapping.track.readings import misfit
-from stereo_seecolor.mapping.track.refinement import refined
-from stereo_seecolor.mapping.track.spot_check import spot_check
-from stereo_seecolor.mapping.track.upright import upright
+from stereo_seecolor.mapping.track import loops, odometry
+from stereo_seecolor.mapping.track.assignment import at_fixes, place, upright
+from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit, fitted_to_marks, refined
+from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
@@ -128,7 +125,7 @@ def _placed_by_poses(survey: Survey, config: MappingConfig, trajectory: Trajecto
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:
         used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
-    elif not pose_graph.available():
+    elif not loops.available():
         missing = "the given poses were taken as they are: to fit them to the pictures, pip install 'stereo-seecolor[slam]' (GTSAM)"
         used = _Used(_as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation)
     else:
@@ -198,16 +195,14 @@ def _upright(track: odometry.Track, own: Placement, config: MappingConfig) -> tu
     return own if markers and markers.control else upright(own, track.survey.index, "unknown"), markers
 
 
-def _adjusted(
-    track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
-) -> Placement:
-    return refined(track, placement, known) if config.bundle_adjustment and pose_graph.available() else placement
+def _adjusted(track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[loops.Prior] = ()) -> Placement:
+    return refined(track, placement, known) if config.bundle_adjustment and loops.available() else placement
 
 
 def _to_marks(
-    track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
+    track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[loops.Prior] = ()
 ) -> tuple[Placement, MarkersFit | None]:
     """Constrain a track by what is known of markers."""
-    if not config.markers.known or not config.bundle_adjustment or not pose_graph.available():
+    if not config.markers.known or not config.bundle_adjustment or not loops.available():
         return placement, None
     return fitted_to_marks(track, placement, Marks.found(track.survey, config.markers), known)

@@ -1,21 +1,176 @@
 """The relative pose of two frames, estimated from the points that both show."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.image_space import Observed
-from stereo_seecolor.mapping.track.near_matches import alike_near
-from stereo_seecolor.mapping.track.pose_kernels import pose_residuals
-from stereo_seecolor.mapping.track.sift import alike
+from stereo_seecolor.mapping.track.sift import alike, alike_near
+
+# Algebra of matrices (3, 3) for compiled loops over points.
+
+
+@compiled
+def invert_symmetric(V: Any, inverse: Any) -> None:
+    """Write the inverse of V (3, 3), symmetric; zeros where it has none that is positive."""
+    inverse[0, 0] = V[1, 1] * V[2, 2] - V[1, 2] * V[1, 2]
+    inverse[0, 1] = V[0, 2] * V[1, 2] - V[0, 1] * V[2, 2]
+    inverse[0, 2] = V[0, 1] * V[1, 2] - V[0, 2] * V[1, 1]
+    inverse[1, 1] = V[0, 0] * V[2, 2] - V[0, 2] * V[0, 2]
+    inverse[1, 2] = V[0, 1] * V[0, 2] - V[0, 0] * V[1, 2]
+    inverse[2, 2] = V[0, 0] * V[1, 1] - V[0, 1] * V[0, 1]
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+    determinant = V[0, 0] * inverse[0, 0] + V[0, 1] * inverse[0, 1] + V[0, 2] * inverse[0, 2]
+    for i in range(3):
+        for j in range(3):
+            inverse[i, j] = inverse[i, j] / determinant if determinant > 0 else 0.0
+
+
+# Compiled loops of relative-pose estimation: residuals of a relative pose on matched points, and
+# its normal equations.
+
+
+@compiled
+def pose_residuals(
+    T: Any,  # (4, 4) float64, to the camera of a from that of b
+    a: Any,  # (n, 3) float64, points in image space
+    a_std: Any,  # (n, 3) float64
+    b: Any,  # (n, 3) float64
+    b_std: Any,  # (n, 3) float64
+    outlier_sigmas: float,  # scale of the Cauchy kernel
+    squared: Any,  # (n,) float64, written: residuals in standard errors, squared
+    H: Any,  # (6, 6) float64, added to: of a turn (rad) and then a shift (m), in the axes of b
+    g: Any,  # (6,) float64, added to
+) -> None:
+    """Normal equations of a pose: the derivatives of ``image_space.move``, each point weighted by both its errors."""
+    weight, moved = np.empty((3, 3)), np.empty(3)
+    by_point, by_pose, residual, pull = np.empty((3, 3)), np.empty((3, 6)), np.empty(3), np.empty(3)
+    for n in range(len(a)):
+        x, y, inverse = b[n, 0], b[n, 1], b[n, 2]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] + inverse * T[2, 3]
+        moved[0] = (T[0, 0] * x + T[0, 1] * y + T[0, 2] + inverse * T[0, 3]) / depth
+        moved[1] = (T[1, 0] * x + T[1, 1] * y + T[1, 2] + inverse * T[1, 3]) / depth
+        moved[2] = inverse / depth
+        for i in range(3):
+            residual[i] = a[n, i] - moved[i]
+            for j in range(3):
+                column = j if j < 2 else 3
+                own = T[i, column] if i < 2 else 0.0
+                by_point[i, j] = (own - moved[i] * T[2, column]) / depth
+        by_point[2, 2] += 1 / depth
+        _weight(by_point, a_std[n], b_std[n], weight)
+        squared[n] = 0.0
+        for i in range(3):
+            pull[i] = weight[i, 0] * residual[0] + weight[i, 1] * residual[1] + weight[i, 2] * residual[2]
+        for i in range(3):
+            squared[n] += residual[i] * pull[i]
+        robust = 1 / (1 + squared[n] / outlier_sigmas**2)
+        _by_pose(T, x, y, inverse, moved, depth, by_pose)
+        for p in range(6):
+            for i in range(3):
+                g[p] += robust * by_pose[i, p] * pull[i]
+            for q in range(6):
+                for i in range(3):
+                    across = weight[i, 0] * by_pose[0, q] + weight[i, 1] * by_pose[1, q] + weight[i, 2] * by_pose[2, q]
+                    H[p, q] += robust * by_pose[i, p] * across
+
+
+@compiled
+def _weight(by_point: Any, a_std: Any, b_std: Any, weight: Any) -> None:
+    """Write the inverse (3, 3) of the covariance of the difference between a point of a and the moved one of b."""
+    c = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                c[i, j] += by_point[i, k] * by_point[j, k] * b_std[k] ** 2
+        c[i, i] += a_std[i] ** 2
+    invert_symmetric(c, weight)
+
+
+@compiled
+def _by_pose(T: Any, x: float, y: float, inverse: float, moved: Any, depth: float, by_pose: Any) -> None:
+    """Write the derivatives (3, 6) of a moved point by a turn and a shift."""
+    for i in range(3):
+        of_row = 1.0 if i < 2 else 0.0
+        for k in range(3):
+            # rows of -R [ray] x: R times the ray crossed with the axes
+            turn, turn_depth = _turned(T, i, x, y, k), _turned(T, 2, x, y, k)
+            by_pose[i, k] = (of_row * turn - moved[i] * turn_depth) / depth
+            by_pose[i, 3 + k] = inverse * (of_row * T[i, k] - moved[i] * T[2, k]) / depth
+
+
+@compiled
+def _turned(T: Any, row: int, x: float, y: float, axis: int) -> Any:
+    """Row of -R [(x, y, 1)] x, at a column."""
+    if axis == 0:
+        return T[row, 2] * y - T[row, 1]
+    if axis == 1:
+        return T[row, 0] - T[row, 2] * x
+    return T[row, 1] * x - T[row, 0] * y
+
+
+# Points in image space, x / z, y / z and 1 / z, under a rigid motion: a projective map, in which
+# errors of stereo are symmetric.
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Observed points: (n, 3) in image space, 1 / z in 1/m. std: (n, 3) their standard errors."""
+
+    points: Array
+    std: Array
+
+    def chosen(self, which: NDArray[np.int64] | NDArray[np.bool_] | slice) -> "Observed":
+        """Select some points."""
+        return Observed(self.points[which], self.std[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Points seen from another camera.
+
+    points: (n, 3) in that camera. by_point: (n, 3, 3) and by_pose: (n, 3, 6) their derivatives, by the points as they were, and by
+    a turn (rad) and a shift (m) in the axes of the camera that they come from.
+    """
+
+    points: Array
+    by_point: Array
+    by_pose: Array
+
+
+def move(T: Array, points: Array) -> Moved:
+    """Points (n, 3) of one camera as the other sees them; T: (4, 4) to the other camera (Demirdjian and Darrell 2001)."""
+    R, shift = T[:3, :3], T[:3, 3]
+    rays, inverse = np.column_stack([points[:, :2], np.ones(len(points))]), points[:, 2:]
+    scaled = rays @ R.T + inverse * shift
+    depth = scaled[:, 2:]
+    moved = np.column_stack([scaled[:, :2], points[:, 2]]) / depth
+    by_point = np.broadcast_to(np.column_stack([R[:, 0], R[:, 1], shift]), (len(points), 3, 3))
+    by_pose = np.concatenate([-R @ cross(rays), inverse[:, :, None] * R], axis=2)
+    by_own = np.zeros((3, 3))
+    by_own[2, 2] = 1  # 1 / z itself
+    return Moved(moved, _divided(by_point, moved, depth) + by_own / depth[:, :, None], _divided(by_pose, moved, depth))
+
+
+def _divided(derivative: Array, moved: Array, depth: Array) -> Array:
+    """Of scaled rays, (n, 3, k), to that of the points in image space, but for what 1 / z itself adds."""
+    rows = np.concatenate([derivative[:, :2], np.zeros_like(derivative[:, 2:])], axis=1)
+    return np.asarray((rows - moved[:, :, None] * derivative[:, 2:]) / depth[:, :, None])
+
+
+def cross(v: Array) -> Array:
+    """Make the cross product matrices of vectors: (n, 3, 3)."""
+    zero = np.zeros(len(v))
+    x, y, z = v.T
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.compute.lazy import Lazy
-from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
-from stereo_seecolor.mapping.track.feature_store import FeatureStore
-from stereo_seecolor.mapping.track.features import Features, detect
+from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.track.features import Features, FeatureStore, detect
 from stereo_seecolor.mapping.track.image_errors import ImageErrors, Pair
-from stereo_seecolor.mapping.track.image_space import Observed
-from stereo_seecolor.mapping.track.relative_pose import Expected, RelativePose, fit_pose, relative_pose
+from stereo_seecolor.mapping.track.relative_pose import Expected, Observed, RelativePose, fit_pose, relative_pose
 
 Ends = tuple[int, int]
 """Two positions on the track."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE
+from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE
 
 
 @compiled(inline=True)

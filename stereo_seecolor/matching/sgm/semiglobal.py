@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
+from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
 from stereo_seecolor.matching.sgm.steps import steps
 from stereo_seecolor.records import Map
 

@@ -14,7 +14,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE, WINDOW
+from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE, WINDOW
 
 _vector_code: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 

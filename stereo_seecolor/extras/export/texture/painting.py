@@ -1,16 +1,117 @@
 """Painting of a page of texture: pixels of the images, with the corrections that level the seams."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, diags_array
+from scipy.sparse.linalg import splu
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.extras.export.texture.atlas import BLOCK_PX, PAD_PX, Page
-from stereo_seecolor.extras.export.texture.charts import Charts
 from stereo_seecolor.extras.export.texture.surface import Surface
-from stereo_seecolor.extras.export.texture.views import Views
+from stereo_seecolor.extras.export.texture.views import Charts, Views
+
+# Pages of texture: charts packed as rectangles, each cut out of its image, row after row.
+
+MOST_PX = 4096
+"""A side of a page, unless an image is larger: what every browser and phone takes."""
+PAD_PX = 4
+"""Around a chart, in pixels of the page: what smaller copies of a texture mix in."""
+BLOCK_PX = 4
+"""A side of the patch of a triangle that no view shows: it has the colors of its corners."""
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A page of texture.
+
+    size: (width, height). step: pixels of the images to one of the page. charts (n,), and for each the rectangle of its view,
+    source (n, 4) as left, top, width, height, and its place (n, 2) in the page. unseen (m,): triangles without a view, and block
+    (m, 2): their places.
+    """
+
+    size: tuple[int, int]
+    step: int
+    charts: NDArray[np.int64]
+    source: NDArray[np.int64]
+    place: NDArray[np.int64]
+    unseen: NDArray[np.int64]
+    block: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PageMesh:
+    """The triangles of a page. vertex (N,): numbers in the surface. uv (N, 2): from the page's top left corner, 0 to 1.
+
+    triangles (F, 3): into them.
+    """
+
+    vertex: NDArray[np.int64]
+    uv: NDArray[np.float32]
+    triangles: NDArray[np.int64]
+
+
+def pack(charts: Charts, group: int, unseen: NDArray[np.int64], step: int) -> list[Page]:
+    """The pages of a group's charts, and of triangles that no view shows."""
+    own = np.flatnonzero(charts.group == group)
+    source = _sources(charts, own, step)
+    sizes = np.concatenate([source[:, 2:] // step, np.full((len(unseen), 2), BLOCK_PX, np.int64)])
+    pages = []
+    for chosen, places, size in _shelves(sizes):
+        chart, block = chosen < len(own), chosen >= len(own)
+        of_chart = chosen[chart]
+        faces = unseen[chosen[block] - len(own)]
+        pages.append(Page(size, step, own[of_chart], source[of_chart], places[chart], faces, places[block]))
+    return pages
+
+
+def page_mesh(charts: Charts, page: Page, triangles: NDArray[np.int32], of_chart: Sequence[NDArray[np.int64]]) -> PageMesh:
+    """Vertices of a page, with their places in it. triangles: of the surface. of_chart: the triangles of each chart."""
+    faces = np.concatenate([of_chart[chart] for chart in page.charts]) if len(page.charts) else np.zeros(0, np.int64)
+    nodes, inverse = np.unique(charts.node[faces], return_inverse=True)
+    position = np.zeros(len(charts.view), np.int64)
+    position[page.charts] = np.arange(len(page.charts))
+    at = position[charts.chart[nodes]]
+    uv = (charts.pixel[nodes] + 0.5 - page.source[at, :2]) / page.step + page.place[at] if len(nodes) else np.zeros((0, 2))
+    corners = np.array([[0.5, 0.5], [BLOCK_PX - 0.5, 0.5], [0.5, BLOCK_PX - 0.5]])
+    blocks = (page.block[:, None] + corners).reshape(-1, 2)
+    vertex = np.concatenate([charts.vertex[nodes], triangles[page.unseen].ravel()])
+    more = len(nodes) + np.arange(3 * len(page.unseen)).reshape(-1, 3)
+    places = np.asarray(np.concatenate([uv, blocks]) / page.size, np.float32)
+    return PageMesh(vertex, places, np.concatenate([inverse.reshape(-1, 3), more]))
+
+
+def _sources(charts: Charts, own: NDArray[np.int64], step: int) -> NDArray[np.int64]:
+    """(n, 4) rectangles of the views around charts, whole steps with the pad around."""
+    low, high = np.full((len(charts.view), 2), np.inf), np.full((len(charts.view), 2), -np.inf)
+    np.minimum.at(low, charts.chart, charts.pixel)
+    np.maximum.at(high, charts.chart, charts.pixel)
+    start = (np.floor(low[own] / step) - PAD_PX) * step
+    end = (np.ceil((high[own] + 1) / step) + PAD_PX) * step
+    return np.concatenate([start, end - start], axis=1).astype(np.int64)
+
+
+def _shelves(sizes: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]]:
+    """Rectangles (width, height) in rows of falling height: which are on a page, their places, and the page's size."""
+    if not len(sizes):
+        return
+    most = max(MOST_PX, int(sizes.max()))
+    width = int(min(most, max(sizes[:, 0].max(), np.ceil(1.1 * np.sqrt(sizes.prod(axis=1).sum())))))
+    order = np.argsort(-sizes[:, 1], kind="stable")
+    places = np.zeros((len(sizes), 2), np.int64)
+    x = y = shelf = begun = 0
+    for number, rectangle in enumerate(order.tolist()):
+        w, h = sizes[rectangle].tolist()
+        if x + w > width:
+            x, y, shelf = 0, y + shelf, 0
+        if y + h > most:
+            yield order[begun:number], places[order[begun:number]], (width, y)
+            x, y, shelf, begun = 0, 0, 0, number
+        places[rectangle] = x, y
+        x, shelf = x + w, max(shelf, h)
+    yield order[begun:], places[order[begun:]], (width, y + shelf)
 
 
 def paint(views: Views, surface: Surface, charts: Charts, page: Page, of_chart: Sequence[NDArray[np.int64]]) -> NDArray[np.uint8]:
@@ -84,3 +185,86 @@ def spread(added, inside, corners, correction, margin_px):  # type: ignore[no-un
                 for k in range(3):
                     added[y, x, k] = u * correction[f, 0, k] + v * correction[f, 1, k] + w * correction[f, 2, k]
                 inside[y, x] = 2 if within else 1
+
+
+# Seams leveled: a smooth correction of each chart, so that both sides of a seam have the same
+# colors (Lempitsky, Ivanov 2007).
+#
+# Least squares over nodes: along each seam the corrections differ as much as the views do, mean
+# over the edge; within a chart neighbors have nearly the same correction; and the colors as a
+# whole are those of the map's vertices, which all frames made.
+
+SMOOTH = 0.5
+"""Weight of equal corrections of neighbors, against 1 of a seam: what differs from seam to seam is noise and parallax."""
+MAP = 0.1
+"""Weight of the map's color at a vertex."""
+ALONG = np.linspace(0, 1, 7)
+"""Places on an edge where its color is taken."""
+BLUR_PX = 2.0
+"""Before colors are compared: a seam may be off by a pixel or two."""
+
+LIGHT_STD = 20.0
+"""Of 255: larger differences between views come from different content (edges of objects) rather than from light."""
+
+
+def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int64]) -> Charts:
+    """The charts with their corrections. across: (F, 3) neighbors or -1."""
+    if not len(charts.vertex):
+        return charts
+    one, other = _seams(charts, across)
+    difference = _colors(views, charts, other) - _colors(views, charts, one)
+    every = np.arange(len(charts.vertex))
+    to_map = surface.color[charts.vertex] - _colors(views, charts, np.stack([every, every], axis=1))
+    count, nodes = len(one), len(charts.vertex)
+    row = np.repeat(np.arange(count), 4)
+    column = np.concatenate([one, other], axis=1).ravel()
+    sure, sure_of_map = _sureness(difference), _sureness(to_map)
+    signs = (sure[:, None] * (0.5, 0.5, -0.5, -0.5)).ravel()
+    seam = coo_array((signs, (row, column)), shape=(count, nodes)).tocsr()
+    inner = _inner_edges(charts)
+    signs = np.tile([1.0, -1.0], len(inner))
+    smooth = coo_array((signs, (np.repeat(np.arange(len(inner)), 2), inner.ravel())), shape=(len(inner), nodes)).tocsr()
+    normal = seam.T @ seam + SMOOTH**2 * (smooth.T @ smooth) + diags_array((MAP * sure_of_map) ** 2)
+    right = seam.T @ (sure[:, None] * difference) + (MAP * sure_of_map[:, None]) ** 2 * to_map
+    solved = splu(normal.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(np.asarray(right))
+    return charts.leveled(solved.astype(np.float32))
+
+
+def _sureness(difference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) weights of differences (n, 3), those of a Cauchy distribution."""
+    return np.asarray(1 / np.sqrt(1 + (np.abs(difference).max(axis=1, initial=0) / LIGHT_STD) ** 2))
+
+
+def _seams(charts: Charts, across: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(S, 2) nodes of edges between two charts, as one sees them and as the other."""
+    face, corner = np.nonzero(across >= 0)
+    beyond = across[face, corner]
+    apart = (face < beyond) & (charts.of_face[face] != charts.of_face[beyond]) & (charts.of_face[[face, beyond]] >= 0).all(axis=0)
+    face, corner, beyond = face[apart], corner[apart], beyond[apart]
+    one = np.stack([charts.node[face, corner], charts.node[face, (corner + 1) % 3]], axis=1)
+    candidates = charts.node[beyond]
+    place = (charts.vertex[candidates][:, None, :] == charts.vertex[one][:, :, None]).argmax(axis=2)
+    return one, np.take_along_axis(candidates, place, axis=1)
+
+
+def _inner_edges(charts: Charts) -> NDArray[np.int64]:
+    node = charts.node[charts.of_face >= 0]
+    ends = np.sort(np.stack([node, np.roll(node, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    return np.asarray(np.unique(ends, axis=0))
+
+
+def _colors(views: Views, charts: Charts, edges: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(S, 3) mean color of edges (S, 2) in the view of their charts."""
+    view = charts.view[charts.chart[edges[:, 0]]]
+    result = np.zeros((len(edges), 3))
+    for number in np.unique(view):
+        of_view = np.flatnonzero(view == number)
+        image = cv2.GaussianBlur(views.image(int(number)), (0, 0), BLUR_PX).astype(np.float32)
+        start, end = charts.pixel[edges[of_view, 0]], charts.pixel[edges[of_view, 1]]
+        places = (start[:, None] + ALONG[:, None] * (end - start)[:, None]).astype(np.float32)
+        sampled = [
+            cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for part in np.array_split(places, 1 + len(places) // 30000)  # remap takes at most 32767 rows
+        ]
+        result[of_view] = np.concatenate(sampled).mean(axis=1)
+    return result

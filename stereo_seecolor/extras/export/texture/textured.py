@@ -7,13 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.export.texture.atlas import PageMesh, pack, page_mesh
-from stereo_seecolor.extras.export.texture.charts import Charts, build_charts
-from stereo_seecolor.extras.export.texture.choice import choose
-from stereo_seecolor.extras.export.texture.leveling import level
-from stereo_seecolor.extras.export.texture.painting import paint
+from stereo_seecolor.extras.export.texture.painting import PageMesh, level, pack, page_mesh, paint
 from stereo_seecolor.extras.export.texture.surface import Surface, neighbors, read_surface
-from stereo_seecolor.extras.export.texture.views import Views, candidates
+from stereo_seecolor.extras.export.texture.views import Charts, Views, build_charts, candidates, choose
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 

@@ -19,11 +19,11 @@ from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.extras.fleet.cluster.local_workers import CAN_FORK, Orders, starter
-from stereo_seecolor.extras.fleet.cluster.run_keys import WITHOUT_PAGES, in_files, run_keys, workers_part
+from stereo_seecolor.extras.fleet.cluster.ticket import WITHOUT_PAGES, in_files, run_keys, workers_part
 
 if TYPE_CHECKING:
+    from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
-    from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
 
 log = logging.getLogger(__name__)
 
@@ -169,7 +169,7 @@ def _running(address: str) -> Iterator[OpenedCluster]:
 @contextmanager
 def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
     """Jobs of a batch system, each with a worker."""
-    from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
+    from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
 
     content = JobFile.read(file)
     try:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from stereo_seecolor.extras.fleet.cluster.run_keys import NO_PAGES
+from stereo_seecolor.extras.fleet.cluster.ticket import NO_PAGES
 
 FAILURES_ALLOWED = 10
 """Workers that a batch may lose before it is given up: machines may be withdrawn, but a batch that kills every worker must not."""

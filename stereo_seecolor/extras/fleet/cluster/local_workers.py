@@ -23,15 +23,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from calibration.bounded_text import load_json
+from calibration.files import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
-from stereo_seecolor.extras.fleet.cluster.run_keys import of_worker
+from stereo_seecolor.extras.fleet.cluster.ticket import of_worker
 
 IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive.passes")
 """Modules that all workers need, by name, since they lie in higher layers than this one."""
-LOADED_ONCE = ("stereo_seecolor.matching.first_run:load_search",)
+LOADED_ONCE = ("stereo_seecolor.matching.warm_up:load_search",)
 """Functions that load the machine code that all workers need, in 0.7 s."""
 LOOK_S = 0.5
 """Seconds between two checks of the workers."""

@@ -7,19 +7,24 @@ import numpy as np
 
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.extras.reef.metrics.tables import write_tables
-from stereo_seecolor.files.atomic import files_below
-from stereo_seecolor.files.new_folder import new_folder, refuse_filled
-from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
+from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.markers.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.markers.detection import MarkerDetector
-from stereo_seecolor.mapping.markers.marker_map import PlacedMarker, ScaleCheck, bar_checks, placed_markers, size_check
-from stereo_seecolor.mapping.markers.placing import PlacedSighting, place
+from stereo_seecolor.mapping.markers.placing import (
+    PlacedMarker,
+    PlacedSighting,
+    ScaleCheck,
+    bar_checks,
+    place,
+    placed_markers,
+    size_check,
+)
 from stereo_seecolor.mapping.markers.tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
-from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.posed_run import PosedRun, SurveyFrames, open_posed_run
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.comparing.registration import Registration
-from stereo_seecolor.extras.reef.site.terrain import Terrain
-from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors
+from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.site.mesh import Site
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
+from stereo_seecolor.mapping.kept_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import loop_closure, odometry, pose_graph
-from stereo_seecolor.mapping.track.pose_graph import Prior
-from stereo_seecolor.mapping.track.refinement import refined
+from stereo_seecolor.mapping.track import loops, odometry
+from stereo_seecolor.mapping.track.bundle_adjustment import refined
+from stereo_seecolor.mapping.track.loops import Prior
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -63,13 +63,13 @@ def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) 
     survey = Survey(frames, a.posed.geometry, replace(index, timestamps_s=np.full(len(T), np.nan)), compute=compute)
     track = odometry.follow(survey)
     points = ((i, transformed(T[i], index.points_m[i])) for i in range(len(T)))
-    pairs = [(i, j) for i, j in loop_closure.by_overlap(points, odometry.SETTINGS.window) if j >= count]
+    pairs = [(i, j) for i, j in loops.by_overlap(points, odometry.SETTINGS.window) if j >= count]
     track.edges = [edge for edge in track.edges if min(edge.i, edge.j) >= count]
     track.edges += track.measure(pairs, "frames of both dives", loop=True)
     fixed, loose = (SETTINGS.position_std_m, SETTINGS.attitude_std_rad), (SETTINGS.loose_m, SETTINGS.loose_rad)
     stds = [fixed if i < count else loose for i in range(len(T))]
     priors = [Prior(i, T[i], np.full(3, position), attitude) for i, (position, attitude) in enumerate(stds)]
-    T_solved, false = pose_graph.solve(T, range(len(T)), track.edges, priors)
+    T_solved, false = loops.solve(T, range(len(T)), track.edges, priors)
     track.edges = [edge for edge in track.edges if edge not in false]
     across = sum(edge.i < count <= edge.j for edge in track.edges)
     if across < SETTINGS.fewest:

@@ -2,19 +2,145 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ComparingError
-from stereo_seecolor.extras.reef.comparing.landmarks import Landmarks, landmarks, matched
-from stereo_seecolor.extras.reef.comparing.rigid import RigidFit, rigid_fit
 from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
 from stereo_seecolor.extras.reef.site.mesh import Site
-from stereo_seecolor.extras.reef.site.orthophoto import orthophoto
-from stereo_seecolor.extras.reef.site.terrain import grid_of, terrain_of
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.extras.reef.site.orthophoto import Orthophoto, orthophoto
+from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
+from stereo_seecolor.geometry import rigid_alignment, transformed
+from stereo_seecolor.mapping.track.features import local_contrast
+from stereo_seecolor.mapping.track.sift import alike, keypoints
+
+# Landmarks of a site: features of its colors as seen from above, each with its place in three
+# dimensions.
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LandmarkSettings:
+    """How features are found and matched."""
+
+    per_m2: int = 2000  # of the ground that was seen; more are too small to last a year
+    most: int = 60_000  # matching them takes a minute
+    lowe_ratio: float = 0.85  # looser than Lowe's 0.8: a rigid motion is searched in what is left, and few wrong ones fit it
+    margin_px: int = 5  # from holes and the edge, where the picture is none of the bottom
+
+
+LANDMARKS_SETTINGS = LandmarkSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """The landmarks of a site. points_m: (n, 3) in the terrain's coordinates. descriptors: (n, 128) float32, square roots of
+    normalized SIFT.
+    """
+
+    points_m: Array
+    descriptors: NDArray[np.float32]
+
+
+def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
+    """SIFT (Lowe 2004) with root normalization (Arandjelovic and Zisserman 2012) on local contrast, where the ground is known."""
+    known = photo.gray > 0
+    contrast = local_contrast(photo.gray, 1.0)
+    mask = cv2.erode(known.astype(np.uint8), np.ones((2 * LANDMARKS_SETTINGS.margin_px + 1,) * 2, np.uint8), borderValue=0)
+    count = min(LANDMARKS_SETTINGS.most, round(LANDMARKS_SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2))
+    pixels, descriptors = keypoints(contrast, mask, max(count, 100))
+    if not len(pixels):
+        return Landmarks(np.zeros((0, 3)), descriptors)
+    places = _places(photo, terrain, pixels)
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
+    high = np.isfinite(places[:, 2])
+    return Landmarks(places[high], root[high])
+
+
+def _places(photo: Orthophoto, terrain: Terrain, pixels: Array) -> Array:
+    """(n, 3) of pixels (n, 2); heights between the terrain's cells, NaN beside a hole."""
+    grid = photo.grid
+    x, y = grid.west_m + (pixels[:, 0] + 0.5) * grid.cell_m, grid.north_m - (pixels[:, 1] + 0.5) * grid.cell_m
+    at = terrain.grid.pixels(np.stack([x, y], axis=-1)).astype(np.float32)
+    outside = float("nan")
+    z = cv2.remap(terrain.height_m.astype(np.float32), at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderValue=outside)
+    return np.stack([x, y, z[:, 0].astype(np.float64)], axis=-1)
+
+
+def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
+    """Match landmarks of a and b, each the other's best and better than the next best by Lowe's ratio: places (n, 3) of a, and of
+    b.
+    """
+    index_a, index_b = alike(a.descriptors, b.descriptors, LANDMARKS_SETTINGS.lowe_ratio)
+    return a.points_m[index_a], b.points_m[index_b]
+
+
+# The rigid motion that most matched points agree on: RANSAC on triples, then least squares on the
+# inliers.
+#
+# Both surveys are metric, so there is no scale to find, and a triple whose sides differ is no
+# match: most wrong ones end there. Fischler and Bolles 1981; Umeyama 1991.
+
+
+@dataclass(frozen=True)
+class RansacSettings:
+    """How the motion is searched."""
+
+    triples: int = 200_000  # drawn; at one right match in twenty, 25 of them are right
+    tried: int = 2_000  # of those whose sides agree
+    refinements: int = 5  # of least squares on what agrees, which changes what agrees
+
+
+RIGID_SETTINGS = RansacSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFit:
+    """T: (4, 4) from b to a. inliers: (n,) bool. rms_m: of the inliers' distances."""
+
+    T: Array
+    inliers: NDArray[np.bool_]
+    rms_m: float
+
+
+def rigid_fit(a: Array, b: Array, tolerance_m: float) -> RigidFit | None:
+    """Fit the rigid motion of matched points (n, 3), of which those within tolerance_m agree; None where no three do."""
+    best: tuple[int, Array] | None = None
+    for triple in _alike_triples(a, b, tolerance_m):
+        T = rigid_alignment(b[triple], a[triple])
+        agree = int((_distances(T, a, b) < tolerance_m).sum())
+        if best is None or agree > best[0]:
+            best = agree, T
+    if best is None:
+        return None
+    T = best[1]
+    for _ in range(RIGID_SETTINGS.refinements):
+        inliers = _distances(T, a, b) < tolerance_m
+        if inliers.sum() < 3:
+            return None
+        T = rigid_alignment(b[inliers], a[inliers])
+    distances = _distances(T, a, b)
+    inliers = distances < tolerance_m
+    return RigidFit(T, inliers, float(np.sqrt((distances[inliers] ** 2).mean()))) if inliers.sum() >= 3 else None
+
+
+def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
+    """(k, 3) numbers of matches whose triangles have the same sides, none of them short."""
+    if len(a) < 3:
+        return np.zeros((0, 3), np.int64)
+    rng = np.random.default_rng(0)
+    triples = rng.integers(0, len(a), (RIGID_SETTINGS.triples, 3))
+    alike = np.ones(len(triples), bool)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        side_a, side_b = (np.linalg.norm(points[triples[:, i]] - points[triples[:, j]], axis=1) for points in (a, b))
+        alike &= (np.abs(side_a - side_b) < tolerance_m) & (side_a > 10 * tolerance_m)
+    return np.asarray(triples[alike][: RIGID_SETTINGS.tried])
+
+
+def _distances(T: Array, a: Array, b: Array) -> Array:
+    return np.asarray(np.linalg.norm(transformed(T, b) - a, axis=1))
 
 
 @dataclass(frozen=True)
@@ -28,7 +154,7 @@ class RegistrationSettings:
     stable: float = 0.5  # of the ground over both must fit: what moved cannot be told from what did not otherwise
 
 
-SETTINGS = RegistrationSettings()
+REGISTRATION_SETTINGS = RegistrationSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +190,15 @@ def register(a: Site, b: Site, cell_m: float) -> Registration:
     """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be relied on."""
     found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
-    coarse = rigid_fit(*found, SETTINGS.tolerance_cells * cell_m)
+    coarse = rigid_fit(*found, REGISTRATION_SETTINGS.tolerance_cells * cell_m)
     agreeing = int(coarse.inliers.sum()) if coarse else 0
-    needed = max(SETTINGS.fewest, round(SETTINGS.fraction * count))
+    needed = max(REGISTRATION_SETTINGS.fewest, round(REGISTRATION_SETTINGS.fraction * count))
     if coarse is None or agreeing < needed:
         raise ComparingError(
             f"the surveys cannot be registered: of {count} features that look alike {agreeing} agree on one place (needed: {needed}"
             "): do they show the same site, in colors that are corrected alike?"
         )
-    fine = surface_fit(a.mesh, b.mesh, coarse.T, SETTINGS.apart_cells * cell_m)
+    fine = surface_fit(a.mesh, b.mesh, coarse.T, REGISTRATION_SETTINGS.apart_cells * cell_m)
     return _checked(coarse, fine, found[0][coarse.inliers], count, cell_m)
 
 
@@ -88,10 +214,10 @@ def _checked(coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: in
         raise ComparingError("the surveys cannot be registered: features agree, but the surfaces do not overlap there")
     back = transformed(coarse.T @ np.linalg.inv(fine.T), places)
     apart_m = float(np.sqrt(((back - places) ** 2).sum(axis=1).mean()))
-    if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
+    if fine.stable < REGISTRATION_SETTINGS.stable or apart_m > REGISTRATION_SETTINGS.apart_cells * cell_m:
         raise ComparingError(
-            f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: {SETTINGS.stable:.0%}); features "
-            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most {1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+            f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: {REGISTRATION_SETTINGS.stable:.0%}); features "
+            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most {1000 * REGISTRATION_SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
         )
     agreeing = int(coarse.inliers.sum())
     return Registration(fine.T, fine.covariance, fine.center_m, count, agreeing, coarse.rms_m, fine.stable, fine.spread_m, apart_m)

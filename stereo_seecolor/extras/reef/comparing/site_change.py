@@ -7,15 +7,22 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing import m3c2
-from stereo_seecolor.extras.reef.comparing.color_change import ColorChange, color_change
+from stereo_seecolor.extras.reef.comparing.color_change import (
+    ColorChange,
+    Kind,
+    Mask,
+    Patch,
+    color_change,
+    color_patches,
+    height_patches,
+    volume_l,
+)
 from stereo_seecolor.extras.reef.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
-from stereo_seecolor.extras.reef.comparing.patches import Kind, Mask, Patch, color_patches, height_patches, volume_l
 from stereo_seecolor.extras.reef.comparing.registration import Registration, register
 from stereo_seecolor.extras.reef.site.mesh import Site, SiteMesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, terrain_of
-from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors, terrain_errors, terrain_of
+from stereo_seecolor.mapping.raster.block_raster import Grid
 
 LEAST_OVERLAP_CELLS = 2000
 """Errors are learned from stable ground: of fewer cells they are not known."""

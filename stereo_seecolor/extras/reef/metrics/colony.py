@@ -13,10 +13,9 @@ from stereo_seecolor.extras.reef.measuring.measures import inside as within
 from stereo_seecolor.extras.reef.measuring.measures import planar_area, polygon_area
 from stereo_seecolor.extras.reef.measuring.terrain import Ground
 from stereo_seecolor.extras.reef.metrics.outlines import Outline
-from stereo_seecolor.extras.reef.metrics.redraw import spread_of
+from stereo_seecolor.extras.reef.metrics.structure import spread_of
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain
-from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors
+from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -10,11 +10,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.extras.streams.bags import mcap, ros1, sqlite
-from stereo_seecolor.extras.streams.bags.chunks import ZSTD_MAGIC, decompress
-from stereo_seecolor.extras.streams.bags.source import Channel, Chunk, Cut, FileSource, Message, Place
+from stereo_seecolor.extras.streams.bags import files
+from stereo_seecolor.extras.streams.bags.source import ZSTD_MAGIC, Channel, Chunk, Cut, FileSource, Message, Place, decompress
+from stereo_seecolor.files.contained import special_kind
 from stereo_seecolor.files.names import natural_key
-from stereo_seecolor.files.reading import special_kind
 
 SUFFIXES = frozenset({".bag", ".active", ".db3", ".mcap"})
 """``.bag.active``: what ROS 1 calls a bag that is being recorded, or was when the power went."""
@@ -146,7 +145,7 @@ def payload(path: Path, place: Place) -> bytes:
     """A message's bytes. Raises InputError if they cannot be read any more; DeviceError if a library is missing."""
     try:
         if path.suffix.lower() == ".db3":
-            content = sqlite.read(path, place.start)
+            content = files.read(path, place.start)
         elif place.chunk:
             content = _plain_chunk(path, place.chunk)[place.start : place.start + place.size]
         else:
@@ -176,13 +175,13 @@ def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a bag")
         with FileSource(path) as source:
-            begin = source.bytes_at(0, min(source.size, len(sqlite.MAGIC)))
-            if begin.startswith(ros1.MAGIC):
-                yield from ros1.walk(source, problems)
-            elif begin.startswith(mcap.MAGIC):
-                yield from mcap.walk(source, problems)
-            elif begin == sqlite.MAGIC:
-                yield from sqlite.walk(path, problems)
+            begin = source.bytes_at(0, min(source.size, len(files.SQLITE_MAGIC)))
+            if begin.startswith(files.ROS1_MAGIC):
+                yield from files.walk_ros1(source, problems)
+            elif begin.startswith(files.MCAP_MAGIC):
+                yield from files.walk_mcap(source, problems)
+            elif begin == files.SQLITE_MAGIC:
+                yield from files.walk_sqlite(path, problems)
             elif tool := next((tool for magic, tool in UNPACKED_BY.items() if begin.startswith(magic)), None):
                 problems.append(f"is compressed as a whole: unpack it first with {tool} {path.name}")
             else:

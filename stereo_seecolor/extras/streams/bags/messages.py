@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import ros
-from calibration.formats.section import Section
+from calibration.formats.reading.section import Section
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, TRANSFORMS, Entry, needs_library
-from stereo_seecolor.files.tiff import encode_tiff
+from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.inputs.headers import JPEG_SIGNATURE, PNG_SIGNATURE
 
 CHANNELS = {

@@ -11,13 +11,11 @@ from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.streams.bag_inputs import BagInputs
-from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.extras.streams.live.outputs import KeptFiles, published, recorder
-from stereo_seecolor.extras.streams.live.played_bag import PlayedBag
 from stereo_seecolor.extras.streams.live.preview import HOST, Preview, served
-from stereo_seecolor.extras.streams.live.processing import LiveFrame, LiveProcessor, warm_up
+from stereo_seecolor.extras.streams.live.processing import Budget, LiveFrame, LiveProcessor, warm_up
 from stereo_seecolor.extras.streams.live.session import LiveCounts, LiveSession, LiveSource
-from stereo_seecolor.extras.streams.live.sources import live_source
+from stereo_seecolor.extras.streams.live.sources import PlayedBag, live_source
 from stereo_seecolor.extras.streams.recording import McapRecording
 from stereo_seecolor.pipeline import Pipeline
 

@@ -9,13 +9,12 @@ from stereo_seecolor.errors import OutputError
 from stereo_seecolor.extras.streams import ros_messages as ros
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.extras.streams.live.ros2 import Node
-from stereo_seecolor.extras.streams.mcap_file import stamp_of
-from stereo_seecolor.extras.streams.recording import TOPICS, McapRecording, RecordedPair, messages
+from stereo_seecolor.extras.streams.recording import TOPICS, McapRecording, RecordedPair, messages, stamp_of
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.run_folder.products import correction_files, range_files
+from stereo_seecolor.run_folder.frame_products import correction_files, range_files
 
 FIRST = ("range", "clouds")
 """Products that are written before the others."""

@@ -11,11 +11,9 @@ import numpy as np
 from calibration import StereoRig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.lags import Array, Lag, coarse_lag, fine_lag
-from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
-from stereo_seecolor.extras.streams.videos.rows import Pairs, row_lag
-from stereo_seecolor.extras.streams.videos.sound import sound_lag
-from stereo_seecolor.extras.streams.videos.time_code import time_code_lag
-from stereo_seecolor.inputs.video_streams import sound
+from stereo_seecolor.extras.streams.videos.motion import NoEvidence, Pairs, VideoSignals, row_lag, video_signals
+from stereo_seecolor.extras.streams.videos.sound import sound_lag, time_code_lag
+from stereo_seecolor.inputs.video_file import sound
 from stereo_seecolor.robust_statistics import deviation
 
 

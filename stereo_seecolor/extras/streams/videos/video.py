@@ -8,11 +8,9 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.choice import FrameChoice, choose_frames
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.halves import SIDES
+from stereo_seecolor.inputs.dive_pairs import SIDES
 from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing
-from stereo_seecolor.inputs.video_file import video_file
-from stereo_seecolor.inputs.video_images import frame_path
-from stereo_seecolor.inputs.video_streams import recorded_at
+from stereo_seecolor.inputs.video_file import frame_path, recorded_at, video_file
 
 
 @dataclass(frozen=True)

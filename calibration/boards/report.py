@@ -1,0 +1,189 @@
+"""The report on a calibration: errors by view, coverage of the image, standard errors, and a verdict in one line."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.boards.bundle import Lens
+from calibration.checks import placement_suspicions
+from calibration.rig import StereoRig
+
+Array = NDArray[np.float64]
+Verdict = Literal["good", "usable", "do it again"]
+GRID = (8, 6)  # cells of the image in which corners are counted
+MIN_CORNERS_IN_CELL = 3  # a cell with fewer is not covered
+
+# The limits of each figure, up to which a calibration is good, and up to which it is usable.
+MAX_ROW_ERROR_PX = (0.25, 0.5)  # root mean square; the matcher searches along rows and loses matches beyond half a pixel
+MAX_RMS_PX = (0.35, 1.0)  # of reprojection
+MAX_FOCAL_STD = (0.005, 0.02)  # fraction of the focal length, and so of every range
+MAX_BASELINE_STD = (0.005, 0.02)  # the same of the baseline
+MIN_COVERAGE = (0.6, 0.35)  # fraction of the cells of both images
+MIN_VIEWS = (10, 5)  # pairs
+
+
+@dataclass(frozen=True)
+class ViewReport:
+    """The report on one pair: rms in each image, pixels, NaN where it was not measured; reason: why it was dropped, None if it was
+    used.
+    """
+
+    name: str
+    left_px: float = np.nan
+    right_px: float = np.nan
+    reason: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LensScore:
+    """The score of a lens model: how well it predicts views left out of its fit.
+
+    squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row after rectification, px, NaN
+    where the lens model does not reach a corner. figures: (3,) focal length left and right (the mean of fx and fy), pixels, and
+    baseline, meters; std: (3,) their standard errors; spread: (3,) the part of them that is the choice of the lens model, zero
+    where it is not known.
+    """
+
+    lens: Lens
+    squares: Array
+    row_errors: Array
+    figures: Array
+    std: Array
+    spread: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def rms_px(self) -> float:
+        """The rms error over all left-out views, pixels."""
+        return float(np.sqrt(self.squares.mean()))
+
+    @property
+    def row_error_px(self) -> float:
+        """Mean absolute difference of rows after rectification; infinite where the lens model did not reach a corner."""
+        return float(np.nan_to_num(np.abs(self.row_errors), nan=np.inf).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationReport:
+    """The figures of a calibration.
+
+    scores: of each lens model tried; lens: of the one taken, the same object as in scores. views: those used, then those dropped.
+    rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in the rig.
+    corners_left, corners_right: (n, 2) pixels of all corners used.
+    """
+
+    rig: StereoRig
+    scores: tuple[LensScore, ...]
+    lens: LensScore
+    views: tuple[ViewReport, ...]
+    rms_left_px: float
+    rms_right_px: float
+    corners_left: Array
+    corners_right: Array
+
+    @property
+    def used(self) -> tuple[ViewReport, ...]:
+        """The views of the fit."""
+        return tuple(view for view in self.views if view.reason is None)
+
+    @property
+    def focal_std(self) -> float:
+        """Standard error of the focal length, relative, of the worse camera."""
+        cameras = (self.rig.left, self.rig.right)
+        return max(float(std / camera.K[0, 0]) for std, camera in zip(self.lens.std[:2], cameras, strict=True))
+
+    @property
+    def coverage(self) -> tuple[float, float]:
+        """Share of the left and of the right image, in cells of a grid, in which corners lay."""
+        left, right = (self._counts(corners) for corners in (self.corners_left, self.corners_right))
+        return float((left >= MIN_CORNERS_IN_CELL).mean()), float((right >= MIN_CORNERS_IN_CELL).mean())
+
+    @property
+    def empty_regions(self) -> tuple[str, ...]:
+        """Ninths of either image in which no corners lay, such as "left image, top right"."""
+        width, height = self.rig.left.image_size
+        empty = []
+        for side, corners in (("left", self.corners_left), ("right", self.corners_right)):
+            counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], bins=(3, 3), range=[[0, height], [0, width]])
+            for row, column in np.argwhere(counts < MIN_CORNERS_IN_CELL).tolist():
+                words = f"{('top', 'middle', 'bottom')[row]} {('left', 'middle', 'right')[column]}"
+                empty.append(f"{side} image, {words}")
+        return tuple(empty)
+
+    @property
+    def verdict(self) -> tuple[Verdict, str]:
+        """good, usable or do it again; and why, in one line."""
+        focal_std, baseline_std = self.focal_std, float(self.lens.std[2]) / self.rig.baseline_m
+        rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
+        figures = [
+            (rows_px, MAX_ROW_ERROR_PX, f"vertical disparity {rows_px:.2f} px after rectification"),
+            (rms_px, MAX_RMS_PX, f"rms {rms_px:.2f} px"),
+            (focal_std, MAX_FOCAL_STD, f"focal length known to {focal_std:.2%}: take more views, and tilt the target more"),
+            (
+                baseline_std,
+                MAX_BASELINE_STD,
+                f"baseline known to {baseline_std:.2%}: take more views, nearer, with both cameras still",
+            ),
+            (-min(self.coverage), (-MIN_COVERAGE[0], -MIN_COVERAGE[1]), f"corners in {min(self.coverage):.0%} of the image alone"),
+            (-len(self.used), (-MIN_VIEWS[0], -MIN_VIEWS[1]), f"{len(self.used)} views alone"),
+        ]
+        again = [text for value, (_, usable), text in figures if not value <= usable]
+        if again:
+            return "do it again", "; ".join(again)
+        usable = [text for value, (good, _), text in figures if not value <= good]
+        if usable:
+            return "usable", "; ".join(usable)
+        return "good", f"{figures[0][2]}, {figures[1][2]}, {len(self.used)} views"
+
+    def lines(self) -> list[str]:
+        """The report line by line, the verdict last."""
+        rig, lens = self.rig, self.lens
+        views = [
+            f"  {view.name}: left {view.left_px:.2f} px, right {view.right_px:.2f} px"
+            if view.reason is None
+            else f"  {view.name}: dropped, {view.reason}"
+            for view in sorted(self.views, key=lambda view: view.name)
+        ]
+        tried = [
+            f"  {score.lens.name}: {score.rms_px:.3f} px, rows {score.row_error_px:.3f} px" + (" (taken)" if score is lens else "")
+            for score in self.scores
+        ]
+        verdict, why = self.verdict
+        coverage = f"corners in {self.coverage[0]:.0%} of the left and {self.coverage[1]:.0%} of the right image"
+        return [
+            f"{len(self.used)} of {len(self.views)} views used:",
+            *views,
+            "error on views left out of the fit:",
+            *tried,
+            f"rms: left {self.rms_left_px:.3f} px, right {self.rms_right_px:.3f} px, stereo {rig.rms_px:.3f} px",
+            f"focal length: left {rig.left.K[0, 0]:.1f} +- {lens.std[0]:.1f} px, "
+            f"right {rig.right.K[0, 0]:.1f} +- {lens.std[1]:.1f} px",
+            f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.std[2] * 1000:.2f} mm "
+            f"({lens.spread[2] * 1000:.2f} mm between lens models that predict as well)",
+            f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
+            coverage + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
+            *(f"suspicious: {text}" for text in placement_suspicions(rig)),
+            f"{verdict}: {why}",
+        ]
+
+    def coverage_picture(self) -> NDArray[np.uint8]:
+        """Draw where corners lay, left image beside right: (H, W, 3) RGB; cells without corners are red."""
+        width, height = self.rig.left.image_size
+        scale = 640 / width
+        sides = []
+        for corners in (self.corners_left, self.corners_right):
+            empty = (self._counts(corners) < MIN_CORNERS_IN_CELL).astype(np.uint8)
+            shade = cv2.resize(empty, (640, round(height * scale)), interpolation=cv2.INTER_NEAREST)
+            side = np.full((*shade.shape, 3), 255, np.uint8)
+            side[shade == 1] = (255, 200, 190)
+            for x, y in corners * scale:
+                cv2.circle(side, (round(x), round(y)), 2, (20, 90, 160), -1, cv2.LINE_AA)
+            sides.append(cv2.copyMakeBorder(side, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=(90, 90, 90)))
+        return np.hstack(sides)
+
+    def _counts(self, corners: Array) -> Array:
+        width, height = self.rig.left.image_size
+        counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], bins=GRID[::-1], range=[[0, height], [0, width]])
+        return np.asarray(counts)

@@ -1,0 +1,1 @@
+"""Formats of single makers and data sets, read alone."""

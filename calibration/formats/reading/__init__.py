@@ -1,0 +1,1 @@
+"""Calibration files as keys, values and numbers, before any format is known."""

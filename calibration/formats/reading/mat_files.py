@@ -1,0 +1,282 @@
+"""MATLAB's MAT-files of level 5, with the objects in them."""
+
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+
+# MATLAB's Level 5 MAT-file, as ``save`` writes it (v6 and v7), objects included.
+#
+# From MathWorks, *MAT-File Format*, R2019b, chapter 1; the undocumented opaque class and the
+# subsystem as they are found in files. Not read with SciPy: its reader knows no objects, and
+# allocates what a damaged file claims to hold. Here nothing is allocated beyond the bytes that
+# are there, no code is run, and sizes and depths are bounded.
+
+HEADER_BYTES = 128  # of a Level 5 file (MathWorks, MAT-File Format)
+MAX_INFLATED_BYTES = 32 * 2**20  # a calibration of 300 views with all its errors is 1 MB
+MAX_ELEMENTS = 50_000  # as of a text file: see document.py
+MAT5_MAX_DEPTH = 20  # levels, as of a text file
+
+STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8", 16: "u1", 17: "u2", 18: "u4"}
+MI_MATRIX, MI_COMPRESSED = 14, 15  # data types (MAT-File Format, table 1-1)
+CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17  # array classes (table 1-3)
+NUMERIC = range(6, 16)
+ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
+
+
+@dataclass(frozen=True)
+class Opaque:
+    """A variable of a class: what system it belongs to ("MCOS"), its class, and where the subsystem holds it."""
+
+    system: str
+    class_name: str
+    reference: Any
+
+
+class Mat5Reader:
+    """Reads elements of one buffer. order: "<" or ">". most_bytes: of a variable that is stored deflated."""
+
+    def __init__(self, data: bytes, order: str, most_bytes: int = MAX_INFLATED_BYTES) -> None:
+        self._data, self._order, self._most_bytes = data, order, most_bytes
+        self._elements = 0
+
+    def variables(self, start: int) -> Iterator[tuple[str, Any]]:
+        """Name and value of each variable from ``start`` on: an array, text, list (cell), dict (struct) or Opaque."""
+        position = start
+        while position + 8 <= len(self._data):
+            kind, payload, position = self._element(self._data, position)
+            if kind == MI_COMPRESSED:
+                kind, payload, _ = self._element(_inflate(payload, self._most_bytes), 0)
+            if kind == MI_MATRIX:
+                yield self._matrix(payload, 0)
+
+    def _element(self, data: bytes, position: int) -> tuple[int, bytes, int]:
+        """Type, payload and the position of the next element."""
+        self._elements += 1
+        if self._elements > MAX_ELEMENTS:
+            raise CalibrationError(f"holds more than {MAX_ELEMENTS} elements, which no calibration does")
+        kind, size = self._integers(data, position, 2)
+        start = position + 8
+        if kind >> 16:  # small: size and type in one word, data in the other
+            kind, size, start = kind & 0xFFFF, kind >> 16, position + 4
+            following = position + 8
+        else:
+            following = start + size + (0 if kind == MI_COMPRESSED else -size % 8)
+        if start + size > len(data):
+            raise CalibrationError("is cut off or damaged: an element reaches beyond its end")
+        return kind, data[start : start + size], following
+
+    def _integers(self, data: bytes, position: int, count: int) -> tuple[int, ...]:
+        if position + 4 * count > len(data):
+            raise CalibrationError("is cut off or damaged: an element reaches beyond its end")
+        return struct.unpack_from(f"{self._order}{count}I", data, position)
+
+    def _matrix(self, data: bytes, depth: int) -> tuple[str, Any]:
+        """Name and value of the payload of an miMATRIX."""
+        if depth > MAT5_MAX_DEPTH:
+            raise CalibrationError(f"is nested deeper than {MAT5_MAX_DEPTH} levels, which no calibration is")
+        if not data:
+            return "", np.zeros((0, 0))
+        parts = _Parts(self, data)
+        kind = self._integers(parts.next(), 0, 1)[0] & 0xFF
+        if kind == OPAQUE:
+            name, system, class_name = (_text(parts.next()) for _ in range(3))
+            return name, Opaque(system, class_name, self._matrix(parts.next(), depth + 1)[1])
+        shape = tuple(self._array(*parts.typed()).astype(np.int64).tolist())
+        name = _text(parts.next())
+        if min(shape, default=0) < 0:
+            raise CalibrationError("is damaged: an array with a negative size")
+        if kind in NUMERIC:
+            return name, _shaped(self._array(*parts.typed()), shape)
+        if kind == CHAR:
+            return name, _characters(*parts.typed(), self._order)
+        if kind == CELL:
+            return name, [self._matrix(parts.next(), depth + 1)[1] for _ in range(_count(shape, len(data)))]
+        if kind in (STRUCT, OBJECT):
+            return name, self._struct(parts, kind, _count(shape, len(data)), depth)
+        return name, None
+
+    def _struct(self, parts: "_Parts", kind: int, count: int, depth: int) -> Any:
+        if kind == OBJECT:
+            parts.next()  # the name of the class
+        width = int(self._array(*parts.typed())[0])
+        names = parts.next()
+        if not 1 <= width <= len(names) or len(names) > MAX_ELEMENTS:
+            if names:
+                raise CalibrationError("is damaged: field names of no length")
+            return {}
+        keys = [_text(names[i : i + width]) for i in range(0, len(names), width)]
+        if count * len(keys) > MAX_ELEMENTS:
+            raise CalibrationError("is damaged: a struct of more fields than the file has bytes")
+        structs = [{key: self._matrix(parts.next(), depth + 1)[1] for key in keys} for _ in range(count)]
+        return structs[0] if count == 1 else structs
+
+    def _array(self, kind: int, payload: bytes) -> NDArray[np.generic]:
+        if kind not in STORED:
+            raise CalibrationError(f"is damaged: numbers of unknown type {kind}")
+        dtype = np.dtype(self._order + STORED[kind])
+        if len(payload) % dtype.itemsize:
+            raise CalibrationError("is damaged: half a number")
+        return np.frombuffer(payload, dtype)
+
+
+class _Parts:
+    """The elements inside one payload, one after the other."""
+
+    def __init__(self, reader: Mat5Reader, data: bytes) -> None:
+        self._reader, self._data, self._position = reader, data, 0
+
+    def typed(self) -> tuple[int, bytes]:
+        kind, payload, self._position = self._reader._element(self._data, self._position)
+        return kind, payload
+
+    def next(self) -> bytes:
+        return self.typed()[1]
+
+
+def byte_order(mark: bytes) -> str:
+    """ "<" or ">" of the two bytes that end a header. Raises CalibrationError for anything else."""
+    if mark not in (b"IM", b"MI"):
+        raise CalibrationError("is damaged: its header names no byte order")
+    return "<" if mark == b"IM" else ">"
+
+
+def _inflate(payload: bytes, most_bytes: int) -> bytes:
+    inflater = zlib.decompressobj()
+    try:
+        data = inflater.decompress(payload, most_bytes)
+    except zlib.error as error:
+        raise CalibrationError(f"is damaged: {error}") from error
+    if inflater.unconsumed_tail:
+        raise CalibrationError(f"holds a variable of more than {most_bytes >> 20} MB, which no calibration does")
+    return data
+
+
+def _shaped(values: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[np.generic]:
+    if values.size != _count(shape, values.size):
+        raise CalibrationError(f"is damaged: {values.size} numbers in an array of shape {shape}")
+    return values.reshape(shape, order="F")
+
+
+def _count(shape: tuple[int, ...], limit: int) -> int:
+    """Product of the sizes, which must not exceed what the data can hold."""
+    count = 1
+    for size in shape:
+        count *= size
+        if count > max(limit, 1):
+            raise CalibrationError(f"is damaged: an array of shape {shape[:4]} in {limit} bytes")
+    return count if shape else 0
+
+
+def _text(raw: bytes) -> str:
+    return raw.split(b"\0")[0].decode("latin-1")
+
+
+def _characters(kind: int, payload: bytes, order: str) -> str:
+    encoding = ENCODINGS.get(kind) or ("utf-16" if kind == 4 else "latin-1")
+    if encoding in ("utf-16", "utf-32"):
+        encoding += "-le" if order == "<" else "-be"
+    return payload.decode(encoding, errors="replace")
+
+
+# Objects of MATLAB's classes, which a MAT-file keeps in a subsystem of its own ("MCOS").
+#
+# MathWorks does not document it. As found in files of R2016b to R2022b: a cell array whose first
+# cell is a table of 32-bit numbers and names, whose second is empty, and whose further cells are
+# values. The table says of each object its class, and of each of its properties the number of a
+# name and of a value. Classes that have a ``saveobj`` keep its result as the one property "any".
+
+REFERENCE = 0xDD000000  # the first number of an array that stands for an object
+MCOS_MAX_DEPTH = 10  # objects in objects; real files have fewer
+MAX_NAMES = 10_000  # of classes and fields; real files have fewer
+Words = NDArray[np.uint32]
+
+
+def subsystem_cells(raw: bytes) -> Sequence[Any]:
+    """The cells of the subsystem that is the last, nameless variable of a Level 5 file."""
+    reader = Mat5Reader(raw, byte_order(raw[2:4]))
+    for _, value in reader.variables(8):
+        wrapper = value.get("MCOS") if isinstance(value, dict) else None
+        if isinstance(wrapper, Opaque) and isinstance(wrapper.reference, list):
+            return wrapper.reference
+    raise CalibrationError("is damaged: the part that should hold its objects does not")
+
+
+@dataclass(frozen=True)
+class ObjectTable:
+    """The objects of a subsystem. names: of properties and classes; objects: (n, 6); cells: the values."""
+
+    names: list[str]
+    objects: Words
+    saved: list[Words]
+    plain: list[Words]
+    cells: Sequence[Any]
+
+    @classmethod
+    def of(cls, cells: Sequence[Any]) -> "ObjectTable":
+        """Parse the subsystem's cells. Raises CalibrationError if they are not as expected."""
+        if len(cells) < 3 or not isinstance(cells[0], np.ndarray) or cells[0].size < 40:
+            raise CalibrationError("is damaged: the table of its objects is missing")
+        raw = cells[0].astype(np.uint8).ravel(order="F").tobytes()
+        words = np.frombuffer(raw[: len(raw) // 4 * 4], "<u4")
+        count, offsets = int(words[1]), [int(offset) for offset in words[2:8]]
+        if not 40 <= offsets[0] <= len(raw) or offsets[:5] != sorted(offsets[:5]) or offsets[4] > len(raw) or count > MAX_NAMES:
+            raise CalibrationError("is damaged, or of a MATLAB not known here: the table of its objects makes no sense")
+        names = [name.decode("utf-8", "replace") for name in raw[40 : offsets[0]].split(b"\0")[:count]]
+        parts = [np.frombuffer(raw[start : start + (end - start) // 4 * 4], "<u4") for start, end in pairwise(offsets)]
+        objects = parts[2][: len(parts[2]) // 6 * 6].reshape(-1, 6)
+        return cls(names, objects, list(_blocks(parts[1])), list(_blocks(parts[3])), cells[2:])
+
+    def resolve(self, value: Any, depth: int = 0) -> Any:
+        """``value`` with every reference to an object replaced by the dict of its properties."""
+        if depth > MCOS_MAX_DEPTH:
+            raise CalibrationError("is damaged: objects within objects without end")
+        if isinstance(value, Opaque):
+            return self.resolve(value.reference, depth + 1)
+        if isinstance(value, dict):
+            return {key: self.resolve(inner, depth + 1) for key, inner in value.items()}
+        if isinstance(value, np.ndarray) and value.dtype.kind == "u" and value.size >= 6 and value.flat[0] == REFERENCE:
+            return self._object(int(value.ravel(order="F")[-2]), depth)
+        return value
+
+    def _object(self, number: int, depth: int) -> Any:
+        if not 0 < number < len(self.objects):
+            raise CalibrationError(f"is damaged: it names object {number} of {len(self.objects)}")
+        saved, plain = int(self.objects[number, 3]), int(self.objects[number, 4])
+        blocks, block = (self.saved, saved) if saved else (self.plain, plain)
+        if not 0 <= block < len(blocks):
+            raise CalibrationError("is damaged: an object without properties")
+        properties = {self._name(name): self._value(kind, value, depth) for name, kind, value in blocks[block].tolist()}
+        return properties["any"] if list(properties) == ["any"] else properties
+
+    def _name(self, number: int) -> str:
+        if not 0 < number <= len(self.names):
+            raise CalibrationError("is damaged: a property without a name")
+        return self.names[number - 1]
+
+    def _value(self, kind: int, value: int, depth: int) -> Any:
+        if kind == 0:
+            return self._name(value)
+        if kind == 2:
+            return bool(value)
+        if not 0 <= value < len(self.cells):
+            raise CalibrationError("is damaged: a property without a value")
+        return self.resolve(self.cells[value], depth + 1)
+
+
+def _blocks(words: Words) -> Iterator[Words]:
+    """(n, 3) name, kind and value of the properties of one object after the other; each block fills whole 8 bytes."""
+    position = 0
+    while position < len(words):
+        end = position + 1 + 3 * int(words[position])
+        if end > len(words):
+            raise CalibrationError("is damaged: properties beyond the end of their table")
+        yield words[position + 1 : end].reshape(-1, 3)
+        position = end + end % 2

@@ -1,0 +1,168 @@
+"""Access to the keys of a calibration file: each is read with its expected type, and errors name the place."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Put ``where`` (a file, a key) before the message of a CalibrationError that does not name it yet."""
+    try:
+        yield
+    except CalibrationError as error:
+        if str(error).startswith(where):
+            raise
+        raise CalibrationError(f"{where}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A mapping in a calibration file. where: the file and the keys that lead here, for messages."""
+
+    where: str
+    content: Mapping[str, Any]
+
+    def has(self, *keys: str) -> bool:
+        """Tell whether every key is there."""
+        return all(key in self.content for key in keys)
+
+    def size(self, key: str) -> int:
+        """Count the numbers under ``key``; 0 for words and mappings that are no matrix."""
+        value = self.content[key]
+        if isinstance(value, np.ndarray):
+            return value.size
+        try:
+            return self.numbers(key).size if not isinstance(value, Mapping) or "data" in value else 0
+        except CalibrationError:
+            return 0
+
+    def first(self, *keys: str) -> str:
+        """The first of these names that the file uses for one thing; CalibrationError if it uses none."""
+        for key in keys:
+            if key in self.content:
+                return key
+        others = f" (nor {', '.join(keys[1:])})" if len(keys) > 1 else ""
+        raise CalibrationError(f"{self.where}: no {keys[0]!r}{others}: the file is incomplete or of another kind")
+
+    def section(self, key: str) -> "Section":
+        """The mapping under ``key``."""
+        value = self._value(key)
+        if not isinstance(value, Mapping):
+            raise CalibrationError(f"{self.where}: {key}: expected keys and values, got {_shown(value)}")
+        return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
+
+    def text(self, key: str) -> str:
+        """The word under ``key``."""
+        value = self._value(key)
+        if not isinstance(value, str):
+            raise CalibrationError(f"{self.where}: {key}: expected a word, got {_shown(value)}")
+        return value.strip()
+
+    def number(self, key: str) -> float:
+        """The one finite number under ``key``."""
+        return float(self.numbers(key, 1)[0])
+
+    def image_size(self, *keys: str) -> tuple[int, int]:
+        """Read (width, height), whole numbers, from two keys or from one that holds both."""
+        values = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])
+        if (values != np.round(values)).any():
+            raise CalibrationError(f"{self.where}: {' '.join(keys)}: expected whole numbers of pixels, got {values.tolist()}")
+        return int(values[0]), int(values[1])
+
+    def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
+        """Read (n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with ``data``.
+
+        counts: the lengths allowed; any if none is given. The length of the data counts, not the ``rows`` and ``cols`` written
+        beside it (several tools write those wrong).
+        """
+        value = self._value(key)
+        if isinstance(value, Mapping):
+            if "data" not in value:
+                raise CalibrationError(f"{self.where}: {key}: a matrix without 'data'")
+            value = value["data"]
+        if isinstance(value, np.ndarray) and counts and value.size not in counts:
+            raise CalibrationError(f"{self.where}: {key}: expected {_any_of(counts)} numbers, got an array of shape {value.shape}")
+        numbers = np.array([self._finite(key, item) for item in _flat(value)], dtype=np.float64)
+        if counts and numbers.size not in counts:
+            raise CalibrationError(f"{self.where}: {key}: expected {_any_of(counts)} numbers, got {numbers.size}")
+        return numbers
+
+    def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
+        """Read (rows, columns) finite numbers under ``key``."""
+        return self.numbers(key, rows * columns).reshape(rows, columns)
+
+    def _value(self, key: str) -> Any:
+        return self.content[self.first(key)]
+
+    def _finite(self, key: str, item: Any) -> float:
+        try:
+            number = float("bool") if isinstance(item, bool) else float(item)
+        except (TypeError, ValueError, OverflowError):
+            raise CalibrationError(f"{self.where}: {key}: expected a number, got {_shown(item)}") from None
+        if not np.isfinite(number):
+            raise CalibrationError(f"{self.where}: {key}: {number} is not a finite number")
+        return number
+
+
+def _any_of(counts: tuple[int, ...]) -> str:
+    return " or ".join(str(count) for count in counts)
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, np.ndarray):
+        value = value.ravel().tolist()
+    if isinstance(value, list):
+        for item in value:
+            yield from _flat(item)
+    else:
+        yield value
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, (Mapping, list)):
+        return f"a {'mapping' if isinstance(value, Mapping) else 'list'} of {len(value)}"
+    return repr(value)[:60]
+
+
+# Units of translations: meters are inferred from the baseline where the file does not say, and a
+# doubt becomes a warning.
+
+METERS = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metres": 1.0,
+    "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3, "millimetres": 1e-3,
+    "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "centimetres": 1e-2,
+    "in": 0.0254, "inch": 0.0254, "inches": 0.0254,
+}  # fmt: skip
+GUESSES = (("meters", 1.0, 0.0), ("millimeters", 1e-3, 0.02), ("centimeters", 1e-2, 0.0), ("millimeters", 1e-3, 0.0))
+"""Units in the order in which they are tried, and the shortest baseline in meters: 10 is a rig of 10 cm rather than of 10 mm."""
+
+
+def to_meters(translation: NDArray[np.float64], stated: str | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Convert a translation (3,) to meters; return it with a warning, if its unit is doubtful.
+
+    stated: the unit that the file names, None where it names none. Where the baseline in that unit cannot be (under 5 mm or over
+    2 m), those of GUESSES are tried. Left as it is where none of them fits: the rig then refuses it with its number.
+    """
+    length = float(np.linalg.norm(np.clip(translation, -1e9, 1e9)))
+    named = METERS.get((stated or "").strip().lower())
+    if named is not None and _possible(length * named):
+        return translation * named, ()
+    for unit, factor, least_m in GUESSES:
+        if _possible(length * factor) and length * factor >= least_m:
+            said = f"the file says {stated}, in which the baseline of {length:g} cannot be" if stated else "the file names no unit"
+            return translation * factor, (f"{said}: it is taken as {unit}, {length * factor * 1000:.1f} mm",)
+    return translation * (named or 1.0), ()
+
+
+def _possible(baseline_m: float) -> bool:
+    return MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M

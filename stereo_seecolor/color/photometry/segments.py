@@ -1,0 +1,269 @@
+"""``color.lock: auto``. One water for the dive, or one for each stretch of it where frames do not share a water.
+
+Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables. Neighboring chunks are joined, the
+most alike first, as long as they fit the water of both together about as well as they fit waters of their own.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
+from operator import add
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.fitting.robust import ENOUGH, quality
+from stereo_seecolor.color.photometry.exposure import Brightness
+from stereo_seecolor.color.photometry.survey import (
+    BLACK,
+    CountedFrames,
+    ExposureClass,
+    FitTable,
+    Fitter,
+    FrameBrightness,
+    add_to,
+    completed,
+    survey_waters,
+    usual_exposure,
+)
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Water
+
+
+@dataclass(frozen=True)
+class StretchSettings:
+    """Limits for joining stretches. Costs are those of ``misfit.quality``, averaged over the chunks of the smaller stretch."""
+
+    most_chunks: int = 64
+    """When there are so many, neighbors are joined: memory stays bounded, and a cut is found to a 32nd of the dive."""
+    worse: float = 25.0
+    """Cost that a shared water may add. Halves of one dive add up to 24 (sample dive, two altitudes; 4 on a real reef), two sites
+    26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive)."""
+    bad: float = 50.0
+    """Cost under a shared water at which frames do not share it, however bad their own stretch's was."""
+    worse_alone: float = 25.0
+    """Added to these limits for a single chunk against many: one frame may show something odd (up to 47 within one dive)."""
+
+
+SETTINGS = StretchSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class _PackedClass:
+    """An ExposureClass with its table packed: 64 tables of 16-bit images would not fit into memory."""
+
+    table: bytes
+    brightness: Brightness
+
+    @classmethod
+    def of(cls, frames: ExposureClass) -> "_PackedClass":
+        return cls(frames.table.packed(), frames.brightness)
+
+    @property
+    def unpacked(self) -> ExposureClass:
+        return ExposureClass(MomentTable.unpacked(self.table), self.brightness)
+
+    def __add__(self, other: "_PackedClass") -> "_PackedClass":
+        return _PackedClass.of(self.unpacked + other.unpacked)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chunk:
+    """Neighboring frames. frames: their numbers. classes: their tables, by brightness."""
+
+    frames: range
+    classes: dict[int, _PackedClass]
+
+    def __add__(self, other: "_Chunk") -> "_Chunk":
+        classes = dict(self.classes)
+        for kind, frames in other.classes.items():
+            classes[kind] = classes[kind] + frames if kind in classes else frames
+        return _Chunk(range(self.frames.start, other.frames.stop), classes)
+
+    def table(self) -> MomentTable | None:
+        """Moment table of its frames of usual exposure; None where there is no light, or no known range."""
+        lit = {kind: frames.unpacked for kind, frames in self.classes.items() if kind != BLACK}
+        return usual_exposure(lit)[1].table if lit else None
+
+
+class _OpenChunk:
+    """The chunk that grows. Its tables are not packed, so that the time to add a frame does not depend on its size."""
+
+    def __init__(self, start: int) -> None:
+        self.frames = range(start, start)
+        self._classes: dict[int, ExposureClass] = {}
+
+    def add(self, several: CountedFrames) -> None:
+        """Add frames to the end of the chunk."""
+        self.frames = range(self.frames.start, self.frames.stop + len(several.frames))
+        add_to(self._classes, several.classes)
+
+    def closed(self) -> _Chunk:
+        """The finished chunk, packed to save memory."""
+        return _Chunk(self.frames, {kind: _PackedClass.of(frames) for kind, frames in self._classes.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """The data of a chunk. table: of its frames. seen: its quantiles. own: its cost under a water of its own."""
+
+    table: MomentTable
+    seen: RangeQuantiles
+    own: float
+
+
+class AutoFitter(Fitter):
+    """Takes frames one at a time and in order, and gives each the water of its stretch.
+
+    linked: names of frames that show the same spots as the frame before them; the dive is never cut between these.
+    """
+
+    def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
+        self._config, self._fit, self._linked = config, fit, linked
+        self._chunks: list[_Chunk] = []
+        self._frames = FrameBrightness()
+        self._open = _OpenChunk(0)
+        self._chunk_frames = 1
+        self._stretches: list[range] = []
+
+    def add(self, name: str, table: MomentTable) -> None:
+        """Add a frame."""
+        self.join(CountedFrames.of([(name, table)], self._config))
+
+    @property
+    def joins(self) -> bool:
+        """True: ``join`` may always be called."""
+        return True
+
+    def join(self, several: CountedFrames) -> None:
+        """Add several frames, between which the dive is not cut."""
+        if not several.frames:
+            return
+        linked = several.frames[0][0] in self._linked
+        if self._open.frames and not linked and len(self._open.frames) >= self._chunk_frames:
+            self._chunks.append(self._open.closed())
+            self._open = _OpenChunk(len(self._frames))
+            if len(self._chunks) == SETTINGS.most_chunks:
+                self._chunk_frames *= 2
+                self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
+        self._frames.add(several.frames)
+        self._open.add(several)
+
+    def waters(self) -> Mapping[str, Water]:
+        """The water of each frame's stretch, by frame name; a stretch without a known range gets that of the stretch before."""
+        chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
+        evidence = _evidence(chunks, self._config)
+        parts = _parts(evidence, self._config) if chunks else []
+        stretches = [reduce(add, chunks[part.start : part.stop]) for part in parts]
+        self._stretches = [stretch.frames for stretch in stretches]
+        return completed(water for stretch in stretches for water in self._waters(stretch))
+
+    def _waters(self, stretch: _Chunk) -> Iterator[tuple[str, Water | None]]:
+        """Name and water of each of its frames."""
+        classes = {kind: frames.unpacked for kind, frames in stretch.classes.items()}
+        return survey_waters(self._frames, stretch.frames, classes, self._config, self._fit)
+
+    @property
+    def stretches(self) -> list[list[str]]:
+        """Names of the frames of each stretch, after ``waters`` has been called."""
+        return [self._frames.names[frames.start : frames.stop] for frames in self._stretches]
+
+    def notes(self) -> tuple[str, ...]:
+        """Where the dive was cut into stretches; empty if all frames share a water."""
+        if len(self._stretches) < 2:
+            return ()
+        ends = [(self._frames.names[frames[0]], self._frames.names[frames[-1]]) for frames in self._stretches]
+        named = [f"{first} to {last}" if first != last else first for first, last in ends]
+        return (f"the frames do not share one water: {len(named)} waters were fitted, one each for {'; '.join(named)}",)
+
+
+def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence | None]:
+    """The data of each chunk; None for one without light or a known range."""
+    tables = [chunk.table() for chunk in chunks]
+    known = [(i, table, quantiles_by_range(table, config.input_encoding)) for i, table in enumerate(tables) if table is not None]
+    costs = quality([seen for _, _, seen in known], config.robust)
+    found: list[_Evidence | None] = [None] * len(chunks)
+    for (i, table, seen), own in zip(known, costs, strict=True):
+        found[i] = _Evidence(table, seen, float(own))
+    return found
+
+
+def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
+    """Stretches of chunks that share a water, in their order; chunks without evidence go with those before them."""
+    known = [i for i, chunk in enumerate(chunks) if chunk is not None]
+    stretches = _joined(_stretches([((chunk,), chunk.table) for chunk in chunks if chunk is not None], config), config)
+    sizes = np.cumsum([len(stretch.chunks) for stretch in stretches[:-1]], dtype=int)
+    edges = [0, *(known[cut] for cut in sizes), len(chunks)]
+    return [range(a, b) for a, b in pairwise(edges)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Neighboring chunks. table: of all. water: of all, near enough to compare costs. costs (N,): cost of each chunk under it, less
+    that under its own water.
+    """
+
+    chunks: tuple[_Evidence, ...]
+    table: MomentTable
+    water: Water
+    costs: NDArray[np.float64]
+
+
+def _stretches(
+    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]], config: ColorConfig, starts: Sequence[Water] = ()
+) -> list[_Stretch]:
+    """Stretches of given chunks and the tables of all of these; their waters are fitted together, and so are the costs.
+
+    starts: waters that the fits begin from.
+    """
+    if not parts:
+        return []
+    waters = robust.fit_all([quantiles_by_range(table, config.input_encoding) for _, table in parts], config, starts, ENOUGH)
+    under = [(chunk, water) for (chunks, _), water in zip(parts, waters, strict=True) for chunk in chunks]
+    costs = quality([chunk.seen for chunk, _ in under], config.robust, [water for _, water in under])
+    added = np.split(costs - [chunk.own for chunk, _ in under], np.cumsum([len(chunks) for chunks, _ in parts])[:-1])
+    return [_Stretch(*part, water, cost) for part, water, cost in zip(parts, waters, added, strict=True)]
+
+
+class _Join(NamedTuple):
+    """Two stretches joined. strain: the cost that joining adds, as a fraction of the limit."""
+
+    stretch: _Stretch
+    strain: float
+
+
+def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
+    """Each pair of a stretch and the next one joined, and the cost of joining."""
+    larger = [max(pair, key=lambda stretch: len(stretch.chunks)).water for pair in pairs]
+    joined = _stretches([(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config, larger)
+    return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
+
+
+def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
+    """The cost that joining two stretches adds, as a fraction of the limit."""
+    number = len(earlier.chunks)
+    fewer, more = sorted((number, len(later.chunks)))
+    alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
+    added = (both.costs.sum() - earlier.costs.sum() - later.costs.sum()) / fewer
+    smaller = both.costs[:number] if number == fewer else both.costs[number:]
+    return float(max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone)))
+
+
+def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
+    """Join neighbors, those with the least strain first, until every further join exceeds the limit."""
+    joins = _joins(list(pairwise(stretches)), config)
+    while joins:
+        best = min(range(len(joins)), key=lambda i: joins[i].strain)
+        if joins[best].strain > 1:
+            break
+        stretches[best : best + 2] = [joins[best].stretch]
+        joins[best : best + 1] = []
+        beside = [i for i in (best - 1, best) if 0 <= i < len(joins)]
+        for i, join in zip(beside, _joins([(stretches[i], stretches[i + 1]) for i in beside], config), strict=True):
+            joins[i] = join
+    return stretches

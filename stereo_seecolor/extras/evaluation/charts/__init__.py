@@ -1,0 +1,1 @@
+"""Color charts and white cards: found in images, read, and scored."""

@@ -1,0 +1,1 @@
+"""Poses that a vehicle gives, compared with what the pictures show."""

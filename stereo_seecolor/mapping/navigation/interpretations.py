@@ -1,0 +1,258 @@
+"""Other ways to read a trajectory's numbers, tried where the pictures contradict it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stereo_seecolor.config import MappingConfig, MountConfig
+from stereo_seecolor.geometry import inverse, nearest_rotation, quaternion, rotation_vector
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.deviations import Motions
+from stereo_seecolor.mapping.track.assignment import assign
+from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.records import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReadingSettings:
+    """When another reading is used."""
+
+    min_edges: int = 5  # fewer fit anything
+    attitude_rad: float = 0.2  # a turn off by this counts as much as a shift off by a whole step
+    better: float = 0.5  # another reading must leave at most this fraction of the misfit
+    misfit: float = 0.03  # poses that fit to a thirtieth of a step are read rightly
+    frames: int = 3  # poses may belong to frames so far on
+    clock_steps: int = 12  # clocks may differ by so many times between frames,
+    clock_parts: int = 4  # searched in so many parts of it
+    edges: int = 200  # that a reading is judged by
+    estimated_misfit: float = 0.5  # steps that a scale or a turn estimated from the edges may leave: noise estimates them too
+    same_unit: float = 0.05  # a scale this near to that of a unit is its
+    least_scale: float = 1.25  # a calibration is nearer than that
+    least_turn_rad: float = 0.15  # magnetic declination and the convergence of grids are named as turns from 9 degrees on
+
+
+READINGS_SETTINGS = ReadingSettings()
+
+
+def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
+    """Compute how badly poses fit the edges: the median, shifts in steps and turns in SETTINGS.attitude_rad; infinite for too
+    few.
+    """
+    motions = Motions.of(T_world_camera, edges)
+    if len(motions.given) < READINGS_SETTINGS.min_edges:
+        return float("inf")
+    return float(np.median(np.hypot(motions.position_m / motions.step_m, motions.attitude_rad / READINGS_SETTINGS.attitude_rad)))
+
+
+def better_reading(plain: float, edges: Sequence[Edge], others: Iterator[tuple[str, Array]]) -> str | None:
+    """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is ``plain``; else None."""
+    if not np.isfinite(plain) or plain < READINGS_SETTINGS.misfit:
+        return None
+    chosen = edges[:: max(1, len(edges) // READINGS_SETTINGS.edges)]
+    found, name = min(((misfit(T, chosen), name) for name, T in others), key=lambda pair: pair[0])
+    return name if found < READINGS_SETTINGS.better * plain else None
+
+
+def readings(
+    T: Array, edges: Sequence[Edge], index: FrameIndex, trajectory: Trajectory, config: MappingConfig
+) -> Iterator[tuple[str, Array]]:
+    """List all other readings of the poses. T: (N, 4, 4) as read. edges: as the pictures show them."""
+    if not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all():
+        yield from _at_other_times(index, trajectory, config)
+    for turned, start in (("", T), ("the quaternion's w first", w_first(T))):
+        for name, positions in _POSITIONS.items():
+            if turned or name:
+                yield " and ".join(text for text in (turned, name) if text), _with_positions(start, positions)
+        names = [text for text in (turned, "world-to-camera poses") if text]
+        yield " and ".join(names), inverse(start)
+    yield from _on_other_frames(T, index)
+    yield from (
+        reading for reading in _of_other_units_or_north(T, edges) if misfit(reading[1], edges) < READINGS_SETTINGS.estimated_misfit
+    )
+
+
+def w_first(T: Array) -> Array:
+    """Poses whose quaternions were written w x y z, and read as x y z w."""
+    result = np.full_like(T, np.nan)
+    known = np.isfinite(T).all(axis=(1, 2))
+    result[known] = T[known]
+    result[known, :3, :3] = Rotation.from_quat(np.roll(quaternion(T[known, :3, :3]), -1, axis=1)).as_matrix()
+    return result
+
+
+_PER_METER = {"feet": 1 / 0.3048, "centimeters": 100.0, "millimeters": 1000.0}
+
+_POSITIONS: dict[str, Callable[[Array], Array]] = {
+    "": lambda p: p,
+    "x and y swapped": lambda p: p[:, [1, 0, 2]],
+    "x mirrored": lambda p: p * [-1, 1, 1],
+    "y mirrored": lambda p: p * [1, -1, 1],
+    "z pointing down": lambda p: p * [1, 1, -1],
+    "positions north-east-down": lambda p: p[:, [1, 0, 2]] * [1, 1, -1],
+}
+
+
+def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:
+    result = T.copy()
+    result[:, :3, 3] = change(T[:, :3, 3])
+    return result
+
+
+def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Array]]:
+    """Positions times a number, and turned about the vertical against the attitudes: both estimated by least squares."""
+    posed = [edge for edge in edges if np.isfinite(T[[edge.i, edge.j]]).all()]
+    if not posed:
+        return
+    given_m = np.array([T[edge.j, :3, 3] - T[edge.i, :3, 3] for edge in posed])
+    measured_m = np.array([T[edge.i, :3, :3] @ edge.T_i_j[:3, 3] for edge in posed])
+    scale = float((given_m * measured_m).sum() / max((measured_m**2).sum(), 1e-12))
+    if scale > READINGS_SETTINGS.least_scale or 0 < scale < 1 / READINGS_SETTINGS.least_scale:
+        units = (unit for unit, per_m in _PER_METER.items() if abs(scale / per_m - 1) < READINGS_SETTINGS.same_unit)
+        yield (
+            next((f"positions in {unit}" for unit in units), f"positions divided by {scale:.3g}"),
+            _with_positions(T, lambda p: p / scale),
+        )
+    across = (given_m @ [1, 1j, 0]) * (measured_m @ [1, -1j, 0])
+    turn_rad = float(np.angle(across.sum()))
+    if abs(turn_rad) > READINGS_SETTINGS.least_turn_rad:
+        back = Rotation.from_euler("z", -turn_rad).as_matrix()
+        name = f"positions turned by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or headings by as much the other way"
+        yield name, _with_positions(T, lambda p: p @ back.T)
+
+
+def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]:
+    for steps in (s for n in range(1, READINGS_SETTINGS.frames + 1) for s in (n, -n)):
+        result = np.full_like(T, np.nan)
+        source, target = index.order[max(steps, 0) :], index.order[max(-steps, 0) :]
+        result[target[: len(source)]] = T[source[: len(target)]]
+        yield f"each pose {abs(steps)} frame(s) {'earlier' if steps > 0 else 'later'}", result
+    result = np.full_like(T, np.nan)
+    result[index.order] = T[index.order[::-1]]
+    yield "the poses in the opposite order", result
+
+
+def _at_other_times(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Iterator[tuple[str, Array]]:
+    times = np.sort(index.timestamps_s[np.isfinite(index.timestamps_s)])
+    step_s = float(np.median(np.diff(times))) / READINGS_SETTINGS.clock_parts if len(times) > 1 else 0.0
+    for number in range(
+        -READINGS_SETTINGS.clock_steps * READINGS_SETTINGS.clock_parts,
+        READINGS_SETTINGS.clock_steps * READINGS_SETTINGS.clock_parts + 1,
+    ):
+        shift_s = number * step_s
+        if shift_s:
+            moved = replace(trajectory, timestamps_s=trajectory.timestamps_s + shift_s)
+            yield f"{shift_s:+.2f} s added to the times of the poses", assign(index, moved, config).T_world_camera
+
+
+# A constant rotation between the camera and the poses' axes: a mount angle that was forgotten, or
+# other camera axes.
+
+
+@dataclass(frozen=True)
+class MountSettings:
+    """When a rotation is used."""
+
+    prior_rad: float = 0.17  # standard error before anything is measured, 10 degrees: decides what the motion leaves open
+    min_rad: float = 0.026  # 1.5 degrees: less is an installation's tolerance
+    min_sigmas: float = 6.0  # of its own standard error, which neighbors' common noise makes up to two times too small
+    rounds: int = 5  # of weighting by the residuals
+    floor_m: float = 0.002  # least standard error of a shift and
+    floor_rad: float = 0.001  # of a turn: what the pictures can tell
+
+
+MOUNT_SETTINGS = MountSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) standard errors about the camera's axes."""
+
+    R: Array
+    std_rad: Array
+
+    @property
+    def angle_deg(self) -> float:
+        """The angle of the rotation, degrees."""
+        return float(np.degrees(np.linalg.norm(rotation_vector(self.R))))
+
+    @property
+    def believed(self) -> bool:
+        """Tell whether the rotation is large and significant."""
+        vector = rotation_vector(self.R)
+        return bool(
+            np.linalg.norm(vector) > MOUNT_SETTINGS.min_rad and (np.abs(vector) / self.std_rad).max() > MOUNT_SETTINGS.min_sigmas
+        )
+
+
+def constant_turn(motions: Motions) -> Turn:
+    """The turn X with given X = X measured for all motions, by their shifts and their turns (hand-eye calibration).
+
+    Tsai and Lenz (1989), IEEE Trans. Robotics and Automation 5(3), for a pure turn: both the shift and the rotation vector of a
+    motion are turned by X, so that X is the solution of Wahba's problem; what the motion leaves open stays as it is.
+    """
+    shifts = motions.given[:, :3, 3], motions.measured[:, :3, 3]
+    turns = rotation_vector(motions.given[:, :3, :3]), rotation_vector(motions.measured[:, :3, :3])
+    R, prior = np.eye(3), np.eye(3) / MOUNT_SETTINGS.prior_rad**2
+    for _ in range(MOUNT_SETTINGS.rounds):
+        correlation, information = prior.copy(), prior.copy()
+        for (given, measured), floor in ((shifts, MOUNT_SETTINGS.floor_m), (turns, MOUNT_SETTINGS.floor_rad)):
+            off = np.linalg.norm(given - measured @ R.T, axis=1)
+            sigma = max(floor, float(np.median(off)) / 1.54)  # median of the length of a 3-D Gaussian
+            weight = 1 / (sigma**2 * (1 + (off / (3 * sigma)) ** 2))
+            correlation += np.einsum("n,ni,nj->ij", weight, given, measured)
+            outer = np.einsum("n,ni,nj->ij", weight, measured, measured)
+            information += np.trace(outer) * np.eye(3) - outer
+        R = nearest_rotation(correlation)
+    return Turn(R, np.sqrt(np.diag(np.linalg.inv(information))))
+
+
+def mount_with(turn: Turn, mount: MountConfig) -> str:
+    """The settings of the mount that would take the turn in: Rz(yaw) Ry(pitch) Rx(roll) R."""
+    now = Rotation.from_euler("ZYX", [mount.yaw_deg, mount.pitch_deg, mount.roll_deg], degrees=True)
+    yaw, pitch, roll = (now * Rotation.from_matrix(turn.R)).as_euler("ZYX", degrees=True)
+    return f"mapping.mount={{roll_deg: {roll:.1f}, pitch_deg: {pitch:.1f}, yaw_deg: {yaw:.1f}}}"
+
+
+# The lever arm between the camera and the point whose positions are given: it shows where the
+# camera turns.
+
+
+@dataclass(frozen=True)
+class LeverSettings:
+    """When a lever arm is used."""
+
+    least_m: float = 0.1  # less is no more than navigation's noise
+    sigmas: float = 6.0  # of its own standard error, in the direction that the turns show best
+    left: float = 0.5  # of the shifts' residuals, rms and median, it must leave at most this fraction: noise of positions stays
+    rounds: int = 5  # of weighting by the residuals
+    floor_m: float = 0.002  # least standard error of a shift: what the pictures can tell
+    prior_m: float = 1.0  # standard error before anything is measured: decides what the motion leaves open
+
+
+LEVER_SETTINGS = LeverSettings()
+
+
+def lever_arm(motions: Motions) -> Array | None:
+    """Estimate the vector from the camera to the point whose positions are given, (3,) in the camera's axes, meters; None where it
+    is not significant.
+
+    A point at l moves by t + (R - I) l where the camera moves by R, t.
+    """
+    off_m = motions.given[:, :3, 3] - motions.measured[:, :3, 3]
+    turns = motions.measured[:, :3, :3] - np.eye(3)
+    arm_m, covariance = np.zeros(3), np.eye(3)
+    for _ in range(LEVER_SETTINGS.rounds):
+        left_m = np.linalg.norm(off_m - turns @ arm_m, axis=1)
+        sigma_m = max(LEVER_SETTINGS.floor_m, float(np.median(left_m)) / 1.54)  # median of the length of a 3-D Gaussian
+        weight = 1 / (sigma_m**2 * (1 + (left_m / (3 * sigma_m)) ** 2))
+        covariance = np.linalg.inv(np.einsum("n,nki,nkj->ij", weight, turns, turns) + np.eye(3) / LEVER_SETTINGS.prior_m**2)
+        arm_m = covariance @ np.einsum("n,nki,nk->i", weight, turns, off_m)
+    before_m, after_m = np.linalg.norm(off_m, axis=1), np.linalg.norm(off_m - turns @ arm_m, axis=1)
+    explains = np.median(after_m) < LEVER_SETTINGS.left * np.median(before_m)
+    sure = (np.abs(arm_m) / np.sqrt(np.diag(covariance))).max() > LEVER_SETTINGS.sigmas
+    return arm_m if explains and sure and np.linalg.norm(arm_m) > LEVER_SETTINGS.least_m else None

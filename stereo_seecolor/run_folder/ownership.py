@@ -1,0 +1,280 @@
+"""Whether a run may use a folder: whose results it holds, and what each command may replace in it."""
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from stereo_seecolor.compute.sequences import Names
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.names import is_log
+from stereo_seecolor.run_folder.layout import (
+    DIVE_FILES,
+    FRAMES_TABLE,
+    INDEX,
+    LEASE,
+    LOCK,
+    MAP,
+    MEASURED_WATER,
+    ORIGINAL,
+    PAGE,
+    PAGE_PRODUCTS,
+    PLAN,
+    PRODUCTS,
+    STATE,
+    refuse_links,
+    state,
+)
+from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
+
+# What each command may delete or replace of earlier results, and the refusal of inputs that lie
+# there.
+
+RESULTS = (
+    *dict.fromkeys(f"{name.partition('/')[0]}/" for name in (*PRODUCTS, MAP, PAGE)),
+    *(INDEX, *DIVE_FILES),
+)
+"""All that the program writes into OUT for users; folders, with all in them, end in "/"."""
+
+
+@dataclass(frozen=True)
+class Replaces:
+    """What a command may delete or replace.
+
+    results: names in OUT as in RESULTS: only what the program wrote there, and as it wrote it. what: the same, and when, in words.
+    """
+
+    results: tuple[str, ...]
+    what: str
+
+    def includes(self, name: str) -> bool:
+        """Tell whether it may delete or replace a file or folder. name: its path relative to OUT, with "/" between folders."""
+        return any(f"{name}/".startswith(result if result.endswith("/") else f"{result}/") for result in self.results)
+
+
+OF_STATE = f"{STATE}/"
+ALL_RESULTS = Replaces((*RESULTS, OF_STATE), "results that changed inputs or settings make stale; with `--overwrite` all results")
+FUSED = ("corrected/", "original/corrected/", FRAMES_TABLE, f"{MAP}/", INDEX, f"{PAGE}/", OF_STATE)
+
+REPLACES: dict[str, Replaces] = {
+    **dict.fromkeys(("run", "range", "correct", "rectify", "merge"), ALL_RESULTS),
+    "campaign": Replaces(ALL_RESULTS.results, "the same in the folder of each dive"),
+    "demo": Replaces(ALL_RESULTS.results, "all results of an earlier demo"),
+    "fuse": Replaces(FUSED, f"`{MAP}/`, `{FRAMES_TABLE}`, the page, the position in the EXIF of corrected images"),
+    "report": Replaces((INDEX, f"{PAGE}/", OF_STATE), f"the page: `{INDEX}`, `{PAGE}/`"),
+    "water": Replaces((MEASURED_WATER,), f"`{MEASURED_WATER}`"),
+    "plan": Replaces((f"{STATE}/{PLAN}",), f"`{STATE}/{PLAN}`"),
+    **dict.fromkeys(
+        (
+            *("calibrate", "convert-calib", "check", "export", "metrics", "compare", "markers", "evaluate", "synthesize", "live"),
+            *("inspect", "view", "measure", "bag-info", "sync", "status", "doctor", "config"),
+        ),
+        Replaces((), "nothing: they write new files into places that are free, or none"),
+    ),
+}
+"""Command -> what it may delete or replace."""
+
+
+def refuse_inputs(command: str, root: Path, inputs: Iterable[Path], unchanged: Iterable[str] = ()) -> None:
+    """Raise OutputError where an input lies in what a command may delete or replace in its output folder.
+
+    inputs: every file and folder that it reads, of any kind; links are followed. unchanged: names in OUT that this run leaves as
+    they are, or writes again with the content that it reads.
+    """
+    home, replaces, safe = root.resolve(), REPLACES[command], set(unchanged)
+    for given in inputs:
+        for place in _places(given):
+            name = place.relative_to(home).as_posix() if place.is_relative_to(home) else ""
+            if name not in safe and replaces.includes(name):
+                raise OutputError(
+                    f"{given}: is an input of this run, and lies in what would be deleted or replaced in {root}: "
+                    "copy it elsewhere first, or choose another --out; nothing was touched"
+                )
+
+
+def _places(given: Path) -> Iterator[Path]:
+    """Where an input lies: the file or folder itself, and where the links in a folder lead."""
+    yield given.resolve()
+    if given.is_dir():
+        with os.scandir(given) as entries:
+            yield from (Path(entry.path).resolve() for entry in entries if entry.is_symlink())
+
+
+def table() -> str:
+    """The table of docs/output-folder.md; commands with the same rule share a row."""
+    commands: dict[str, list[str]] = {}
+    for command, rule in REPLACES.items():
+        commands.setdefault(rule.what, []).append(f"`{command}`")
+    rows = (f"| {', '.join(names)} | {what} |" for what, names in commands.items())
+    return "\n".join(["| command | may delete or replace |", "| --- | --- |", *rows, ""])
+
+
+# Checks whether a run may use a folder: whose results it holds, what else lies in it, and what
+# --overwrite may delete.
+
+NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
+"""What file managers leave in every folder that is opened; hidden files are ignored too."""
+
+
+COMPARED_FRAMES = 5
+"""Frames whose files are compared to recognize a dive that was moved: the first, the last and three between."""
+
+
+class Files(Protocol):
+    """A pair's name, and the files that it is made of."""
+
+    @property
+    def name(self) -> str:
+        """Its name in OUT."""
+
+    @property
+    def left(self) -> Path:
+        """The left image."""
+
+    @property
+    def right(self) -> Path:
+        """The right image, or a range map."""
+
+
+@dataclass(frozen=True)
+class Owner:
+    """The owner of a folder's results.
+
+    kind: the command that made it. inputs: what was given, by name. sample: hash of the content of the dive's first file. pairs: of
+    the dive; none for videos, which are opened later. By both a dive is recognized that was moved.
+    """
+
+    kind: str
+    inputs: Mapping[str, str]
+    sample: str = ""
+    pairs: Sequence[Files] = ()
+
+    def identity(self) -> dict[str, str]:
+        """The owner as the manifest stores it."""
+        return {"kind": self.kind, "sample": self.sample, **self.inputs}
+
+    def owns(self, manifest: Manifest) -> bool:
+        """Tell whether a folder is this dive's: made by the same command from the same paths, or from the same files elsewhere.
+
+        The same path may hold another dive's files of the same names, as a memory card does: then not one of some is the same.
+        """
+        identity = manifest.dive().identity
+        if identity.get("kind") != self.kind:
+            return False
+        recorded = Names(manifest.names())
+        common = [number for number, pair in enumerate(self.pairs) if pair.name in recorded]
+        if {**identity, "sample": ""} == {**self.identity(), "sample": ""}:
+            return len(common) < 2 or any(self._same_files(common, manifest))
+        if not self.pairs:
+            return bool(self.sample) and identity.get("sample") == self.sample
+        grew_or_shrank = len(common) >= max(min(len(recorded), len(self.pairs)), 1)
+        return grew_or_shrank and all(self._same_files(common, manifest))
+
+    def _same_files(self, common: Sequence[int], manifest: Manifest) -> Iterator[bool]:
+        """For some of the frames of these numbers, spread over them, whether their files are those that are recorded."""
+        steps = range(min(COMPARED_FRAMES, len(common)))
+        for number in dict.fromkeys(common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps):
+            yield _same_files(self.pairs[number], manifest.frame(self.pairs[number].name))
+
+
+def _same_files(pair: Files, record: FrameRecord | None) -> bool:
+    """True also for a record that is damaged: its frame is made again."""
+    known = {file.sha256 for file in record.inputs.values()} if record else set()
+    return not known or known <= {hashlib.sha256(read_bytes(path)).hexdigest() for path in (pair.left, pair.right)}
+
+
+@dataclass(frozen=True)
+class Claim:
+    """How a run takes OUT.
+
+    owner: the dive and command. overwrite: delete earlier results first. inputs: files and folders that the run reads, never to be
+    deleted. unchanged: names in OUT that it leaves as they are, or writes again with the content that it reads. ranges: hash of the
+    settings that it makes range maps with, "" if not known yet: a water measured in others is stale then.
+    """
+
+    owner: Owner
+    overwrite: bool = False
+    inputs: tuple[Path, ...] = ()
+    unchanged: tuple[str, ...] = ()
+    ranges: str = ""
+
+
+def check_claim(manifest: Manifest, claim: Claim) -> None:
+    """Refuse a folder that is not this dive's, or that holds files of others in a product's place, or the run's inputs; nothing is
+    changed. Raises OutputError.
+    """
+    root = manifest.root
+    refuse_links(root)
+    if not manifest.exists():
+        refuse_used(root)
+        return
+    dive = manifest.dive()
+    if not claim.overwrite and _holds_results(manifest) and not claim.owner.owns(manifest):
+        raise OutputError(
+            f"{root}: holds the results of another dive or command: choose another --out, or delete them with --overwrite"
+        )
+    measured = not claim.overwrite and claim.ranges in ("", dive.settings.get("range"))
+    refuse_inputs("run", root, claim.inputs, (*claim.unchanged, *([MEASURED_WATER] if measured else [])))
+    refuse_foreign(manifest)
+
+
+def _holds_results(manifest: Manifest) -> bool:
+    """False after a run that was refused before its first pair, such as one with exchanged sides."""
+    return bool(manifest.names() or manifest.dive().files)
+
+
+def refuse_used(root: Path) -> None:
+    """Raise OutputError where a folder without a manifest holds anything."""
+    entries = _names(root)
+    own = STATE if not set(_names(state(root))) - {LOCK, LEASE, PLAN} else None
+    foreign = [name for name in entries if name != own and not _of_system(name) and not is_log(root / name)]
+    if foreign:
+        raise OutputError(
+            f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new folder; nothing was touched"
+        )
+
+
+def refuse_foreign(manifest: Manifest) -> None:
+    """Raise OutputError where a product's folder holds what the program did not write."""
+    known = {*manifest.names()}
+    for product in (*PRODUCTS, *PAGE_PRODUCTS):
+        if not product.startswith(f"{ORIGINAL}/"):
+            for path in files_below(manifest.root / product):
+                if not _of_system(path.name) and path.stem not in known:
+                    raise _foreign(path)
+    _refuse_foreign_originals(manifest)
+    files = manifest.dive().files
+    frames_folders = {manifest.root / product for product in PAGE_PRODUCTS}
+    for path in (*files_below(manifest.root / MAP), *files_below(manifest.root / PAGE)):
+        if path.parent in frames_folders or _of_system(path.name):
+            continue
+        if path.relative_to(manifest.root).as_posix() not in files:
+            raise _foreign(path)
+    for name in (*DIVE_FILES, INDEX):
+        if (manifest.root / name).exists() and name not in files:
+            raise _foreign(manifest.root / name)
+
+
+def _refuse_foreign_originals(manifest: Manifest) -> None:
+    """Products in the camera's own pixels have the names of its images: each frame's record knows them."""
+    found = [path for path in files_below(manifest.root / ORIGINAL) if not _of_system(path.name)]
+    known = {path for frame in manifest.frames() for path in frame.files} if found else set()
+    for path in found:
+        if path.relative_to(manifest.root).as_posix() not in known:
+            raise _foreign(path)
+
+
+def _names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+
+
+def _of_system(name: str) -> bool:
+    return (name.startswith(".") and name != STATE) or name in NAMES_OF_SYSTEMS
+
+
+def _foreign(path: Path) -> OutputError:
+    return OutputError(f"{path}: is not of this program, and lies where its results go: move it elsewhere; nothing was touched")
