@@ -1,8 +1,10 @@
-"""Synthetic color cases with known truth: many scenes, waters and reliefs, so that no method is chosen by one picture.
+"""Synthetic color cases with known truth: many scenes, waters and reliefs, so that no method is
+chosen by one picture.
 
-Scenes: dead leaves of reef materials (natural mixtures, and strongly colored ones that gray world gets wrong), material tied to
-range in half of them. Waters: Jerlov's types as seen by a camera's bands, daylight through 0 to 15 m of them; and freely drawn
-waters that follow no table, half of them with no light loss on the way down. Cameras: sRGB or another curve, shot and read noise.
+Scenes: dead leaves of reef materials (natural mixtures, and strongly colored ones that gray world
+gets wrong), material tied to range in half of them. Waters: Jerlov's types as seen by a camera's
+bands, daylight through 0 to 15 m of them; and freely drawn waters that follow no table, half of
+them with no light loss on the way down. Cameras: sRGB or another curve, shot and read noise.
 """
 
 from dataclasses import dataclass
@@ -48,7 +50,9 @@ JERLOV = {  # 1/m at 450, 475, 525, 550, 600, 625 nm: Jerlov 1976, Marine Optics
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A picture through water: image (H, W, 3) uint8; range_m (H, W) float32; truth (H, W, 3) linear J; its water."""
+    """A picture through water: image (H, W, 3) uint8; range_m (H, W) float32; truth (H, W, 3)
+    linear J; its water.
+    """
 
     name: str
     image: NDArray[np.uint8]
@@ -58,7 +62,9 @@ class Case:
 
 
 def smooth_noise(rng, shape, scale):
-    small = rng.standard_normal((max(2, int(shape[0] / scale) + 2), max(2, int(shape[1] / scale) + 2)))
+    small = rng.standard_normal(
+        (max(2, int(shape[0] / scale) + 2), max(2, int(shape[1] / scale) + 2))
+    )
     field = cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
     return (field - field.mean()) / (field.std() + 1e-9)
 
@@ -67,19 +73,31 @@ def make_range(rng, shape, kind):
     """flat: a few per cent; slope: 1.5 to 2.5 times; deep: 3 to 8 times, as looking forward."""
     y, x = np.mgrid[0 : 1 : shape[0] * 1j, 0 : 1 : shape[1] * 1j]
     altitude = rng.uniform(1.0, 4.0)
-    spread = {"flat": rng.uniform(0.02, 0.12), "slope": rng.uniform(0.4, 0.9), "deep": rng.uniform(1.0, 1.4)}[kind]
+    spread = {
+        "flat": rng.uniform(0.02, 0.12),
+        "slope": rng.uniform(0.4, 0.9),
+        "deep": rng.uniform(1.0, 1.4),
+    }[kind]
     turn = rng.uniform(0, 2 * np.pi)
     plane = np.cos(turn) * x + np.sin(turn) * y
     plane = (plane - plane.min()) / np.ptp(plane)
-    bumps = 0.25 * smooth_noise(rng, shape, shape[1] / 4) + 0.12 * smooth_noise(rng, shape, shape[1] / 12)
+    bumps = 0.25 * smooth_noise(rng, shape, shape[1] / 4) + 0.12 * smooth_noise(
+        rng, shape, shape[1] / 12
+    )
     log_range = spread * np.clip(plane + 0.6 * bumps, -0.15, 1.15)
     return (altitude * np.exp(log_range - log_range.min())).astype(np.float32)
 
 
 def make_truth(rng, shape, range_m, colored):
-    """Dead leaves of materials, shaded; in half of the scenes what lies far differs from what lies near."""
+    """Dead leaves of materials, shaded; in half of the scenes what lies far differs from what lies
+    near.
+    """
     weights = rng.dirichlet(np.full(len(MATERIALS), 0.35)) if colored else rng.dirichlet(NATURAL)
-    other = (rng.dirichlet(np.full(len(MATERIALS), 0.35)) if colored else rng.dirichlet(NATURAL)) if rng.random() < 0.5 else weights
+    other = (
+        (rng.dirichlet(np.full(len(MATERIALS), 0.35)) if colored else rng.dirichlet(NATURAL))
+        if rng.random() < 0.5
+        else weights
+    )
     labels = np.zeros(shape, np.int32)
     rank = (range_m.argsort(axis=None).argsort() / range_m.size).reshape(shape)
     for _ in range(400):
@@ -87,18 +105,37 @@ def make_truth(rng, shape, range_m, colored):
         far = rng.random() < rank[cy, cx]
         material = int(rng.choice(len(MATERIALS), p=other if far else weights))
         size = np.minimum(4 / rng.random(2) ** 0.7, shape[1] / 5)
-        cv2.ellipse(labels, (cx, cy), (int(size[0]) + 2, int(size[1]) + 2), float(rng.uniform(0, 180)), 0, 360, material, -1)
+        cv2.ellipse(
+            labels,
+            (cx, cy),
+            (int(size[0]) + 2, int(size[1]) + 2),
+            float(rng.uniform(0, 180)),
+            0,
+            360,
+            material,
+            -1,
+        )
     truth = MATERIALS[labels] * np.exp(0.12 * rng.standard_normal((len(MATERIALS), 3)))[labels]
-    truth = truth * np.exp(0.08 * np.stack([smooth_noise(rng, shape, 6) for _ in range(3)], axis=-1))
-    shade = np.exp(0.35 * smooth_noise(rng, shape, 25) + 0.25 * smooth_noise(rng, shape, 4) + 0.1 * rng.standard_normal(shape))
+    truth = truth * np.exp(
+        0.08 * np.stack([smooth_noise(rng, shape, 6) for _ in range(3)], axis=-1)
+    )
+    shade = np.exp(
+        0.35 * smooth_noise(rng, shape, 25)
+        + 0.25 * smooth_noise(rng, shape, 4)
+        + 0.1 * rng.standard_normal(shape)
+    )
     return np.clip(truth * np.clip(shade, 0.02, 2.0)[..., None], 0, 1)
 
 
 def jerlov_water(rng):
-    """Water and light that belong together: the light that arrives came down through the same water."""
+    """Water and light that belong together: the light that arrives came down through the same
+    water.
+    """
     kinds = list(JERLOV.values())
     at = rng.uniform(0, len(kinds) - 1)
-    mix = np.array(kinds[int(at)]) * (1 - at % 1) + np.array(kinds[min(int(at) + 1, len(kinds) - 1)]) * (at % 1)
+    mix = np.array(kinds[int(at)]) * (1 - at % 1) + np.array(
+        kinds[min(int(at) + 1, len(kinds) - 1)]
+    ) * (at % 1)
     diffuse = np.array([mix[4:6].mean(), mix[2:4].mean(), mix[0:2].mean()])
     scatter = rng.uniform(0.0, 0.15)
     attenuation = diffuse * rng.uniform(1.0, 1.5) + scatter
@@ -112,7 +149,9 @@ def jerlov_water(rng):
 def free_water(rng):
     """Water that follows no table."""
     attenuation = (
-        np.sort(rng.uniform(0.02, 0.5, 3))[::-1] if rng.random() < 0.5 else rng.uniform([0.17, 0.02, 0.02], [0.55, 0.4, 0.4])
+        np.sort(rng.uniform(0.02, 0.5, 3))[::-1]
+        if rng.random() < 0.5
+        else rng.uniform([0.17, 0.02, 0.02], [0.55, 0.4, 0.4])
     )
     white = np.ones(3) if rng.random() < 0.5 else np.exp(-rng.uniform([0.2, 0, 0], [1.4, 0.4, 0.6]))
     gamma_inf = rng.uniform([0.01, 0.04, 0.05], [0.1, 0.3, 0.35]) * white.max()
@@ -127,17 +166,36 @@ def make_case(seed: int, shape: tuple[int, int] = (240, 320)) -> Case:
     white, attenuation, gamma_inf, beta = draw_water(rng)
     range_m = make_range(rng, shape, kind)
     truth = make_truth(rng, shape, range_m, colored)
-    # Nearer, where water would leave less than 5 to 35 % of the weakest channel: stereo would find nothing there.
-    range_m = range_m * np.float32(min(1, rng.uniform(1.0, 3.0) / (attenuation.max() * np.nanquantile(range_m, 0.95))))
+    # Nearer, where water would leave less than 5 to 35 % of the weakest channel: stereo would find
+    # nothing there.
+    range_m = range_m * np.float32(
+        min(1, rng.uniform(1.0, 3.0) / (attenuation.max() * np.nanquantile(range_m, 0.95)))
+    )
     z = range_m.astype(np.float64)[..., None]
     linear = truth * white * np.exp(-attenuation * z) + gamma_inf * -np.expm1(-beta * z)
     exposure = rng.uniform(0.45, 1.0) / np.nanquantile(linear.max(axis=-1), 0.995)
     noisy = linear * exposure
-    noisy = noisy + rng.standard_normal(noisy.shape) * np.sqrt(noisy / rng.uniform(4000, 20000) + 0.002**2)
+    noisy = noisy + rng.standard_normal(noisy.shape) * np.sqrt(
+        noisy / rng.uniform(4000, 20000) + 0.002**2
+    )
     curve = rng.random()
-    encoded = encode_srgb(np.clip(noisy, 0, 1)) if curve < 0.7 else np.clip(noisy, 0, 1) ** (1 / rng.uniform(1.8, 2.4))
+    encoded = (
+        encode_srgb(np.clip(noisy, 0, 1))
+        if curve < 0.7
+        else np.clip(noisy, 0, 1) ** (1 / rng.uniform(1.8, 2.4))
+    )
     image = np.clip(np.round(np.nan_to_num(encoded) * 255), 0, 255).astype(np.uint8)
     tag = f"{name}-{kind}-{'colored' if colored else 'natural'}-{seed}"
     zero = np.zeros(3)
-    water = Water(gamma_inf * exposure, beta, zero, zero, w=zero, v=zero, y=attenuation, x=zero, white=white * exposure)
+    water = Water(
+        gamma_inf * exposure,
+        beta,
+        zero,
+        zero,
+        w=zero,
+        v=zero,
+        y=attenuation,
+        x=zero,
+        white=white * exposure,
+    )
     return Case(tag, image, range_m, truth, water)

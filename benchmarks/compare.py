@@ -1,16 +1,20 @@
-"""How long each command takes against another revision of the program, measured in turn (A B A B ...) on this machine, now.
+"""How long each command takes against another revision of the program, measured in turn (A B A B
+...) on this machine, now.
 
-    python benchmarks/compare.py REV [--same-environment] [--measures run help ...] [--dives sample large] [--rounds 5]
+    python benchmarks/compare.py REV [--same-environment] [--measures run help ...] [--dives sample
+    large] [--rounds 5]
 
-REV: a revision of this repository, or the folder of a checkout. Both it and the work tree get an environment of their own, with
-the libraries that each one's constraints name; --same-environment runs both with the Python that runs this script, which takes
-no minutes to prepare. Each measurement is a whole process, as a user starts it; before the rounds each is run once, so that
-compiled code is there. Prints medians of elapsed and processor seconds, the ratio of the processor times with the smallest and
-the largest of the rounds, and the peak memory. Only the ratios can be compared between machines.
+REV: a revision of this repository, or the folder of a checkout. Both it and the work tree get an
+environment of their own, with the libraries that each one's constraints name; --same-environment
+runs both with the Python that runs this script, which takes no minutes to prepare. Each measurement
+is a whole process, as a user starts it; before the rounds each is run once, so that compiled code
+is there. Prints medians of elapsed and processor seconds, the ratio of the processor times with the
+smallest and the largest of the rounds, and the peak memory. Only the ratios can be compared between
+machines.
 
-What is measured: color (``correct``), match (``range``), run, rerun (nothing to do), fuse, fuse-poses, oblique (a map from
-cameras tilted by 55 degrees), cold (``run`` where nothing is compiled yet), help. Dives: the sample dive, and 20 synthesized
-pairs of 1280x1024.
+What is measured: color (``correct``), match (``range``), run, rerun (nothing to do), fuse,
+fuse-poses, oblique (a map from cameras tilted by 55 degrees), cold (``run`` where nothing is
+compiled yet), help. Dives: the sample dive, and 20 synthesized pairs of 1280x1024.
 """
 
 import argparse
@@ -41,7 +45,9 @@ ALLOWED_RATIO = 1.1
 
 @dataclass(frozen=True)
 class Timing:
-    """elapsed_s: by the clock. processor_s: user and system, all threads. peak_mib: resident memory."""
+    """elapsed_s: by the clock. processor_s: user and system, all threads. peak_mib: resident
+    memory.
+    """
 
     elapsed_s: float
     processor_s: float
@@ -61,23 +67,35 @@ class Tree:
         return self.python_code("from stereo_seecolor.cli import main; main()", *words, cache=cache)
 
     def python_code(self, code: str, *words: object, cache: Path | None = None) -> Timing:
-        """Run Python with the checkout's package. cache: folder for compiled code, where not the usual one."""
+        """Run Python with the checkout's package. cache: folder for compiled code, where not the
+        usual one.
+        """
         line = [str(self.python), "-c", code, *map(str, words)]
         with tempfile.TemporaryFile("w+") as said:
             start = time.perf_counter()
-            process = subprocess.Popen(line, cwd=self.folder, env=self._environment(cache), stdout=said, stderr=said)
+            process = subprocess.Popen(
+                line, cwd=self.folder, env=self._environment(cache), stdout=said, stderr=said
+            )
             _, status, used = os.wait4(process.pid, 0)
             elapsed_s = time.perf_counter() - start
             process.returncode = os.waitstatus_to_exitcode(status)
             if process.returncode:
                 said.seek(0)
-                sys.exit(f"{self.folder}: {' '.join(line[3:])}: exit code {process.returncode}\n{said.read()}")
+                sys.exit(
+                    f"{self.folder}: {' '.join(line[3:])}: exit code "
+                    f"{process.returncode}\n{said.read()}"
+                )
         return Timing(elapsed_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 
     def _environment(self, cache: Path | None) -> dict[str, str]:
         """Byte code is kept, as an installed program's is."""
-        kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-        kept |= {"PYTHONPATH": str(self.folder), "PYTHONPYCACHEPREFIX": str(self.kept / "byte_code")}
+        kept = {
+            name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
+        }
+        kept |= {
+            "PYTHONPATH": str(self.folder),
+            "PYTHONPYCACHEPREFIX": str(self.kept / "byte_code"),
+        }
         return kept | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
 
 
@@ -106,10 +124,19 @@ class Bench:
         if name == "cold":
             with tempfile.TemporaryDirectory() as empty:
                 return self.tree.command("run", *self._sides(), "--out", out, cache=Path(empty))
-        return self.tree.command("range" if name == "match" else "run", *self._sides(), "--out", out)
+        return self.tree.command(
+            "range" if name == "match" else "run", *self._sides(), "--out", out
+        )
 
     def _sides(self) -> list[object]:
-        return ["--left", self.dive / "left", "--right", self.dive / "right", "--calib", self.dive / "cam.yaml"]
+        return [
+            "--left",
+            self.dive / "left",
+            "--right",
+            self.dive / "right",
+            "--calib",
+            self.dive / "cam.yaml",
+        ]
 
     def _finished(self) -> Path:
         """A finished run, made where it is missing."""
@@ -127,7 +154,9 @@ class Bench:
 
 def execute(tree: Path, *words: object) -> Timing:
     """Run a command of a checkout to its end, with the Python that runs this."""
-    return Tree(tree, Path(sys.executable), Path(tempfile.gettempdir()) / "compare_kept" / tree.name).command(*words)
+    return Tree(
+        tree, Path(sys.executable), Path(tempfile.gettempdir()) / "compare_kept" / tree.name
+    ).command(*words)
 
 
 def make_tree(source: str, work: Path, same_environment: bool) -> Tree:
@@ -136,14 +165,18 @@ def make_tree(source: str, work: Path, same_environment: bool) -> Tree:
     if not folder.is_dir():
         folder = work / source
         folder.mkdir(parents=True)
-        archive = subprocess.run(["git", "-C", REPOSITORY, "archive", source], check=True, capture_output=True).stdout
+        archive = subprocess.run(
+            ["git", "-C", REPOSITORY, "archive", source], check=True, capture_output=True
+        ).stdout
         subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
     kept = work / f"kept-{len(list(work.iterdir()))}"
     if same_environment:
         return Tree(folder, Path(sys.executable), kept)
     subprocess.run([sys.executable, "-m", "venv", kept / "environment"], check=True)
     python = kept / "environment" / ("Scripts" if os.name == "nt" else "bin") / "python"
-    subprocess.run([python, "-m", "pip", "install", "-q", "-c", folder / "constraints.txt", folder], check=True)
+    subprocess.run(
+        [python, "-m", "pip", "install", "-q", "-c", folder / "constraints.txt", folder], check=True
+    )
     return Tree(folder, python, kept)
 
 
@@ -171,16 +204,25 @@ def compare(benches: list[Bench], name: str, rounds: int) -> str:
     cells += [f"{statistics.median(t.processor_s for t in timings):.2f}" for timings in (old, new)]
     ratios = sorted(b.processor_s / a.processor_s for a, b in zip(old, new, strict=True))
     ratio = statistics.median(ratios)
-    cells.append(f"{ratio:.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f}){' !' if ratio > ALLOWED_RATIO else ''}")
+    cells.append(
+        f"{ratio:.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f}){' !' if ratio > ALLOWED_RATIO else ''}"
+    )
     cells += [f"{max(t.peak_mib for t in timings):.0f}" for timings in (old, new)]
     return " | ".join(cells)
 
 
 def machine() -> str:
     """What the numbers hold for."""
-    names = [line.partition(":")[2].strip() for line in _lines(Path("/proc/cpuinfo")) if line.startswith("model name")]
+    names = [
+        line.partition(":")[2].strip()
+        for line in _lines(Path("/proc/cpuinfo"))
+        if line.startswith("model name")
+    ]
     busy = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    return f"{names[0] if names else platform.processor()}, {os.cpu_count()} cores, {platform.platform()}{busy}"
+    return (
+        f"{names[0] if names else platform.processor()}, {os.cpu_count()} cores, "
+        f"{platform.platform()}{busy}"
+    )
 
 
 def _lines(path: Path) -> list[str]:
@@ -188,28 +230,52 @@ def _lines(path: Path) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("base", metavar="REV", help="revision or checkout to compare with")
     parser.add_argument("--new", default=str(REPOSITORY), help="checkout to judge")
     parser.add_argument("--same-environment", action="store_true")
     parser.add_argument("--measures", nargs="+", choices=MEASURES, default=MEASURES)
-    parser.add_argument("--dives", nargs="+", choices=("sample", "large"), default=("sample", "large"))
+    parser.add_argument(
+        "--dives", nargs="+", choices=("sample", "large"), default=("sample", "large")
+    )
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--large-dive", type=Path, help="where the large dive lies, or is to be rendered and kept")
+    parser.add_argument(
+        "--large-dive", type=Path, help="where the large dive lies, or is to be rendered and kept"
+    )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        trees = [make_tree(source, work, options.same_environment) for source in (options.base, options.new)]
+        trees = [
+            make_tree(source, work, options.same_environment)
+            for source in (options.base, options.new)
+        ]
         print(f"{machine()}\n")
-        print("| dive | what | base, s | new, s | base, processor s | new | ratio | base, peak MiB | new |", flush=True)
+        print(
+            "| dive | what | base, s | new, s | base, processor s | new | ratio | base, peak MiB "
+            "| new |",
+            flush=True,
+        )
         print("|---|---|---|---|---|---|---|---|---|", flush=True)
         kinds = [*options.dives, *(["oblique"] if "oblique" in options.measures else [])]
         for kind in kinds:
-            dive = make_dive(kind, trees[1], options.large_dive if kind == "large" and options.large_dive else work / kind)
-            benches = [Bench(tree, dive.resolve(), work / kind / f"by_{n}") for n, tree in enumerate(trees)]
+            dive = make_dive(
+                kind,
+                trees[1],
+                options.large_dive if kind == "large" and options.large_dive else work / kind,
+            )
+            benches = [
+                Bench(tree, dive.resolve(), work / kind / f"by_{n}") for n, tree in enumerate(trees)
+            ]
             for name in options.measures:
-                if (name == "oblique") == (kind == "oblique") and (name not in ("cold", "help") or kind == options.dives[0]):
-                    print(f"| {kind} | {name} | {compare(benches, name, options.rounds)} |", flush=True)
+                if (name == "oblique") == (kind == "oblique") and (
+                    name not in ("cold", "help") or kind == options.dives[0]
+                ):
+                    print(
+                        f"| {kind} | {name} | {compare(benches, name, options.rounds)} |",
+                        flush=True,
+                    )
 
 
 if __name__ == "__main__":

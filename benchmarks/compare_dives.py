@@ -1,6 +1,8 @@
-"""Two synthetic dives of one reef, through the whole program, and what ``compare`` finds of what changed between them.
+"""Two synthetic dives of one reef, through the whole program, and what ``compare`` finds of what
+changed between them.
 
-python benchmarks/compare_dives.py FOLDER   renders, runs, fuses and compares; FOLDER is new. Prints a table for docs/compare.md.
+python benchmarks/compare_dives.py FOLDER renders, runs, fuses and compares; FOLDER is new. Prints a
+table for docs/compare.md.
 """
 
 import sys
@@ -25,9 +27,24 @@ from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.raster.block_raster import Grid
 
-FIRST = SurveySpec(seed=11, pairs=14, lines=2, line_spacing_m=0.6, pair_spacing_m=0.35, altitude_m=(1.3, 1.3), relief_m=0.2)
+FIRST = SurveySpec(
+    seed=11,
+    pairs=14,
+    lines=2,
+    line_spacing_m=0.6,
+    pair_spacing_m=0.35,
+    altitude_m=(1.3, 1.3),
+    relief_m=0.2,
+)
 SECOND = replace(
-    FIRST, seed=12, pairs=15, lines=3, line_spacing_m=0.35, pair_spacing_m=0.5, altitude_m=(1.6, 1.6), water="coastal-green"
+    FIRST,
+    seed=12,
+    pairs=15,
+    lines=3,
+    line_spacing_m=0.35,
+    pair_spacing_m=0.5,
+    altitude_m=(1.6, 1.6),
+    water="coastal-green",
 )
 CHANGES = (
     Change("grown", 0.35, 0.25, 0.16, 0.02),
@@ -47,11 +64,16 @@ def render(scene: Scene, folder: Path, T: NDArray[np.float64]) -> None:
     for side in ("left", "right"):
         (folder / side).mkdir(parents=True)
     native.write(scene.rig, folder / "cam.yaml")
-    write_tum(folder / "trajectory.tum", replace(scene.trajectory, T_world_camera=T @ scene.trajectory.T_world_camera))
+    write_tum(
+        folder / "trajectory.tum",
+        replace(scene.trajectory, T_world_camera=T @ scene.trajectory.T_world_camera),
+    )
     for index in range(scene.spec.pairs):
         frame = scene.render(index).frame
         for side, image in (("left", frame.left), ("right", frame.right)):
-            cv2.imwrite(str(folder / side / f"{frame.name}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+            cv2.imwrite(
+                str(folder / side / f"{frame.name}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+            )
 
 
 def mapped(folder: Path) -> Path:
@@ -73,7 +95,13 @@ def main(folder: Path) -> None:
 
 def judge(found: SiteChange, before: Reef, after: Reef) -> None:
     """Print what was found against what is true; first's coordinates are the reef's own."""
-    points = np.stack([field.ravel() for field in found.before.grid.centers(*map(slice, (0, 0), found.before.grid.shape))], axis=-1)
+    points = np.stack(
+        [
+            field.ravel()
+            for field in found.before.grid.centers(*map(slice, (0, 0), found.before.grid.shape))
+        ],
+        axis=-1,
+    )
     places = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
     off = transformed(found.registration.T_a_b @ T_SECOND_WORLD, places) - places
     say("registration: RMS error", f"{1000 * np.sqrt((off**2).sum(axis=1).mean()):.2f} mm")
@@ -92,13 +120,28 @@ def judge(found: SiteChange, before: Reef, after: Reef) -> None:
         patches |= mask if patch.kind in ("growth", "loss") else False
     large = known & (np.abs(true_m) >= 0.0195)
     say("cells changed by 2 cm and more in a patch", f"{patches[large].mean():.1%}")
-    say("area of the patches where nothing moved", f"{(patches & ~grown(moved, 7)).sum() / max(patches.sum(), 1):.1%}")
-    for name, total, amount in (("growth", found.growth_l, np.maximum(true_m, 0)), ("loss", found.loss_l, np.minimum(true_m, 0))):
+    say(
+        "area of the patches where nothing moved",
+        f"{(patches & ~grown(moved, 7)).sum() / max(patches.sum(), 1):.1%}",
+    )
+    for name, total, amount in (
+        ("growth", found.growth_l, np.maximum(true_m, 0)),
+        ("loss", found.loss_l, np.minimum(true_m, 0)),
+    ):
         true_l = 1000 * found.before.grid.cell_m**2 * amount[known].sum()
-        say(name, f"{total[0]:.2f} ± {total[1]:.2f} l, true {true_l:.2f} l ({total[0] / true_l - 1:+.1%})")
+        say(
+            name,
+            f"{total[0]:.2f} ± {total[1]:.2f} l, true {true_l:.2f} l "
+            f"({total[0] / true_l - 1:+.1%})",
+        )
     for patch in found.patches:
-        where = f"at {patch.x_m:.2f}, {patch.y_m:.2f}: {patch.area_cm2:.0f} cm2, {patch.volume_l:.2f} l"
-        say(f"patch {patch.number}: {patch.kind}", f"{where}, L* {patch.lightness:+.0f}, C* {patch.chroma:+.0f}")
+        where = (
+            f"at {patch.x_m:.2f}, {patch.y_m:.2f}: {patch.area_cm2:.0f} cm2, {patch.volume_l:.2f} l"
+        )
+        say(
+            f"patch {patch.number}: {patch.kind}",
+            f"{where}, L* {patch.lightness:+.0f}, C* {patch.chroma:+.0f}",
+        )
 
 
 say: Callable[[str, str], None] = lambda what, value: print(f"| {what} | {value} |", flush=True)  # noqa: E731
@@ -106,8 +149,12 @@ say: Callable[[str, str], None] = lambda what, value: print(f"| {what} | {value}
 
 def height_on(grid: Grid, reef: Reef) -> NDArray[np.float64]:
     x, y = grid.centers(slice(0, grid.shape[0]), slice(0, grid.shape[1]))
-    columns, rows = ((values - start) / 0.005 for values, start in ((x, reef.origin_m[0]), (y, reef.origin_m[1])))
-    return cv2.remap(reef.height_m, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR).astype(np.float64)
+    columns, rows = (
+        (values - start) / 0.005 for values, start in ((x, reef.origin_m[0]), (y, reef.origin_m[1]))
+    )
+    return cv2.remap(
+        reef.height_m, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR
+    ).astype(np.float64)
 
 
 def grown(mask: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:

@@ -1,10 +1,13 @@
-"""Frames a second of the torch path (``color.device``) on the device that is there, beside the compiled one: the same numbers.
+"""Frames a second of the torch path (``color.device``) on the device that is there, beside the
+compiled one: the same numbers.
 
     python benchmarks/device.py [--size 1280 1024] [--device cpu] [--batches 1 4 16]
 
-count: colors over range, into a table. apply: the water taken out. A batch is that many frames of one water and one exposure, row
-under row: their table is that of their sum, so what asks for a table or an exposure of each frame cannot be batched. Fitting works
-on a table, on the processor wherever the pixels are. Pixels go to the device and back for each batch, as in a run for each frame.
+count: colors over range, into a table. apply: the water taken out. A batch is that many frames of
+one water and one exposure, row under row: their table is that of their sum, so what asks for a
+table or an exposure of each frame cannot be batched. Fitting works on a table, on the processor
+wherever the pixels are. Pixels go to the device and back for each batch, as in a run for each
+frame.
 """
 
 import argparse
@@ -40,7 +43,9 @@ def batches_a_second(work: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 1024))
     parser.add_argument("--batches", type=int, nargs="+", default=(1, 4, 16))
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
@@ -52,7 +57,9 @@ def main() -> None:
     print(f"{device} ({name}), {options.size[0]}x{options.size[1]}")
     image, range_m = color_speed.frame(0)
     for frames in options.batches:
-        compare(np.concatenate([image] * frames), np.concatenate([range_m] * frames), frames, device)
+        compare(
+            np.concatenate([image] * frames), np.concatenate([range_m] * frames), frames, device
+        )
 
 
 def compare(image: np.ndarray, range_m: np.ndarray, frames: int, device: torch.device) -> None:
@@ -61,7 +68,10 @@ def compare(image: np.ndarray, range_m: np.ndarray, frames: int, device: torch.d
     table = corrector.measure(image, range_m)
     by_range, shown = gains(corrector.fit(table), corrector.config, 1.3), display(8, "srgb", 2.0)
     flat, bits, values = image.reshape(-1, 3), range_bits(range_m), VALUE_BINS[8]
-    compiled = partial(measure, image, range_m), partial(torch_apply.on_processor, flat, bits, by_range, shown)
+    compiled = (
+        partial(measure, image, range_m),
+        partial(torch_apply.on_processor, flat, bits, by_range, shown),
+    )
     in_torch = (
         partial(torch_counting.count, image, range_m, values, device),
         partial(torch_apply.apply, flat, bits, by_range, shown, device),

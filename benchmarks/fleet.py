@@ -1,11 +1,12 @@
 """Runs on a cluster of this machine: kills while they work, and what a batch costs beside its work.
 
-python benchmarks/fleet.py kills              # same bytes as threads, after kills of workers, clients and schedulers
-python benchmarks/fleet.py batches --number 2000          # processor time of client and scheduler a batch, and their memory
-python benchmarks/fleet.py million --folder OUT           # a million pairs on 200 workers, simulated; OUT: a run with tables
-python benchmarks/fleet.py client --number 1000000        # memory of the client through all passes; 20 minutes, /proc of Linux
-python benchmarks/fleet.py scheduler --number 1000000     # memory of a scheduler with 200 real workers; 15 minutes, free port 18786
-python benchmarks/fleet.py growth                         # docs/images/fleet_growth.svg
+python benchmarks/fleet.py kills # same bytes as threads, after kills of workers, clients and
+schedulers python benchmarks/fleet.py batches --number 2000 # processor time of client and scheduler
+a batch, and their memory python benchmarks/fleet.py million --folder OUT # a million pairs on 200
+workers, simulated; OUT: a run with tables python benchmarks/fleet.py client --number 1000000 #
+memory of the client through all passes; 20 minutes, /proc of Linux python benchmarks/fleet.py
+scheduler --number 1000000 # memory of a scheduler with 200 real workers; 15 minutes, free port
+18786 python benchmarks/fleet.py growth # docs/images/fleet_growth.svg
 """
 
 import argparse
@@ -31,26 +32,50 @@ def overhead(number: int) -> None:
         list(compute.each(abs, range(number)))
         cost_ms = 1000 * (time.process_time() - start_s) / number
         memory = psutil.Process().memory_info().rss / 1e6
-        print(f"{number} batches: {cost_ms:.1f} ms of client and scheduler each, {memory:.0f} MB, {time.monotonic() - begun:.0f} s")
+        print(
+            f"{number} batches: {cost_ms:.1f} ms of client and scheduler each, {memory:.0f} MB, "
+            f"{time.monotonic() - begun:.0f} s"
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("kills", "batches", "million", "growth", "client", "scheduler"))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "what", choices=("kills", "batches", "million", "growth", "client", "scheduler")
+    )
     parser.add_argument("--kills", type=int, default=30, help="of workers")
     parser.add_argument("--clients", type=int, default=5, help="clients killed")
     parser.add_argument("--schedulers", type=int, default=3, help="schedulers killed")
-    parser.add_argument("--every-s", type=float, default=8.0, help="seconds between two kills of workers, on average")
+    parser.add_argument(
+        "--every-s",
+        type=float,
+        default=8.0,
+        help="seconds between two kills of workers, on average",
+    )
     parser.add_argument("--pairs", type=int, default=40)
-    parser.add_argument("--number", type=int, default=2000, help="of batches, or of pairs for client and scheduler")
-    parser.add_argument("--recorded", action="store_true", help="client: with exposures that the camera recorded")
+    parser.add_argument(
+        "--number", type=int, default=2000, help="of batches, or of pairs for client and scheduler"
+    )
+    parser.add_argument(
+        "--recorded", action="store_true", help="client: with exposures that the camera recorded"
+    )
     parser.add_argument("--folder", type=Path, help="of the dive and the runs; it stays")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         if options.what == "kills":
-            after_s = [options.every_s * (2 + number) for number in range(max(options.clients, options.schedulers))]
-            harm = Harm(options.kills, after_s[: options.clients], after_s[: options.schedulers], options.every_s)
+            after_s = [
+                options.every_s * (2 + number)
+                for number in range(max(options.clients, options.schedulers))
+            ]
+            harm = Harm(
+                options.kills,
+                after_s[: options.clients],
+                after_s[: options.schedulers],
+                options.every_s,
+            )
             kills(folder, options.pairs, harm)
         elif options.what == "batches":
             overhead(options.number)

@@ -1,8 +1,11 @@
-"""Memory and processor time of the client over all passes of a long dive, with workers that are simulated in its own process.
+"""Memory and processor time of the client over all passes of a long dive, with workers that are
+simulated in its own process.
 
-Real: two folders of as many files, their pairing, rows, tables, sums of light and water, the list of records, reports and run.json.
-Stand in: images, which are read by nobody; the work of a pair, whose rows and tables are those of the sample dive, pickled and
-unpickled as from a worker; and the content of each frame's record, which workers read. Their time is not counted.
+Real: two folders of as many files, their pairing, rows, tables, sums of light and water, the list
+of records, reports and run.json.
+Stand in: images, which are read by nobody; the work of a pair, whose rows and tables are those of
+the sample dive, pickled and unpickled as from a worker; and the content of each frame's record,
+which workers read. Their time is not counted.
 """
 
 import os
@@ -48,7 +51,9 @@ class Meter:
 
     def __init__(self) -> None:
         self._used_s = time.process_time()
-        self.others_s = 0.0  # what stands for another process's work, or is needed for the benchmark alone
+        self.others_s = (
+            0.0  # what stands for another process's work, or is needed for the benchmark alone
+        )
 
     @contextmanager
     def aside(self) -> Iterator[None]:
@@ -60,7 +65,9 @@ class Meter:
             self.others_s += time.process_time() - begun_s
 
     def say(self, what: str) -> None:
-        status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+        status = dict(
+            line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines()
+        )
         now, most = (int(status[name].split()[0]) / 1024 for name in ("VmRSS", "VmHWM"))
         used_s = time.process_time() - self._used_s - self.others_s
         print(f"{what:24s} {now:5.0f} MiB, at most {most:5.0f}; {used_s:6.1f} s", flush=True)
@@ -91,19 +98,27 @@ class Sampled:
                 self.windows.append(window)
                 yield window
 
-        with patch.object(light_search.LightSearch, "_looked", kept), patch.object(light_search, "is_short", lambda _: False):
+        with (
+            patch.object(light_search.LightSearch, "_looked", kept),
+            patch.object(light_search, "is_short", lambda _: False),
+        ):
             commands.run(SAMPLE / "left", SAMPLE / "right", SAMPLE / "cam.yaml", out)
         self.frame = next(iter(Manifest(out).frames()))
         files = sorted((out / ".state/tables").rglob("*.table"))
         tables = [MomentTable.unpacked(zlib.decompress(file.read_bytes()[64:])) for file in files]
-        self.counted = CountedFrames.of(((str(k), tables[k % len(tables)]) for k in range(GROUP)), ColorConfig())
+        self.counted = CountedFrames.of(
+            ((str(k), tables[k % len(tables)]) for k in range(GROUP)), ColorConfig()
+        )
 
     def record(self, name: str) -> FrameRecord:
         """As that of a frame of this name."""
         key = f"{hash(name) & (2**64 - 1):064x}"
         stages = {stage: replace(record, key=key) for stage, record in self.frame.stages.items()}
         return replace(
-            self.frame, name=name, stages=stages, inputs={s: replace(i, sha256=key) for s, i in self.frame.inputs.items()}
+            self.frame,
+            name=name,
+            stages=stages,
+            inputs={s: replace(i, sha256=key) for s, i in self.frame.inputs.items()},
         )
 
 
@@ -139,7 +154,11 @@ class Workers:
     def _sent(self, work: Any, batch: list[Any]) -> Any:
         sent = pickle.dumps(batch)
         with self._meter.aside():
-            do = work if self.stage == "records" else lambda item: self._group(item) if isinstance(item, list) else self._one(item)
+            do = (
+                work
+                if self.stage == "records"
+                else lambda item: self._group(item) if isinstance(item, list) else self._one(item)
+            )
             answer = pickle.dumps([do(item) for item in pickle.loads(sent)])
         return pickle.loads(answer)
 
@@ -147,22 +166,41 @@ class Workers:
         counted = self._sampled.counted
         frames = [(pair.name, *counted.frames[0][1:]) for pair in pairs]
         outcomes = [self._one(pair) for pair in pairs]
-        brief = [replace(one, row=replace(one.row, hashes={}, facts={}, left="", right="")) for one in outcomes]
+        brief = [
+            replace(one, row=replace(one.row, hashes={}, facts={}, left="", right=""))
+            for one in outcomes
+        ]
         return brief, replace(counted, frames=frames)
 
     def _one(self, pair: Pair) -> Outcome[bool]:
         key, colors = f"{self._random.getrandbits(256):064x}", self.stage == "colors"
         facts = dict(self._sampled.frame.stages["corrected" if colors else "range"].facts)
-        facts |= {} if colors else {"camera_exposure_s": 0.01 * (1 + self._number % 5), "camera_gain": 100.0}
+        facts |= (
+            {}
+            if colors
+            else {"camera_exposure_s": 0.01 * (1 + self._number % 5), "camera_gain": 100.0}
+        )
         self._number += 1
-        stages = ("light", "color", "write", "read") if colors else ("read", "rectify", "match", "color", "write")
+        stages = (
+            ("light", "color", "write", "read")
+            if colors
+            else ("read", "rectify", "match", "color", "write")
+        )
         seconds = {stage: self._random.random() for stage in stages}
         files = {"left": str(pair.left), "right": str(pair.right), "timestamp_s": pair.timestamp_s}
-        row = FrameRow(pair.name, **files, hashes={} if colors else {"left": key, "right": key}, seconds=seconds, facts=facts)
+        row = FrameRow(
+            pair.name,
+            **files,
+            hashes={} if colors else {"left": key, "right": key},
+            seconds=seconds,
+            facts=facts,
+        )
         return Outcome(row, True, None, ("range",), ())
 
     def looks(self, number: int) -> Callable[..., Iterator[Any]]:
-        """In the place of ``LightSearch._looked``: windows of the sample dive, then differences of frames with known gains."""
+        """In the place of ``LightSearch._looked``: windows of the sample dive, then differences of
+        frames with known gains.
+        """
         rng = np.random.default_rng(0)
         gains = np.log(1 + np.arange(number) % 5) + 0.02 * rng.standard_normal(number)
 
@@ -177,7 +215,9 @@ class Workers:
                 return
             for start in range(0, number, 64):
                 with self._meter.aside():
-                    answer = pickle.dumps([differing(i) for i in range(start, min(start + 64, number))])
+                    answer = pickle.dumps(
+                        [differing(i) for i in range(start, min(start + 64, number))]
+                    )
                 yield from pickle.loads(answer)
             self._meter.say("differences")
 
@@ -199,17 +239,26 @@ def dive_of(folder: Path, number: int) -> StereoInputs:
     left.mkdir(parents=True)
     for k in range(number):
         seconds, quarter = divmod(k, 4)
-        os.close(os.open(left / f"GX_{1_600_000_000 + seconds}_{250_000 * quarter:06d}.png", os.O_CREAT | os.O_WRONLY))
+        os.close(
+            os.open(
+                left / f"GX_{1_600_000_000 + seconds}_{250_000 * quarter:06d}.png",
+                os.O_CREAT | os.O_WRONLY,
+            )
+        )
     for seconds in range(2):
         shutil.copy(image, left / f"GX_{1_600_000_000 + seconds}_000000.png")
     (folder / "right").symlink_to("left")
     return StereoInputs(left, folder / "right", str(SAMPLE / "cam.yaml"))
 
 
-def stand_ins(sampled: Sampled, workers: Workers, meter: Meter, number: int, recorded: bool) -> list[AbstractContextManager[Any]]:
+def stand_ins(
+    sampled: Sampled, workers: Workers, meter: Meter, number: int, recorded: bool
+) -> list[AbstractContextManager[Any]]:
     """What reads the images and the records of frames, replaced."""
 
-    def closed(folder: Any, description: Any, *how: Any, close: Any = reported_run.close_run) -> Any:
+    def closed(
+        folder: Any, description: Any, *how: Any, close: Any = reported_run.close_run
+    ) -> Any:
         with meter.aside():
             for name in description.names:
                 record = folder.manifest._frame_file(name, "spread")
@@ -232,14 +281,19 @@ def stand_ins(sampled: Sampled, workers: Workers, meter: Meter, number: int, rec
 
 MEASURED = (
     *((StereoInputs, "open"), (light_search.LightSearch, "solve")),
-    *((commands, name) for name in ("measure_ranges", "find_light", "fit_waters", "correct_frames")),
+    *(
+        (commands, name)
+        for name in ("measure_ranges", "find_light", "fit_waters", "correct_frames")
+    ),
     *((reported_run, name) for name in ("close_run", "write_reports", "products")),
 )
 """A line is printed after each call of these."""
 
 
 def client(number: int, recorded: bool) -> None:
-    """A line for each part of a run of so many pairs. recorded: whether the exposures that the camera recorded are used."""
+    """A line for each part of a run of so many pairs. recorded: whether the exposures that the
+    camera recorded are used.
+    """
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
         folder, meter = Path(temporary), Meter()
         sampled = Sampled(folder / "sample")

@@ -1,4 +1,6 @@
-"""A dive with its map on a cluster of which workers, clients and schedulers are killed, against the same on threads."""
+"""A dive with its map on a cluster of which workers, clients and schedulers are killed, against the
+same on threads.
+"""
 
 import contextlib
 import hashlib
@@ -24,7 +26,9 @@ TIMES = frozenset({"frames.csv", "run.json", "index.html"})
 STARTED_S = 0.5
 """Seconds of processor time after which a worker works."""
 GONE_S = 90.0
-"""Seconds that the workers of a killed client have to end: they look for it every few seconds, on a busy machine."""
+"""Seconds that the workers of a killed client have to end: they look for it every few seconds, on a
+busy machine.
+"""
 
 
 @dataclass
@@ -47,14 +51,20 @@ class Harm:
 def contents(out: Path) -> dict[str, str]:
     """Hashes of all that a run leaves, without the program's own folder."""
     files = [
-        path for path in out.rglob("*") if path.is_file() and path.name not in TIMES and path.parts[len(out.parts)] != ".state"
+        path
+        for path in out.rglob("*")
+        if path.is_file() and path.name not in TIMES and path.parts[len(out.parts)] != ".state"
     ]
-    names = {path: str(path.relative_to(out)) for path in files if path.parts[len(out.parts)] != "page"}
+    names = {
+        path: str(path.relative_to(out)) for path in files if path.parts[len(out.parts)] != "page"
+    }
     return {name: hashlib.sha256(path.read_bytes()).hexdigest() for path, name in names.items()}
 
 
 def workers_of(process: psutil.Process) -> list[psutil.Process]:
-    """Those that are past their start: a cluster whose workers die while it starts is one that does not start."""
+    """Those that are past their start: a cluster whose workers die while it starts is one that does
+    not start.
+    """
     with contextlib.suppress(psutil.Error):
         found = [child for child in process.children(recursive=True) if child.ppid() != process.pid]
         return [child for child in found if child.cpu_times().user > STARTED_S]
@@ -62,14 +72,18 @@ def workers_of(process: psutil.Process) -> list[psutil.Process]:
 
 
 def kill_workers(client: psutil.Process, harm: Harm, ended: threading.Event) -> None:
-    while harm.done["worker"] < harm.workers and not ended.wait(harm.every_s * harm.chance.uniform(0.5, 1.5)):
+    while harm.done["worker"] < harm.workers and not ended.wait(
+        harm.every_s * harm.chance.uniform(0.5, 1.5)
+    ):
         with contextlib.suppress(psutil.Error, IndexError):
             os.kill(harm.chance.choice(workers_of(client)).pid, signal.SIGKILL)
             harm.done["worker"] += 1
 
 
 def attempt(words: list[str], harm: Harm, after_s: float | None) -> int:
-    """One run of the client, killed after so many seconds; its exit code. What it leaves running is counted."""
+    """One run of the client, killed after so many seconds; its exit code. What it leaves running is
+    counted.
+    """
     client = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     process, ended = psutil.Process(client.pid), threading.Event()
     killer = threading.Thread(target=kill_workers, args=(process, harm, ended))
@@ -109,7 +123,16 @@ def alive(process: psutil.Process) -> bool:
 def scheduler(port: int, workers: int) -> Iterator[subprocess.Popen[bytes]]:
     """A scheduler and its workers as an administrator starts them."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    words = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        str(port),
+        "--no-dashboard",
+    ]
     head = subprocess.Popen(words, **quiet)  # type: ignore[call-overload]
     words = [
         sys.executable,
@@ -149,15 +172,38 @@ def on_own_scheduler(command: list[str], harm: Harm) -> None:
 def kills(folder: Path, pairs: int, harm: Harm) -> None:
     dive = folder / "dive"
     if not dive.exists():
-        words = [*PROGRAM, "synthesize", "--pairs", str(pairs), "--size", "320x256", "--out", str(dive), "--progress", "none"]
+        words = [
+            *PROGRAM,
+            "synthesize",
+            "--pairs",
+            str(pairs),
+            "--size",
+            "320x256",
+            "--out",
+            str(dive),
+            "--progress",
+            "none",
+        ]
         subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-    given = ["--left", dive / "left", "--right", dive / "right", "--calib", dive / "cam.yaml", "--fuse", "--progress", "none"]
+    given = [
+        "--left",
+        dive / "left",
+        "--right",
+        dive / "right",
+        "--calib",
+        dive / "cam.yaml",
+        "--fuse",
+        "--progress",
+        "none",
+    ]
     settings = [word for setting in MAP for word in ("--set", setting)]
 
     def command(out: Path) -> list[str]:
         return [*PROGRAM, "run", *map(str, given), *settings, "--out", str(out)]
 
-    subprocess.run(command(folder / "threads"), check=True, stdout=subprocess.DEVNULL)  # kept where it was made before
+    subprocess.run(
+        command(folder / "threads"), check=True, stdout=subprocess.DEVNULL
+    )  # kept where it was made before
     expected = contents(folder / "threads")
     number = 0
     while harm.left:
@@ -175,11 +221,14 @@ def kills(folder: Path, pairs: int, harm: Harm) -> None:
 
 def judge(out: Path, expected: dict[str, str], what: str, harm: Harm) -> None:
     found = contents(out)
-    different = sorted(name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name))
+    different = sorted(
+        name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name)
+    )
     rows = (out / "frames.csv").read_text().count(",ok,")
     temporary = len(list(out.rglob(".writing-*")))
     print(
-        f"{what}: killed so far {harm.done}, {rows} pairs ok, {len(found)} files, different: {different[:5] or 'none'}, "
+        f"{what}: killed so far {harm.done}, {rows} pairs ok, {len(found)} files, different: "
+        f"{different[:5] or 'none'}, "
         f"temporary files left: {temporary}, processes left: {harm.orphans}",
         flush=True,
     )

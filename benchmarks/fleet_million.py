@@ -1,7 +1,10 @@
-"""A million pairs on 200 workers, simulated: the program's own batches and sums, a measured scheduler, workers that only wait.
+"""A million pairs on 200 workers, simulated: the program's own batches and sums, a measured
+scheduler, workers that only wait.
 
-What is real: ``DaskCompute`` with its batches, order and window; what rows, tables and batches cost, which is measured apart.
-What stands in for something else: time, which is counted and not waited for, the scheduler, and the work of a worker.
+What is real: ``DaskCompute`` with its batches, order and window; what rows, tables and batches
+cost, which is measured apart.
+What stands in for something else: time, which is counted and not waited for, the scheduler, and the
+work of a worker.
 """
 
 import pickle
@@ -32,11 +35,17 @@ class Costs:
     """Seconds, measured on one core of the machine of docs/fleets.md."""
 
     ranges_s: float = 0.19
-    """First pass of a pair of 1280x1024: decode, rectify, match, count, write (docs/performance.md, stage by stage)."""
+    """First pass of a pair of 1280x1024: decode, rectify, match, count, write (docs/performance.md,
+    stage by stage).
+    """
     light_s: float = 0.07
-    """Search for the dive's light: read again, features, and poses against three frames before (60 pairs of docs/fleets.md)."""
+    """Search for the dive's light: read again, features, and poses against three frames before (60
+    pairs of docs/fleets.md).
+    """
     waters_s: float = 0.01
-    """Pass for the water once the light is known: the frame's table, kept by the first pass, read and added."""
+    """Pass for the water once the light is known: the frame's table, kept by the first pass, read
+    and added.
+    """
     colors_s: float = 0.14
     """Second pass: decode and rectify again, correct, write."""
     spread: float = 0.1
@@ -44,12 +53,15 @@ class Costs:
     row_s: float = 0.04e-3
     """Client, each pair and pass: unpickle the row, table of frames, progress."""
     table_s: float = 0.06e-3
-    """Client, each pair of the pass for the water: a 32nd of unpickling and adding the table of its group, and its brightness."""
+    """Client, each pair of the pass for the water: a 32nd of unpickling and adding the table of its
+    group, and its brightness.
+    """
     difference_s: float = 0.02e-3
     """Client, each pair of the search for light: how it differs from frames before it."""
     serial_s: float = 0.15e-3
-    """Client, each pair, while no worker has anything to do: pairing, gains, waters, water.json, records, frames.csv, run.json
-    (``fleet.py client``)."""
+    """Client, each pair, while no worker has anything to do: pairing, gains, waters, water.json,
+    records, frames.csv, run.json (``fleet.py client``).
+    """
     batch_s: float = 8e-3
     """Scheduler and client, each batch."""
     lost_every_s: float = 20 * 3600.0
@@ -57,7 +69,9 @@ class Costs:
 
 
 LARGE = Costs(ranges_s=4 * Costs.ranges_s, light_s=2 * Costs.light_s, colors_s=4 * Costs.colors_s)
-"""Pairs of 5 megapixels: four times the pixels, of which the search for light reads all and looks at as many as of small ones."""
+"""Pairs of 5 megapixels: four times the pixels, of which the search for light reads all and looks
+at as many as of small ones.
+"""
 
 
 @dataclass
@@ -87,7 +101,11 @@ class SimulatedWorkers:
 
     def send(self, batch: list[int]) -> "SimulatedFuture":
         self._scheduler_s = max(self._scheduler_s, self.clock.now_s) + self.costs.batch_s
-        needed = len(batch) * self._pair_s * (1 + self.costs.spread * self._random.standard_normal() / len(batch) ** 0.5)
+        needed = (
+            len(batch)
+            * self._pair_s
+            * (1 + self.costs.spread * self._random.standard_normal() / len(batch) ** 0.5)
+        )
         self.worked_s += needed
         self.batches += 1
         taken = needed
@@ -129,7 +147,9 @@ class SimulatedCompute(DaskCompute):
 
 @dataclass(frozen=True)
 class Simulated:
-    """efficiency: work divided by workers and time. client: fraction of the time that the client works."""
+    """efficiency: work divided by workers and time. client: fraction of the time that the client
+    works.
+    """
 
     pairs: int
     workers: int
@@ -142,7 +162,12 @@ class Simulated:
 
 def simulate(pairs: int, workers: int, costs: Costs = Costs()) -> Simulated:
     """All passes of a dive, and what the client does between and after them."""
-    clock, worked_s, batches, client_s = Clock(costs.serial_s * pairs), 0.0, 0, costs.serial_s * pairs
+    clock, worked_s, batches, client_s = (
+        Clock(costs.serial_s * pairs),
+        0.0,
+        0,
+        costs.serial_s * pairs,
+    )
     passes = (
         (costs.ranges_s, costs.row_s),
         (costs.light_s, costs.difference_s),
@@ -156,25 +181,49 @@ def simulate(pairs: int, workers: int, costs: Costs = Costs()) -> Simulated:
             client_s += row_s
         worked_s, batches = worked_s + found.worked_s, batches + found.batches
     efficiency = worked_s / (workers * clock.now_s)
-    return Simulated(pairs, workers, clock.now_s / 3600, worked_s / 3600, efficiency, client_s / clock.now_s, batches)
+    return Simulated(
+        pairs,
+        workers,
+        clock.now_s / 3600,
+        worked_s / 3600,
+        efficiency,
+        client_s / clock.now_s,
+        batches,
+    )
 
 
 # What is measured for it
 
 
 def measure_sums(tables: list[MomentTable], frames: int) -> None:
-    """Processor time of the client for each pair: rows and tables as workers send them, unpickled and added."""
+    """Processor time of the client for each pair: rows and tables as workers send them, unpickled
+    and added.
+    """
     facts = {"coverage": 0.9, "median_range_m": 1.8, "camera_exposure_s": 0.01}
-    hashes, seconds = {"left": "0" * 64, "right": "0" * 64}, {"read": 0.05, "match": 0.06, "write": 0.02, "rectify": 0.01}
+    hashes, seconds = (
+        {"left": "0" * 64, "right": "0" * 64},
+        {"read": 0.05, "match": 0.06, "write": 0.02, "rectify": 0.01},
+    )
     config, sent = ColorConfig(), []
     for start in range(0, frames, GROUP):
         rows = []
         for number in range(start, start + GROUP):
             name = f"reef_{number:07d}"
             left, right = f"/data/dive/left/{name}.png", f"/data/dive/right/{name}.png"
-            row = FrameRow(name, "ok", left, right, 1.79e9 + number, hashes=hashes, facts=facts, seconds=seconds)
+            row = FrameRow(
+                name,
+                "ok",
+                left,
+                right,
+                1.79e9 + number,
+                hashes=hashes,
+                facts=facts,
+                seconds=seconds,
+            )
             rows.append(Outcome(row, True, None, ("range",), ()))
-        counted = CountedFrames.of(((one.row.name, tables[k % len(tables)]) for k, one in enumerate(rows)), config)
+        counted = CountedFrames.of(
+            ((one.row.name, tables[k % len(tables)]) for k, one in enumerate(rows)), config
+        )
         sent.append(pickle.dumps([(rows, counted)]))
     fitter, table, begun_s = Corrector().survey_fitter(), FrameTable(), time.process_time()
     for one in sent:
@@ -183,17 +232,33 @@ def measure_sums(tables: list[MomentTable], frames: int) -> None:
                 table.add(outcome.row)
             fitter.join(counted)
     cost_ms = 1000 * (time.process_time() - begun_s) / frames
-    print(f"sums: {cost_ms:.2f} ms of the client for each of {frames} pairs, groups of {len(sent[0]) / 1e3:.0f} kB")
+    print(
+        f"sums: {cost_ms:.2f} ms of the client for each of {frames} pairs, groups of "
+        f"{len(sent[0]) / 1e3:.0f} kB"
+    )
 
 
 def measure_rows(frames: int) -> None:
     """Memory of the client for the rows of a dive."""
     before, table = psutil.Process().memory_info().rss, FrameTable()
     for number in range(frames):
-        name, seconds = f"reef_{number:07d}", {"read": 0.05 + number, "match": 0.06, "write": 0.02, "rectify": 0.01}
-        row = FrameRow(name, "ok", f"/data/dive/left/{name}.png", f"/data/dive/right/{name}.png", 1.0, seconds=seconds)
+        name, seconds = (
+            f"reef_{number:07d}",
+            {"read": 0.05 + number, "match": 0.06, "write": 0.02, "rectify": 0.01},
+        )
+        row = FrameRow(
+            name,
+            "ok",
+            f"/data/dive/left/{name}.png",
+            f"/data/dive/right/{name}.png",
+            1.0,
+            seconds=seconds,
+        )
         table.add(pickle.loads(pickle.dumps(row)))
-    print(f"rows: {(psutil.Process().memory_info().rss - before) / frames / 1e3:.2f} kB of the client for each pair")
+    print(
+        f"rows: {(psutil.Process().memory_info().rss - before) / frames / 1e3:.2f} kB of the "
+        "client for each pair"
+    )
 
 
 def million(pairs: int, workers: int, tables: Path | None) -> None:
@@ -202,7 +267,10 @@ def million(pairs: int, workers: int, tables: Path | None) -> None:
     found = simulate(pairs, workers)
     used_s, grown = time.process_time() - begun_s, psutil.Process().memory_info().rss - memory
     print(found)
-    print(f"cutting and ordering {found.batches} batches: {used_s:.1f} s of the client, {grown / 1e6:.0f} MB")
+    print(
+        f"cutting and ordering {found.batches} batches: {used_s:.1f} s of the client, "
+        f"{grown / 1e6:.0f} MB"
+    )
     for others in ((10_000, workers), (100_000, workers), (pairs, 100), (pairs, 150), (pairs, 400)):
         print(simulate(*others))
     for number in (workers, 800):
@@ -221,11 +289,18 @@ def kept_tables(out: Path) -> list[MomentTable]:
 
 
 def growth(file: Path) -> None:
-    """Draw time and efficiency over workers, for a million pairs of two sizes and for a dive of 10,000."""
+    """Draw time and efficiency over workers, for a million pairs of two sizes and for a dive of
+    10,000.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
-    mpl.rcParams |= {"font.size": 9, "savefig.bbox": "tight", "svg.hashsalt": "seecolor", "svg.fonttype": "none"}
+    mpl.rcParams |= {
+        "font.size": 9,
+        "savefig.bbox": "tight",
+        "svg.hashsalt": "seecolor",
+        "svg.fonttype": "none",
+    }
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")

@@ -1,8 +1,10 @@
-"""Memory of a Dask scheduler with 200 workers, at the number of batches and the sizes of messages of a million pairs.
+"""Memory of a Dask scheduler with 200 workers, at the number of batches and the sizes of messages
+of a million pairs.
 
-Real: the scheduler, in a process of its own as ``dask scheduler`` starts it, 200 of Dask's workers, each with its connections, and
-the program's client, batches, tickets and results. Stands in: the work, which takes no time and sends back bytes of the true size;
-and the workers, which are threads of one process.
+Real: the scheduler, in a process of its own as ``dask scheduler`` starts it, 200 of Dask's workers,
+each with its connections, and the program's client, batches, tickets and results. Stands in: the
+work, which takes no time and sends back bytes of the true size; and the workers, which are threads
+of one process.
 """
 
 import asyncio
@@ -55,7 +57,9 @@ PASSES = (
     Pass("waters", 32, Answers(32 * 6000)),
     Pass("colors", 1, Answers(1200)),
 )
-"""Sizes as pickled in a run of the sample dive: a row, differences against three frames before, a group's table and rows."""
+"""Sizes as pickled in a run of the sample dive: a row, differences against three frames before, a
+group's table and rows.
+"""
 
 
 def serve(address: str, number: int, folder: str, up: Event) -> None:
@@ -64,7 +68,10 @@ def serve(address: str, number: int, folder: str, up: Event) -> None:
     from distributed import Worker
 
     async def work() -> None:
-        workers = [Worker(address, nthreads=1, local_directory=folder, dashboard=False, memory_limit=0) for _ in range(number)]
+        workers = [
+            Worker(address, nthreads=1, local_directory=folder, dashboard=False, memory_limit=0)
+            for _ in range(number)
+        ]
         for start in range(0, number, 20):
             await asyncio.gather(*workers[start : start + 20])
         up.set()
@@ -90,7 +97,13 @@ class Peak:
 
 def pair(number: int) -> Pair:
     name = f"GX_{1_600_000_000 + number}_250000"
-    return Pair(name, Path(f"/data/dive/left/{name}.png"), Path(f"/data/dive/right/{name}.png"), 1.6e9, (number, 1_000_000))
+    return Pair(
+        name,
+        Path(f"/data/dive/left/{name}.png"),
+        Path(f"/data/dive/right/{name}.png"),
+        1.6e9,
+        (number, 1_000_000),
+    )
 
 
 class Pairs:
@@ -111,8 +124,20 @@ class Pairs:
 def measure_scheduler(pairs: int, workers: int) -> None:
     """All passes, and what the scheduler took."""
     address = f"tcp://127.0.0.1:{PORT}"
-    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(PORT), "--no-show"]
-    with TemporaryDirectory() as folder, subprocess.Popen(command, stderr=subprocess.DEVNULL) as scheduler:
+    command = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        str(PORT),
+        "--no-show",
+    ]
+    with (
+        TemporaryDirectory() as folder,
+        subprocess.Popen(command, stderr=subprocess.DEVNULL) as scheduler,
+    ):
         context = multiprocessing.get_context("spawn")
         up = context.Event()
         served = context.Process(target=serve, args=(address, workers, folder, up), daemon=True)
@@ -120,17 +145,29 @@ def measure_scheduler(pairs: int, workers: int) -> None:
         try:
             up.wait()
             peak, process = Peak(scheduler.pid), psutil.Process(scheduler.pid)
-            print(f"{workers} workers are connected: scheduler {peak.bytes / 2**20:.0f} MiB", flush=True)
+            print(
+                f"{workers} workers are connected: scheduler {peak.bytes / 2**20:.0f} MiB",
+                flush=True,
+            )
             for one in PASSES:
                 used_s, begun_s, number = sum(process.cpu_times()[:2]), time.monotonic(), 0
-                batches.SETTINGS = batches.BatchSettings(most=max(PAIRS_A_BATCH // one.pairs_an_item, 1))
+                batches.SETTINGS = batches.BatchSettings(
+                    most=max(PAIRS_A_BATCH // one.pairs_an_item, 1)
+                )
                 with cluster(address) as compute:
                     for _ in compute.each(one.answer, Pairs(pairs, one.pairs_an_item)):
                         number += 1
                 used_s = sum(process.cpu_times()[:2]) - used_s
                 count = number // batches.SETTINGS.most
-                took = f"{time.monotonic() - begun_s:.0f} s, {1000 * used_s / max(count, 1):.1f} ms of the scheduler a batch"
-                print(f"{one.name}: some {count} batches, {took}; at most {peak.bytes / 2**20:.0f} MiB so far", flush=True)
+                took = (
+                    f"{time.monotonic() - begun_s:.0f} s, {1000 * used_s / max(count, 1):.1f} "
+                    "ms of the scheduler a batch"
+                )
+                print(
+                    f"{one.name}: some {count} batches, {took}; at most {peak.bytes / 2**20:.0f} "
+                    "MiB so far",
+                    flush=True,
+                )
         finally:
             served.kill()
             scheduler.terminate()

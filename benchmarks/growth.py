@@ -1,10 +1,12 @@
-"""How time and memory of `run` grow with the number of pairs, and with their size; everything is written.
+"""How time and memory of `run` grow with the number of pairs, and with their size; everything is
+written.
 
     python benchmarks/growth.py --picture docs/images/growth.svg
 
-Pairs: 320x256 pixels, six rendered ones used over and over. Size: four pairs, rendered at 640x512 and enlarged, with a camera's
-noise added after; their focal length grows with them, and so does the number of disparities that are looked through. Each
-measurement is a process of its own, with two workers: processor seconds (user and system) and peak resident memory.
+Pairs: 320x256 pixels, six rendered ones used over and over. Size: four pairs, rendered at 640x512
+and enlarged, with a camera's noise added after; their focal length grows with them, and so does the
+number of disparities that are looked through. Each measurement is a process of its own, with two
+workers: processor seconds (user and system) and peak resident memory.
 """
 
 import argparse
@@ -41,7 +43,9 @@ def over_pairs(work: Path, numbers: Sequence[int]) -> list[Point]:
     points = []
     made = work / "made"
     rig = rendered(made, SMALL) / "cam.yaml"
-    execute(REPOSITORY, "run", *sides(made, rig), "--out", work / "warm")  # compiles what is compiled once
+    execute(
+        REPOSITORY, "run", *sides(made, rig), "--out", work / "warm"
+    )  # compiles what is compiled once
     for number in numbers:
         dive = work / f"pairs_{number}"
         for side in ("left", "right"):
@@ -63,7 +67,9 @@ def over_sizes(work: Path, scales: Sequence[int]) -> list[Point]:
         for side in ("left", "right"):
             (dive / side).mkdir(parents=True)
             for seed, file in enumerate(sorted((made / side).iterdir())[:4]):
-                cv2.imwrite(str(dive / side / file.name), enlarged(cv2.imread(str(file)), scale, seed))
+                cv2.imwrite(
+                    str(dive / side / file.name), enlarged(cv2.imread(str(file)), scale, seed)
+                )
         (dive / "cam.yaml").write_text(enlarged_rig((made / "cam.yaml").read_text(), scale))
         points.append(measured(dive, dive / "cam.yaml", ENLARGED[0] * ENLARGED[1] * scale**2 / 1e6))
         shutil.rmtree(dive)
@@ -71,7 +77,9 @@ def over_sizes(work: Path, scales: Sequence[int]) -> list[Point]:
 
 
 def rendered(dive: Path, size: tuple[int, int]) -> Path:
-    """Six pairs, by a process of its own: the peak memory of this one counts in the processes that it starts."""
+    """Six pairs, by a process of its own: the peak memory of this one counts in the processes that
+    it starts.
+    """
     execute(REPOSITORY, "synthesize", "--pairs", 6, "--size", f"{size[0]}x{size[1]}", "--out", dive)
     return dive
 
@@ -114,7 +122,9 @@ def draw(pairs: list[Point], sizes: list[Point], picture: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(2, 2, figsize=(8, 4.6), layout="constrained")
-    for row, points, name in zip(axes, (pairs, sizes), ("pairs of 320x256", "megapixels of each of 4 pairs"), strict=True):
+    for row, points, name in zip(
+        axes, (pairs, sizes), ("pairs of 320x256", "megapixels of each of 4 pairs"), strict=True
+    ):
         grows = [point.grows for point in points]
         row[0].plot(grows, [point.seconds for point in points], "o-", color="#0b7285")
         row[1].plot(grows, [point.peak_mib for point in points], "o-", color="#c92a2a")
@@ -127,14 +137,19 @@ def draw(pairs: list[Point], sizes: list[Point], picture: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--pairs", type=int, nargs="+", default=PAIRS)
     parser.add_argument("--scales", type=int, nargs="+", default=SCALES)
     parser.add_argument("--picture", type=Path, help="SVG or PNG to write")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        print(f"{machine()}\n\n| pairs or megapixels | processor s | peak MiB |\n|---|---|---|", flush=True)
+        print(
+            f"{machine()}\n\n| pairs or megapixels | processor s | peak MiB |\n|---|---|---|",
+            flush=True,
+        )
         pairs = over_pairs(work / "pairs", options.pairs)
         sizes = over_sizes(work / "sizes", options.scales)
     if options.picture:

@@ -1,9 +1,11 @@
-"""How long live pairs take from their arrival: to the corrected image, and until range and cloud are written.
+"""How long live pairs take from their arrival: to the corrected image, and until range and cloud
+are written.
 
     python benchmarks/live.py --size 1280 1024 --rates 4 5 15 --pairs 100
 
-Eight pairs are rendered and played again and again from a bag at each rate; every rate is a process of its own, with all products
-kept in a folder. Prints median and 95th percentile of both latencies, pairs done and passed over, and processor time a pair.
+Eight pairs are rendered and played again and again from a bag at each rate; every rate is a process
+of its own, with all products kept in a folder. Prints median and 95th percentile of both latencies,
+pairs done and passed over, and processor time a pair.
 """
 
 import argparse
@@ -24,7 +26,9 @@ START_NS = 1_700_000_000_000_000_000
 
 
 def write_bag(dive: Path, bag: Path, pairs: int, rate_hz: float, jpeg: bool) -> None:
-    """Both sides as sensor_msgs/Image (bgr8), or as JPEG in sensor_msgs/CompressedImage; chunks are not compressed."""
+    """Both sides as sensor_msgs/Image (bgr8), or as JPEG in sensor_msgs/CompressedImage; chunks are
+    not compressed.
+    """
     from mcap.writer import CompressionType, Writer
 
     from stereo_seecolor.extras.streams import ros_messages as ros
@@ -33,9 +37,17 @@ def write_bag(dive: Path, bag: Path, pairs: int, rate_hz: float, jpeg: bool) -> 
     with bag.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE)
         writer.start(profile="ros2", library="benchmark")
-        schema = writer.register_schema(ros.type_name(kind), "ros2msg", ros.definition(kind).encode())
-        sides = {side: writer.register_channel(f"/{side}/image_raw", "cdr", schema) for side in ("left", "right")}
-        images = {side: [cv2.imread(str(path)) for path in sorted((dive / side).iterdir())] for side in sides}
+        schema = writer.register_schema(
+            ros.type_name(kind), "ros2msg", ros.definition(kind).encode()
+        )
+        sides = {
+            side: writer.register_channel(f"/{side}/image_raw", "cdr", schema)
+            for side in ("left", "right")
+        }
+        images = {
+            side: [cv2.imread(str(path)) for path in sorted((dive / side).iterdir())]
+            for side in sides
+        }
         for number in range(pairs):
             stamp_ns = START_NS + round(number * 1e9 / rate_hz)
             for side, channel in sides.items():
@@ -46,9 +58,20 @@ def write_bag(dive: Path, bag: Path, pairs: int, rate_hz: float, jpeg: bool) -> 
 
 def _message(ros: Any, stamp_ns: int, image: np.ndarray, jpeg: bool) -> Any:
     if jpeg:
-        return ros.compressed_image(stamp_ns, bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]), ".jpg")
+        return ros.compressed_image(
+            stamp_ns, bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]), ".jpg"
+        )
     height, width = image.shape[:2]
-    return ros.make("Image", ros.header(stamp_ns, "camera"), height, width, "bgr8", 0, 3 * width, image.reshape(-1))
+    return ros.make(
+        "Image",
+        ros.header(stamp_ns, "camera"),
+        height,
+        width,
+        "bgr8",
+        0,
+        3 * width,
+        image.reshape(-1),
+    )
 
 
 def play(dive: Path, bag: Path, keep: str, budget_ms: float) -> None:
@@ -65,11 +88,17 @@ def play(dive: Path, bag: Path, keep: str, budget_ms: float) -> None:
         found = live(LiveInputs(bag=bag, calib=dive / "cam.yaml"), options=options)
         seconds = time.process_time() - began_s
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(json.dumps({**vars(found), "processor_s": seconds / max(found.done, 1), "peak_mib": peak_mib}))
+    print(
+        json.dumps(
+            {**vars(found), "processor_s": seconds / max(found.done, 1), "peak_mib": peak_mib}
+        )
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 1024))
     parser.add_argument("--rates", type=float, nargs="+", default=(4, 5, 15), help="pairs a second")
     parser.add_argument("--pairs", type=int, default=100)
@@ -87,8 +116,21 @@ def main() -> None:
         for rate_hz in given.rates:
             bag = Path(folder) / "dive.mcap"
             write_bag(dive, bag, given.pairs, rate_hz, given.jpeg)
-            words = [sys.executable, __file__, "--bag", bag, "--dive", dive, "--keep", given.keep, "--budget-ms", given.budget_ms]
-            printed = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=True).stdout
+            words = [
+                sys.executable,
+                __file__,
+                "--bag",
+                bag,
+                "--dive",
+                dive,
+                "--keep",
+                given.keep,
+                "--budget-ms",
+                given.budget_ms,
+            ]
+            printed = subprocess.run(
+                [str(word) for word in words], capture_output=True, text=True, check=True
+            ).stdout
             show(rate_hz, json.loads(printed.splitlines()[-1]))
 
 
@@ -103,11 +145,17 @@ def rendered(folder: Path, size: tuple[int, int]) -> Path:
 
 def show(rate_hz: float, found: dict[str, Any]) -> None:
     """One line."""
-    image, products = ([1000 * (found[f"{kind}_{q}_s"] or 0) for q in ("median", "p95")] for kind in ("latency", "products"))
+    image, products = (
+        [1000 * (found[f"{kind}_{q}_s"] or 0) for q in ("median", "p95")]
+        for kind in ("latency", "products")
+    )
     print(
-        f"{rate_hz:g} Hz: image {image[0]:.0f} / {image[1]:.0f} ms, products {products[0]:.0f} / {products[1]:.0f} ms "
-        f"(median / p95); {found['done']} done, {found['dropped']} passed over, {found['failed']} failed; "
-        f"{1000 * found['processor_s']:.0f} ms of processor a pair; {found['peak_mib']:.0f} MiB {found['reduced']}",
+        f"{rate_hz:g} Hz: image {image[0]:.0f} / {image[1]:.0f} ms, products {products[0]:.0f} / "
+        f"{products[1]:.0f} ms "
+        f"(median / p95); {found['done']} done, {found['dropped']} passed over, {found['failed']} "
+        "failed; "
+        f"{1000 * found['processor_s']:.0f} ms of processor a pair; {found['peak_mib']:.0f} MiB "
+        f"{found['reduced']}",
         flush=True,
     )
 

@@ -1,10 +1,11 @@
-"""How long the search for places seen before takes on a long dive, in how much memory, and how many it finds.
+"""How long the search for places seen before takes on a long dive, in how much memory, and how many
+it finds.
 
     python benchmarks/loop_search.py [frames ...]
 
-Simulated: a lawnmower dive over a bottom of random landmarks, 40 in each cell of 0.7 m; a frame sees those of nine cells, a third
-of them others than its neighbors see, with noise in their descriptors. Frames are half a meter apart
-on lines of 200 frames, which are one meter apart.
+Simulated: a lawnmower dive over a bottom of random landmarks, 40 in each cell of 0.7 m; a frame
+sees those of nine cells, a third of them others than its neighbors see, with noise in their
+descriptors. Frames are half a meter apart on lines of 200 frames, which are one meter apart.
 """
 
 import resource
@@ -48,18 +49,25 @@ class Lawnmower(Lazy[Features]):
 
 def _landmarks(column: int, row: int) -> NDArray[np.float64]:
     """Descriptors with few large numbers, as SIFT's."""
-    return np.minimum(np.random.default_rng((column + 1000, row + 1000)).exponential(30, (LANDMARKS, 128)), 255)
+    return np.minimum(
+        np.random.default_rng((column + 1000, row + 1000)).exponential(30, (LANDMARKS, 128)), 255
+    )
 
 
 def main(counts: list[int]) -> None:
-    print("| frames | by appearance: s, processor s | candidates | true | frames found again | by overlap: s | candidates | GiB |")
+    print(
+        "| frames | by appearance: s, processor s | candidates | true | frames found again | by "
+        "overlap: s | candidates | GiB |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for count in counts:
         dive = Lawnmower(count)
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         pairs = np.array(by_appearance(dive, Threads(cores())))
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        apart_m = np.linalg.norm(dive.position_m[pairs[:, 0]] - dive.position_m[pairs[:, 1]], axis=1)
+        apart_m = np.linalg.norm(
+            dive.position_m[pairs[:, 0]] - dive.position_m[pairs[:, 1]], axis=1
+        )
         true = pairs[apart_m < 1.5]
         again_s = time.perf_counter()
         flat = np.random.default_rng(0).uniform(-1, 1, (50, 3))
@@ -68,7 +76,8 @@ def main(counts: list[int]) -> None:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         found = len(np.unique(true)) / count
         print(
-            f"| {count} | {wall_s:.0f}, {cpu_s:.0f} | {len(pairs)} | {len(true) / len(pairs):.1%} | {found:.1%} | {again_s:.0f} | "
+            f"| {count} | {wall_s:.0f}, {cpu_s:.0f} | {len(pairs)} | {len(true) / len(pairs):.1%} "
+            f"| {found:.1%} | {again_s:.0f} | "
             f"{len(near)} | {peak:.2f} |",
             flush=True,
         )

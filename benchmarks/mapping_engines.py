@@ -1,11 +1,13 @@
-"""The engines of maps against each other (mapping.engine: tiles, open3d): time, memory, and error against the truth.
+"""The engines of maps against each other (mapping.engine: tiles, open3d): time, memory, and error
+against the truth.
 
     python benchmarks/mapping_engines.py FOLDER [OUT ...]
 
-Draws two dives of 12 pairs of 512x416 into FOLDER: one at a steady altitude of 1.9 m, and one that sees the same ground from 1.2 m
-and then from 4.5 m. Both are matched and color-corrected with the defaults, placed by the true poses and fused by each engine. Thin
-relief is what rises more than 2 cm above the reef without all that is narrower than 9 cm. Each OUT is a finished run, mapped
-without poses; there the engines are compared with each other. Every map is made in a process of its own.
+Draws two dives of 12 pairs of 512x416 into FOLDER: one at a steady altitude of 1.9 m, and one that
+sees the same ground from 1.2 m and then from 4.5 m. Both are matched and color-corrected with the
+defaults, placed by the true poses and fused by each engine. Thin relief is what rises more than 2
+cm above the reef without all that is narrower than 9 cm. Each OUT is a finished run, mapped without
+poses; there the engines are compared with each other. Every map is made in a process of its own.
 """
 
 import argparse
@@ -38,14 +40,20 @@ from stereo_seecolor.run_folder.posed_run import SurveyFrames
 ENGINES = ("tiles", "open3d")
 DRAWN = {
     "steady": SurveySpec(pairs=12, image_size=(512, 416), altitude_m=(1.9, 1.9), seed=11),
-    "near, then far": SurveySpec(pairs=12, image_size=(512, 416), altitude_m=(1.2, 4.5), line_spacing_m=0.2, seed=11),
+    "near, then far": SurveySpec(
+        pairs=12, image_size=(512, 416), altitude_m=(1.2, 4.5), line_spacing_m=0.2, seed=11
+    ),
 }
 Rows = dict[str, float]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where dives are drawn and maps are written")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="where dives are drawn and maps are written"
+    )
     parser.add_argument("runs", type=Path, nargs="*", metavar="OUT", help="finished runs")
     parser.add_argument("--one", nargs=2, metavar=("DIVE", "ENGINE"), help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -60,7 +68,9 @@ def main() -> None:
     for run in args.runs:
         rows = [measured(args.folder, str(run), engine) for engine in ENGINES]
         show(str(run), rows)
-        for what, value in between(*(maps(args.folder, str(run), engine) for engine in ENGINES)).items():
+        for what, value in between(
+            *(maps(args.folder, str(run), engine) for engine in ENGINES)
+        ).items():
             print(f"| {what} | {value:.3g} |")
 
 
@@ -78,7 +88,9 @@ def measured(folder: Path, dive: str, engine: str) -> Rows:
     """Make the map of a dive in a new process: what it took."""
     shutil.rmtree(maps(folder, dive, engine), ignore_errors=True)
     command = [sys.executable, __file__, str(folder), "--one", dive, engine]
-    rows: Rows = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    rows: Rows = json.loads(
+        subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    )
     return rows
 
 
@@ -103,12 +115,20 @@ def one_map(folder: Path, dive: str, engine: str) -> Rows:
     if dive in DRAWN:
         survey = Survey(folder / dive, DRAWN[dive])
         config = config.model_copy(update={"poses": "given"})
-        build_map(survey, survey.pair, maps(folder, dive, engine), config, survey.trajectory, workspace)
+        build_map(
+            survey, survey.pair, maps(folder, dive, engine), config, survey.trajectory, workspace
+        )
     else:
         frames = SurveyFrames(open_run(Path(dive)))
         build_map(frames, frames.geometry, maps(folder, dive, engine), config, None, workspace)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform.startswith("linux") else 1024**2)
-    return {"tiles fused, processor s": seconds, "whole map, processor s": time.process_time(), "peak memory, MiB": peak}
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1024 if sys.platform.startswith("linux") else 1024**2
+    )
+    return {
+        "tiles fused, processor s": seconds,
+        "whole map, processor s": time.process_time(),
+        "peak memory, MiB": peak,
+    }
 
 
 def against_truth(survey: Survey, folder: Path) -> Rows:
@@ -117,7 +137,9 @@ def against_truth(survey: Survey, folder: Path) -> Rows:
     off_m = nearest_distance_m(cloud[::5], survey.surface, 0.1)
     missed_m = nearest_distance_m(survey.seen, cloud, 0.03)
     size = round(0.09 / CELL_M)
-    opened = cv2.morphologyEx(reef.height_m, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    opened = cv2.morphologyEx(
+        reef.height_m, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    )
     is_thin = at(reef.height_m - opened, reef.origin_m, survey.seen) > 0.02
     with rasterio.open(folder / "dem.tif") as dem:
         heights_m, place = dem.read(1), dem.transform
@@ -138,7 +160,9 @@ def at(grid: NDArray, origin_m: tuple[float, float], points_m: NDArray) -> NDArr
     column, row = ((points_m[:, :2] - origin_m) / CELL_M).astype(np.float32).T
     parts = 1 + len(column) // 30_000
     pairs = zip(np.array_split(column, parts), np.array_split(row, parts), strict=True)
-    return np.concatenate([cv2.remap(grid.astype(np.float32), c, r, cv2.INTER_LINEAR).ravel() for c, r in pairs])
+    return np.concatenate(
+        [cv2.remap(grid.astype(np.float32), c, r, cv2.INTER_LINEAR).ravel() for c, r in pairs]
+    )
 
 
 def between(first: Path, second: Path) -> Rows:
@@ -159,7 +183,10 @@ def terrain(folder: Path) -> dict[tuple[int, int], float]:
     with rasterio.open(folder / "dem.tif") as dem:
         heights_m, place = dem.read(1), dem.transform
     left, top = round(place.c / place.a), round(place.f / place.a)
-    return {(left + x, top - y): float(heights_m[y, x]) for y, x in np.argwhere(np.isfinite(heights_m)).tolist()}
+    return {
+        (left + x, top - y): float(heights_m[y, x])
+        for y, x in np.argwhere(np.isfinite(heights_m)).tolist()
+    }
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python benchmarks/mapping_quality.py FOLDER [pairs]
 
-Renders a survey of 4 lines over a reef (640x512, altitude 1.7 to 2.6 m, a textureless sand patch, fish in every frame), matches
-and color-corrects it with the defaults, maps it both ways, and holds all against the truth. Rendering takes a second or more a
-pair; FOLDER keeps what was rendered, matched and corrected, and the maps.
+Renders a survey of 4 lines over a reef (640x512, altitude 1.7 to 2.6 m, a textureless sand patch,
+fish in every frame), matches and color-corrects it with the defaults, maps it both ways, and holds
+all against the truth. Rendering takes a second or more a pair; FOLDER keeps what was rendered,
+matched and corrected, and the maps.
 """
 
 import sys
@@ -22,7 +23,12 @@ from scipy.spatial import cKDTree
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.extras.evaluation.measures import angle_deg, nearest_distance_m, surface_points, trajectory_error
+from stereo_seecolor.extras.evaluation.measures import (
+    angle_deg,
+    nearest_distance_m,
+    surface_points,
+    trajectory_error,
+)
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -51,7 +57,10 @@ class Survey(Sequence[SurveyFrame]):
         self.pair: RectifiedPair = self.scene.rectification.pair
         self.trajectory: Trajectory = self.scene.trajectory
         folder.mkdir(parents=True, exist_ok=True)
-        matcher, corrector = Matcher(self.pair, MatchingConfig()), Corrector(ColorConfig(lock="survey"))
+        matcher, corrector = (
+            Matcher(self.pair, MatchingConfig()),
+            Corrector(ColorConfig(lock="survey")),
+        )
         for i in range(spec.pairs):
             if not self._path(i, "").exists():
                 p = self.scene.render(i)
@@ -60,9 +69,17 @@ class Survey(Sequence[SurveyFrame]):
             if not self._path(i, "m").exists():
                 z = np.load(self._path(i, ""))
                 found = matcher.match(StereoFrame(self.trajectory.names[i], z["left"], z["right"]))
-                np.savez(self._path(i, "m"), range_m=found.measured_m, std=found.range_std_m, confidence=found.confidence)
+                np.savez(
+                    self._path(i, "m"),
+                    range_m=found.measured_m,
+                    std=found.range_std_m,
+                    confidence=found.confidence,
+                )
         if not self._path(spec.pairs - 1, "c").exists():
-            tables = [corrector.measure(self.load(i)["left"], self.load(i, "m")["range_m"]) for i in range(0, spec.pairs, 4)]
+            tables = [
+                corrector.measure(self.load(i)["left"], self.load(i, "m")["range_m"])
+                for i in range(0, spec.pairs, 4)
+            ]
             water = corrector.fit(sum(tables[1:], tables[0]))
             first = corrector.apply(self.load(0)["left"], self.load(0, "m")["range_m"], water)
             water = replace(water, exposure=first.exposure, highlights=first.highlights)
@@ -77,7 +94,15 @@ class Survey(Sequence[SurveyFrame]):
         ranges, colors, name = self.load(i, "m"), self.load(i, "c"), self.trajectory.names[i]
         time_s = float(self.trajectory.timestamps_s[i])
         confidence = np.rint(255 * np.nan_to_num(ranges["confidence"])).astype(np.uint8)
-        return SurveyFrame(name, time_s, colors["image"], ranges["range_m"], ranges["std"], confidence, colors["unrecoverable"])
+        return SurveyFrame(
+            name,
+            time_s,
+            colors["image"],
+            ranges["range_m"],
+            ranges["std"],
+            confidence,
+            colors["unrecoverable"],
+        )
 
     def load(self, i: int, what: str = "") -> dict[str, NDArray]:
         """Rendered (""), matched ("m") or corrected ("c")."""
@@ -100,7 +125,9 @@ class Survey(Sequence[SurveyFrame]):
             T = self.trajectory.T_world_camera[i]
             points.append(local[np.isfinite(local).all(axis=1)] @ T[:3, :3].T + T[:3, 3])
         everything = np.concatenate(points)
-        return everything[np.unique(np.floor(everything / 0.005).astype(int), axis=0, return_index=True)[1]]
+        return everything[
+            np.unique(np.floor(everything / 0.005).astype(int), axis=0, return_index=True)[1]
+        ]
 
     def _path(self, i: int, what: str) -> Path:
         return self.folder / f"{what}{i:04d}.npz"
@@ -109,7 +136,9 @@ class Survey(Sequence[SurveyFrame]):
 def score(survey: Survey, out: Path) -> Rows:
     """All numbers of one map."""
     track = read_trajectory(out / "trajectory.tum")
-    chosen = [int(np.argmin(np.abs(survey.trajectory.timestamps_s - t))) for t in track.timestamps_s]
+    chosen = [
+        int(np.argmin(np.abs(survey.trajectory.timestamps_s - t))) for t in track.timestamps_s
+    ]
     truth = survey.trajectory.T_world_camera[chosen]
     T = rigid_alignment(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
     error = trajectory_error(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
@@ -119,7 +148,11 @@ def score(survey: Survey, out: Path) -> Rows:
     )
     vertices = read_vertices(out / "cloud.ply")
     cloud = np.asarray(vertices["position"], np.float64) @ T[:3, :3].T + T[:3, 3]
-    rows |= cloud_rows(survey, cloud) | length_rows(survey, track, chosen, truth) | terrain_rows(survey, out, T)
+    rows |= (
+        cloud_rows(survey, cloud)
+        | length_rows(survey, track, chosen, truth)
+        | terrain_rows(survey, out, T)
+    )
     return rows | color_rows(survey, cloud, np.asarray(vertices["color"]))
 
 
@@ -127,13 +160,16 @@ def cloud_rows(survey: Survey, cloud: NDArray) -> Rows:
     off_m = np.minimum(nearest_distance_m(cloud[::23], survey.surface, REACH_M), REACH_M)
     missing = nearest_distance_m(survey.seen, cloud, 0.03) > 0.03
     return {
-        "cloud to surface: median, 95 %": f"{1000 * np.median(off_m):.1f} mm, {1000 * np.quantile(off_m, 0.95):.1f} mm",
+        "cloud to surface: median, 95 %": f"{1000 * np.median(off_m):.1f} mm, "
+        f"{1000 * np.quantile(off_m, 0.95):.1f} mm",
         "completeness (within 3 cm)": f"{100 * (1 - missing.mean()):.1f} %",
     }
 
 
 def length_rows(survey: Survey, track: Trajectory, chosen: list[int], truth: NDArray) -> Rows:
-    """Lengths between things on the bottom in the middle of two frames, 5 m apart and more, as mapped and as they are."""
+    """Lengths between things on the bottom in the middle of two frames, 5 m apart and more, as
+    mapped and as they are.
+    """
     mapped, true = [], []
     row, column = survey.pair.image_size[1] // 2, survey.pair.image_size[0] // 2
     for k, i in enumerate(chosen):
@@ -143,10 +179,15 @@ def length_rows(survey: Survey, track: Trajectory, chosen: list[int], truth: NDA
             mapped.append(track.T_world_camera[k] @ [*(ray * m["range_m"][row, column]), 1])
             true.append(truth[k] @ [*(ray * z["truth"][row, column]), 1])
     a, b = np.triu_indices(len(true), 1)
-    lengths, real = (np.linalg.norm((p := np.array(points)[:, :3])[a] - p[b], axis=1) for points in (mapped, true))
+    lengths, real = (
+        np.linalg.norm((p := np.array(points)[:, :3])[a] - p[b], axis=1)
+        for points in (mapped, true)
+    )
     off = (lengths / real - 1)[real > 5]
     return {
-        "control lengths over 5 m: mean, 95 % error": f"{100 * off.mean():+.3f} %, {100 * np.quantile(np.abs(off), 0.95):.3f} %"
+        "control lengths over 5 m: mean, 95 % error": f"{100 * off.mean():+.3f} %, "
+        f"{100 * np.quantile(np.abs(off), 0.95):.3f} "
+        "%"
     }
 
 
@@ -169,17 +210,21 @@ def terrain_rows(survey: Survey, out: Path, T: NDArray) -> Rows:
     as_true[rows, columns] = true
     mapped, real = measure(heights, place.a), measure(as_true, place.a)
     return {
-        "terrain: bias, RMS error": f"{1000 * off.mean():+.1f} mm, {1000 * np.sqrt((off**2).mean()):.1f} mm",
-        "surface rugosity of the site: mapped, true": f"{mapped.surface_rugosity:.3f}, {real.surface_rugosity:.3f} "
+        "terrain: bias, RMS error": f"{1000 * off.mean():+.1f} mm, "
+        f"{1000 * np.sqrt((off**2).mean()):.1f} mm",
+        "surface rugosity of the site: mapped, true": f"{mapped.surface_rugosity:.3f}, "
+        f"{real.surface_rugosity:.3f} "
         f"({100 * (mapped.surface_rugosity / real.surface_rugosity - 1):+.1f} %)",
-        "linear rugosity of the site: mapped, true": f"{mapped.linear_rugosity:.3f}, {real.linear_rugosity:.3f} "
+        "linear rugosity of the site: mapped, true": f"{mapped.linear_rugosity:.3f}, "
+        f"{real.linear_rugosity:.3f} "
         f"({100 * (mapped.linear_rugosity / real.linear_rugosity - 1):+.1f} %)",
     }
 
 
 def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
-    """Angles to the true colors in linear light: of the map's nearest point and of the frame, at the same pixels of every third
-    frame, as they are and after one white balance over the whole survey, which leaves what differs from view to view.
+    """Angles to the true colors in linear light: of the map's nearest point and of the frame, at
+    the same pixels of every third frame, as they are and after one white balance over the whole
+    survey, which leaves what differs from view to view.
     And how the map's tint changes across the seams, on cells of 2 cm seen from above.
     """
     low = cloud[:, :2].min(axis=0) - 1
@@ -188,8 +233,18 @@ def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
     truth, single, fused, real = np.zeros((*shape, 4)), [], [], []
     tree, linear = cKDTree(cloud), decode_srgb(colors / 255)
     for i in range(0, len(survey), 3):
-        z, image, ranges = survey.load(i), survey.load(i, "c")["image"], survey.load(i, "m")["range_m"]
-        good = ~z["moving"] & np.isfinite(z["truth"]) & np.isfinite(ranges) & (image.max(axis=2) < 254) & (image.min(axis=2) > 0)
+        z, image, ranges = (
+            survey.load(i),
+            survey.load(i, "c")["image"],
+            survey.load(i, "m")["range_m"],
+        )
+        good = (
+            ~z["moving"]
+            & np.isfinite(z["truth"])
+            & np.isfinite(ranges)
+            & (image.max(axis=2) < 254)
+            & (image.min(axis=2) > 0)
+        )
         T = survey.trajectory.T_world_camera[i]
         points = survey.pair.points_from_range(z["truth"])[good] @ T[:3, :3].T + T[:3, 3]
         true = decode_srgb(z["color"][good] / 255)
@@ -211,36 +266,52 @@ def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
     true = np.concatenate(real)
     both_ways = [np.concatenate(colors) for colors in (fused, single)]
     off, alone = (angle_deg(c, true).mean() for c in both_ways)
-    balanced, alone_balanced = (angle_deg(c * true.mean(axis=0) / c.mean(axis=0), true).mean() for c in both_ways)
+    balanced, alone_balanced = (
+        angle_deg(c * true.mean(axis=0) / c.mean(axis=0), true).mean() for c in both_ways
+    )
     return {
-        "color on the surface: mean angle to the truth": f"{off:.2f} deg (single frames {alone:.2f} deg)",
-        "the same after one white balance": f"{balanced:.2f} deg (single frames {alone_balanced:.2f} deg)",
-        "color step between lines: mean, largest": f"{np.mean(steps):.2f} deg, {np.max(steps):.2f} deg",
+        "color on the surface: mean angle to the truth": f"{off:.2f} deg (single frames "
+        f"{alone:.2f} deg)",
+        "the same after one white balance": f"{balanced:.2f} deg (single frames "
+        f"{alone_balanced:.2f} deg)",
+        "color step between lines: mean, largest": f"{np.mean(steps):.2f} deg, "
+        f"{np.max(steps):.2f} deg",
     }
 
 
-def gather(shape: tuple[int, ...], low: NDArray, points: NDArray, colors: NDArray) -> NDArray[np.float64]:
+def gather(
+    shape: tuple[int, ...], low: NDArray, points: NDArray, colors: NDArray
+) -> NDArray[np.float64]:
     """(H, W, 4) sums of colors and counts."""
     column, row = ((points[:, :2] - low) / GRID_M).astype(int).T
     inside = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
     cell = row[inside] * shape[1] + column[inside]
-    sums = [np.bincount(cell, w, minlength=shape[0] * shape[1]) for w in (*colors[inside].T, np.ones(inside.sum()))]
+    sums = [
+        np.bincount(cell, w, minlength=shape[0] * shape[1])
+        for w in (*colors[inside].T, np.ones(inside.sum()))
+    ]
     return np.stack(sums, axis=-1).reshape(*shape, 4)
 
 
-def tint(mapped: NDArray, truth: NDArray, both: NDArray, low: NDArray, x: float, y: float) -> NDArray[np.float64]:
+def tint(
+    mapped: NDArray, truth: NDArray, both: NDArray, low: NDArray, x: float, y: float
+) -> NDArray[np.float64]:
     """Mean mapped color over mean true color in a window of 1 m along the line by 0.2 m across."""
     column, row = (np.array([x, y]) - low) / GRID_M
     window = slice(int(row), int(row + 0.2 / GRID_M)), slice(int(column), int(column + 1 / GRID_M))
     cells = both[window]
     if cells.sum() < 100:
         return np.full(3, np.nan)
-    fraction = [(m[window][cells][:, :3] / m[window][cells][:, 3:]).mean(axis=0) for m in (mapped, truth)]
+    fraction = [
+        (m[window][cells][:, :3] / m[window][cells][:, 3:]).mean(axis=0) for m in (mapped, truth)
+    ]
     return np.asarray(fraction[0] / fraction[1])
 
 
 def main(folder: Path, pairs: int) -> None:
-    survey = Survey(folder, SurveySpec(pairs=pairs, lines=4, textureless_patch=True, fish=3, seed=11))
+    survey = Survey(
+        folder, SurveySpec(pairs=pairs, lines=4, textureless_patch=True, fish=3, seed=11)
+    )
     columns = {}
     for name, trajectory, config in (
         ("given poses", survey.trajectory, MappingConfig()),
@@ -251,7 +322,8 @@ def main(folder: Path, pairs: int) -> None:
         if not (out / "dem.tif").exists():
             summary = build_map(survey, survey.pair, out, config, trajectory)
             print(
-                f"{name}: {summary.seconds:.0f} s, components {summary.components}, without a place "
+                f"{name}: {summary.seconds:.0f} s, components {summary.components}, without a "
+                "place "
                 f"{[u.name for u in summary.unplaced]}, {summary.warnings}"
             )
         columns[name] = score(survey, out)

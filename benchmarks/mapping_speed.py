@@ -1,9 +1,11 @@
-"""How time and memory of a map grow with the number of pairs: 640x512, given poses, default settings, all products.
+"""How time and memory of a map grow with the number of pairs: 640x512, given poses, default
+settings, all products.
 
     python benchmarks/mapping_speed.py [pairs ...]
 
-24 frames of a synthetic reef, read from disk as a run leaves them, are laid end to end until there are as many as asked for, each
-time over other ground. Each map is made by a process of its own: processor seconds (user and system) and peak resident memory.
+24 frames of a synthetic reef, read from disk as a run leaves them, are laid end to end until there
+are as many as asked for, each time over other ground. Each map is made by a process of its own:
+processor seconds (user and system) and peak resident memory.
 """
 
 import os
@@ -45,7 +47,9 @@ class Repeated(Sequence[SurveyFrame]):
 
     def __getitem__(self, i: int) -> SurveyFrame:  # type: ignore[override]
         frame = self._frames[i % len(self._frames)]
-        return SurveyFrame(f"{i:06d}", float(i), frame.color, frame.range_m, frame.range_std_m, frame.confidence)
+        return SurveyFrame(
+            f"{i:06d}", float(i), frame.color, frame.range_m, frame.range_std_m, frame.confidence
+        )
 
 
 def measured(run: Path, trajectory: Trajectory, folder: Path) -> str:
@@ -57,23 +61,31 @@ def measured(run: Path, trajectory: Trajectory, folder: Path) -> str:
     used, peak_kib = os.times(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     seconds, elapsed = used.user + used.system, time.perf_counter() - started
     return (
-        f"| {pairs} | {summary.points:,} | {elapsed:.1f} | {seconds:.1f} | {1000 * seconds / pairs:.0f} | {peak_kib / 1024:.0f} |"
+        f"| {pairs} | {summary.points:,} | {elapsed:.1f} | {seconds:.1f} | "
+        f"{1000 * seconds / pairs:.0f} | {peak_kib / 1024:.0f} |"
     )
 
 
 def main(numbers: Sequence[int], folder: Path) -> None:
-    """Render the frames and print the table; the first map, of few pairs, compiles and is not listed."""
+    """Render the frames and print the table; the first map, of few pairs, compiles and is not
+    listed.
+    """
     reef = ReefFrames(SPEC)
     write_run(folder / "run", reef, reef.pair)
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
-    print("| pairs | points | elapsed s | processor s | processor ms a pair | peak MiB |\n|---|---|---|---|---|---|")
+    print(
+        "| pairs | points | elapsed s | processor s | processor ms a pair | peak MiB "
+        "|\n|---|---|---|---|---|---|"
+    )
     for turn, pairs in enumerate([SPEC.pairs, *numbers]):
         number = np.arange(pairs)
         T = reef.trajectory.T_world_camera[number % SPEC.pairs].copy()
         T[:, 1, 3] += number // SPEC.pairs * SPACING_M
         trajectory = Trajectory(tuple(f"{i:06d}" for i in number), number * 1.0, T)
         with get_context("spawn").Pool(1) as process:
-            row = process.apply(measured, (folder / "run", trajectory, folder / f"map_{pairs}_{turn}"))
+            row = process.apply(
+                measured, (folder / "run", trajectory, folder / f"map_{pairs}_{turn}")
+            )
         if turn:
             print(row, flush=True)
 

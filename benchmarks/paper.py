@@ -1,10 +1,12 @@
-"""The two tables of the DeepSeeColor paper, as far as data here allow, beside its numbers: psi on gray patches, and time.
+"""The two tables of the DeepSeeColor paper, as far as data here allow, beside its numbers: psi on
+gray patches, and time.
 
     python benchmarks/paper.py [--data FOLDER]
 
-psi: the grays of the four charts in Sea-thru's frame 3374 of set D5 (8 bits, where the paper had raw images), and FLSea's white
-targets.
-Time: milliseconds of the processor, median, on one thread, on drawn frames; the paper's are of an NVIDIA RTX A6000.
+psi: the grays of the four charts in Sea-thru's frame 3374 of set D5 (8 bits, where the paper had
+raw images), and FLSea's white targets.
+Time: milliseconds of the processor, median, on one thread, on drawn frames; the paper's are of an
+NVIDIA RTX A6000.
 """
 
 import argparse
@@ -31,9 +33,16 @@ SIZES = {"0.7 M": (968, 720), "1.3 M": (1280, 1024), "2.4 M": (1952, 1242)}
 STEPS = 100
 
 
-def angles(title: str, images: Path, ranges: Path, targets: Path | None, printed: dict[str, str]) -> None:
-    """psi of each method on each target, and of the paper's method with the final sigmoid as printed."""
-    print(f"\n| {title} | psi, degrees, target by target | mean | in the paper |\n| --- | --- | --- | --- |")
+def angles(
+    title: str, images: Path, ranges: Path, targets: Path | None, printed: dict[str, str]
+) -> None:
+    """psi of each method on each target, and of the paper's method with the final sigmoid as
+    printed.
+    """
+    print(
+        f"\n| {title} | psi, degrees, target by target | mean | in the paper |\n| --- | --- | --- "
+        "| --- |"
+    )
     as_printed = RunConfig(color=ColorConfig(paper=PaperConfig(final_sigmoid=True)))
     for config, chosen in ((RunConfig(), None), (as_printed, "paper")):
         rows = evaluate_charts(images, ranges, targets, config).rows
@@ -42,7 +51,10 @@ def angles(title: str, images: Path, ranges: Path, targets: Path | None, printed
                 psi = [row.psi_deg for row in rows if row.method == method]
                 name = f"{method}, final sigmoid" if chosen else method
                 each = ", ".join(f"{angle:.1f}" for angle in psi)
-                print(f"| {name} | {each} | {statistics.mean(psi):.1f} | {printed.get(name, '')} |", flush=True)
+                print(
+                    f"| {name} | {each} | {statistics.mean(psi):.1f} | {printed.get(name, '')} |",
+                    flush=True,
+                )
 
 
 def milliseconds(work: Callable[[], object]) -> float:
@@ -55,8 +67,13 @@ def milliseconds(work: Callable[[], object]) -> float:
 
 
 def times() -> None:
-    """Time of one step of both networks, and of a whole frame with one step, from pixels to the corrected image."""
-    print("\n| pixels | count | a step of both networks | apply | frame with one step | a step in the paper |")
+    """Time of one step of both networks, and of a whole frame with one step, from pixels to the
+    corrected image.
+    """
+    print(
+        "\n| pixels | count | a step of both networks | apply | frame with one step | a step in "
+        "the paper |"
+    )
     print("| --- | --- | --- | --- | --- | --- |")
     corrector = Corrector(ColorConfig(method="paper", paper=PaperConfig(iterations_per_frame=1)))
     for name, (width, height) in SIZES.items():
@@ -75,18 +92,30 @@ def times() -> None:
         def count(image=image, range_m=range_m) -> None:
             corrector.measure(image, range_m)
 
-        each = " | ".join(f"{milliseconds(work):.1f}" for work in (count, training.step, apply, frame))
+        each = " | ".join(
+            f"{milliseconds(work):.1f}" for work in (count, training.step, apply, frame)
+        )
         print(f"| {name} | {each} | {PRINTED_MS.get(name, '')} |", flush=True)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("STEREO_SEECOLOR_DATA", "data")))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--data", type=Path, default=Path(os.environ.get("STEREO_SEECOLOR_DATA", "data"))
+    )
     data = parser.parse_args().data
     torch.set_num_threads(1)
     limit_cores(1)
     if (data / "seathru").is_dir():
-        angles("Sea-thru D5 3374", data / "seathru" / "*.png", data / "seathru" / "*.tiff", None, PRINTED_D5)
+        angles(
+            "Sea-thru D5 3374",
+            data / "seathru" / "*.png",
+            data / "seathru" / "*.tiff",
+            None,
+            PRINTED_D5,
+        )
     if (data / "flsea").is_dir():
         flsea = data / "flsea"
         angles("FLSea", flsea / "rgb", flsea / "range", flsea / "neutral_targets.json", {})

@@ -1,9 +1,11 @@
-"""Real dives and real calibrations as they were published: one command, which writes docs/lab/real-dives.md.
+"""Real dives and real calibrations as they were published: one command, which writes
+docs/lab/real-dives.md.
 
     python benchmarks/real_dives.py DATA [--out docs/lab/real-dives.md] [--work FOLDER]
 
-DATA: a folder with ``acfr`` (a reef dive: left/, right/, stereo_calib.mat, poses_left_raw.tum) and ``calibrations``. Takes some
-minutes on two cores. The images may not be shown, so that there are numbers only.
+DATA: a folder with ``acfr`` (a reef dive: left/, right/, stereo_calib.mat, poses_left_raw.tum) and
+``calibrations``. Takes some minutes on two cores. The images may not be shown, so that there are
+numbers only.
 """
 
 import argparse
@@ -43,7 +45,9 @@ RIGS = {
     "calibrations/mcos_150.mat": ((1920, 1080), 129.4),
     "acfr/stereo_calib.mat": ((1360, 1024), 80.35),
 }
-"""Size of the images, for files that do not state it, and the stored baseline in mm; of viame its offset along x."""
+"""Size of the images, for files that do not state it, and the stored baseline in mm; of viame its
+offset along x.
+"""
 MALFORMED = 100
 NOISE = ((0.1, 0.1, 0.03), 2.0)
 """Standard errors of disturbed navigation: meters east, north, and of depth; degrees."""
@@ -65,7 +69,14 @@ class Dive:
         return self.work / "acfr"
 
     def words(self, out: Path, *more: object) -> list[object]:
-        sides = ["--left", self.data / "left", "--right", self.data / "right", "--calib", self.data / "stereo_calib.mat"]
+        sides = [
+            "--left",
+            self.data / "left",
+            "--right",
+            self.data / "right",
+            "--calib",
+            self.data / "stereo_calib.mat",
+        ]
         return ["run", *sides, "--out", out, *more]
 
 
@@ -74,7 +85,11 @@ def the_dive(dive: Dive) -> Iterator[Row]:
     load = os.getloadavg()[0]
     used = execute(TREE, *dive.words(dive.out, "--refine", "--fuse"))
     run = open_run(dive.out)
-    yield "`run --refine --fuse`", "20 pairs, 1360x1024", f"{len(run.frames)} of {run.totals['pairs']} done"
+    yield (
+        "`run --refine --fuse`",
+        "20 pairs, 1360x1024",
+        f"{len(run.frames)} of {run.totals['pairs']} done",
+    )
     yield (
         "elapsed, processor time, memory",
         f"{os.cpu_count()} cores, load {load:.0f} at the start",
@@ -98,12 +113,21 @@ def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
     pairs = pair_folders(dive.data / "left", dive.data / "right", images).pairs
     others = [pair for pair in pairs if pair not in spread(pairs, REFINING_PAIRS)]
     check = vertical_disparity(run.rig, (read_both(pair, images) for pair in others))
-    yield "the same, refined", f"{check.pairs} pairs that took no part", f"{check.row_error_px:.2f} px"
+    yield (
+        "the same, refined",
+        f"{check.pairs} pairs that took no part",
+        f"{check.row_error_px:.2f} px",
+    )
 
 
 def _track(dive: Dive) -> Iterator[Row]:
-    """The own track's positions against the survey's, which both are of the left camera's center."""
-    own, given = read_trajectory(dive.out / "map" / "trajectory.tum"), read_trajectory(dive.data / "poses_left_raw.tum")
+    """The own track's positions against the survey's, which both are of the left camera's
+    center.
+    """
+    own, given = (
+        read_trajectory(dive.out / "map" / "trajectory.tum"),
+        read_trajectory(dive.data / "poses_left_raw.tum"),
+    )
     order = [int(np.abs(given.timestamps_s - time_s).argmin()) for time_s in own.timestamps_s]
     a, b = own.T_world_camera[:, :3, 3], given.T_world_camera[order, :3, 3]
     off_m = transformed(rigid_alignment(a, b), a) - b
@@ -111,18 +135,26 @@ def _track(dive: Dive) -> Iterator[Row]:
     rms_m = float(np.sqrt((off_m**2).sum(axis=1).mean()))
     scale = np.linalg.norm(a - a.mean(axis=0)) / np.linalg.norm(b - b.mean(axis=0))
     against = f"the survey's SLAM, {path_m:.2f} m"
-    yield "own track: rms error, rigid alignment", against, f"{rms_m * 1000:.1f} mm, {rms_m / path_m:.2%} of the path"
+    yield (
+        "own track: rms error, rigid alignment",
+        against,
+        f"{rms_m * 1000:.1f} mm, {rms_m / path_m:.2%} of the path",
+    )
     yield "own track: scale", against, f"{scale - 1:+.2%}"
 
 
 def _known_fractions(run: FinishedRun, frame: FinishedFrame) -> tuple[float, float]:
-    """Of the pixels that both cameras see, by ranges carried over where none was measured; and of the frame."""
+    """Of the pixels that both cameras see, by ranges carried over where none was measured; and of
+    the frame.
+    """
     assert run.geometry
     range_m = frame.measured_range_m()
     everywhere_m = carry_ranges(frame.read("corrected"), range_m)
     turns = run.geometry.quarter_turns
     pair = run.geometry.turned(-turns)
-    disparity = np.rot90(run.geometry.disparity_from_depth(everywhere_m / run.geometry.ray_length), -turns)
+    disparity = np.rot90(
+        run.geometry.disparity_from_depth(everywhere_m / run.geometry.ray_length), -turns
+    )
     columns = np.arange(pair.image_size[0], dtype=np.float32) - disparity
     both = (columns >= 0) & (columns <= pair.image_size[0] - 1)
     known = np.isfinite(np.rot90(range_m, -turns))
@@ -130,7 +162,9 @@ def _known_fractions(run: FinishedRun, frame: FinishedFrame) -> tuple[float, flo
 
 
 def navigation(dive: Dive) -> Iterator[Row]:
-    """The survey's poses as navigation: as they are, and disturbed; the map's rugosity must stay."""
+    """The survey's poses as navigation: as they are, and disturbed; the map's rugosity must
+    stay.
+    """
     own = _last_rugosity(dive)
     true = read_trajectory(dive.data / "poses_left_raw.tum")
     rugosity = [_rugosity(dive, true.timestamps_s, true.T_world_camera)]
@@ -138,7 +172,9 @@ def navigation(dive: Dive) -> Iterator[Row]:
         rng = np.random.default_rng(seed)
         T = true.T_world_camera.copy()
         T[:, :3, 3] += rng.normal(0, NOISE[0], (len(T), 3))
-        T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(rng.normal(0, np.radians(NOISE[1]), (len(T), 3)))
+        T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(
+            rng.normal(0, np.radians(NOISE[1]), (len(T), 3))
+        )
         rugosity.append(_rugosity(dive, true.timestamps_s, T))
     yield "linear rugosity, poses of the survey as navigation", "20 pairs", f"{rugosity[0]:.3f}"
     yield "without navigation, by the own track", "20 pairs", f"{own / rugosity[0] - 1:+.1%}"
@@ -162,33 +198,50 @@ def calibrations(data: Path) -> Iterator[Row]:
     """Every calibration, and its baseline."""
     for name, (size, expected_mm) in RIGS.items():
         rig = load_rig(data / name, size)
-        along_mm = 1000 * (abs(float(rig.T_right_left[0, 3])) if "viame" in name else rig.baseline_m)
+        along_mm = 1000 * (
+            abs(float(rig.T_right_left[0, 3])) if "viame" in name else rig.baseline_m
+        )
         Rectification.from_rig(rig)
-        yield f"`{name}`, {format_name(data / name)}", f"{expected_mm:g} mm stored", f"{along_mm:.2f} mm"
+        yield (
+            f"`{name}`, {format_name(data / name)}",
+            f"{expected_mm:g} mm stored",
+            f"{along_mm:.2f} mm",
+        )
 
 
 def malformed(data: Path, work: Path) -> Iterator[Row]:
     """Damaged copies of the binary files, each read in a process of its own."""
     seeds = [data / name for name in RIGS]
-    results = [_read_damaged(path, size) for path, (size, _) in zip(_damaged(seeds, work), cycle(RIGS.values()), strict=False)]
+    results = [
+        _read_damaged(path, size)
+        for path, (size, _) in zip(_damaged(seeds, work), cycle(RIGS.values()), strict=False)
+    ]
     lines = sum(kind == "refused" for kind, *_ in results)
     wrong = [said for kind, _, _, said in results if kind == "error"]
     yield (
         "malformed binary files",
         f"{len(results)} of {len(seeds)} files",
-        (f"{lines} refused in one line, {sum(kind == 'read' for kind, *_ in results)} still whole, {len(wrong)} other errors"),
+        (
+            f"{lines} refused in one line, {sum(kind == 'read' for kind, *_ in results)} still "
+            f"whole, {len(wrong)} other errors"
+        ),
     )
     yield (
         "longest, and most memory above the program's own",
         "the same",
-        (f"{max(seconds for _, seconds, *_ in results):.2f} s, {max(mib for _, _, mib, _ in results):.0f} MiB"),
+        (
+            f"{max(seconds for _, seconds, *_ in results):.2f} s, "
+            f"{max(mib for _, _, mib, _ in results):.0f} MiB"
+        ),
     )
     for said in wrong[:5]:
         print("not refused:", said, file=sys.stderr)
 
 
 def _damaged(seeds: list[Path], work: Path) -> Iterator[Path]:
-    """Cut short, bytes changed, lengths made huge, blocks repeated or left out; the same on every run."""
+    """Cut short, bytes changed, lengths made huge, blocks repeated or left out; the same on every
+    run.
+    """
     rng = random.Random(1)
     for number in range(MALFORMED):
         seed = seeds[number % len(seeds)]
@@ -214,7 +267,9 @@ def _damaged(seeds: list[Path], work: Path) -> Iterator[Path]:
 def _read_damaged(path: Path, size: tuple[int, int]) -> tuple[str, float, float, str]:
     """(read, refused or error; seconds; MiB that the process grew by; what was said)."""
     receiver, sender = os.pipe()
-    before_mib = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+    before_mib = (
+        int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+    )
     started = time.perf_counter()
     child = os.fork()
     if not child:
@@ -224,14 +279,23 @@ def _read_damaged(path: Path, size: tuple[int, int]) -> tuple[str, float, float,
     _, _, used = os.wait4(child, 0)
     with os.fdopen(receiver, encoding="utf-8", errors="replace") as said:
         kind, _, text = said.read().partition(":")
-    return kind or "error", time.perf_counter() - started, max(used.ru_maxrss / 1024 - before_mib, 0.0), text or f"{path}: crashed"
+    return (
+        kind or "error",
+        time.perf_counter() - started,
+        max(used.ru_maxrss / 1024 - before_mib, 0.0),
+        text or f"{path}: crashed",
+    )
 
 
 def _read_one(path: Path, size: tuple[int, int]) -> str:
     try:
         load_rig(path, size)
     except CalibrationError as error:
-        return f"refused:{error}" if "\n" not in str(error) else f"error:{path}: several lines: {error}"
+        return (
+            f"refused:{error}"
+            if "\n" not in str(error)
+            else f"error:{path}: several lines: {error}"
+        )
     except BaseException as error:  # whatever else comes is a fault
         return f"error:{path}: {type(error).__name__}: {error}"
     return "read:"
@@ -258,10 +322,10 @@ vertical pair with color on the left and monochrome on the right, strobe-lit, ca
 for Field Robotics), and calibration files of four real underwater rigs. None of it may be shown or passed on, so that there are
 numbers only. Track and poses are compared with the survey's own SLAM of the same images, which is no independent truth.
 Processor time is what compares with other machines: where others worked on the same cores, elapsed time is theirs too.
-"""
+"""  # noqa: E501
 END = """That wrong axes, units, norths and clocks, and poses on wrong frames, are named on this dive, and the published poses not
 accused, is tested by `tests/test_real_navigation.py`.
-"""
+"""  # noqa: E501
 
 
 def page(data: Path, work: Path) -> str:
@@ -280,7 +344,9 @@ def page(data: Path, work: Path) -> str:
 
 def main() -> None:
     """Measure all, and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("data", type=Path)
     parser.add_argument("--out", type=Path, default=TREE / "docs" / "lab" / "real-dives.md")
     parser.add_argument("--work", type=Path)

@@ -2,9 +2,10 @@
 
     python benchmarks/rugosity.py FOLDER [reefs]
 
-Ten reefs from flat to branching, three heights of the cameras, cells of 5, 10, 20 and 50 mm. Poses are true; ranges are drawn with
-the errors that matching has on the sample dive: 0.12 pixels of disparity, alike over 2 pixels, and smoothed over 3. Reefs 4 and 8
-were at hand when the settings in redraw.py were chosen; the others judge. FOLDER keeps the maps.
+Ten reefs from flat to branching, three heights of the cameras, cells of 5, 10, 20 and 50 mm. Poses
+are true; ranges are drawn with the errors that matching has on the sample dive: 0.12 pixels of
+disparity, alike over 2 pixels, and smoothed over 3. Reefs 4 and 8 were at hand when the settings in
+redraw.py were chosen; the others judge. FOLDER keeps the maps.
 """
 
 import shutil
@@ -53,7 +54,8 @@ class DrawnFrames(Sequence[SurveyFrame]):
     def __init__(self, number: int) -> None:
         altitude_m = ALTITUDES_M[number % 3]
         self.spec = SurveySpec(
-            seed=100 + number, pairs=8, lines=2, image_size=SIZE, altitude_m=(altitude_m, altitude_m),
+            seed=100 + number, pairs=8, lines=2, image_size=SIZE, altitude_m=(altitude_m,
+            altitude_m),
             line_spacing_m=0.4 * altitude_m, pair_spacing_m=0.25 * altitude_m, tilt_deg=5.0,
         )  # fmt: skip
         reef = build_reef(self.spec)
@@ -70,11 +72,19 @@ class DrawnFrames(Sequence[SurveyFrame]):
         if not 0 <= index < len(self):
             raise IndexError(index)
         pair, rng = self.pair, np.random.default_rng([self.spec.seed, index])
-        range_m = cast(self.reef, self.trajectory.T_world_camera[index], pair.rays.astype(np.float32)[:, :, None])[..., 0]
+        range_m = cast(
+            self.reef,
+            self.trajectory.T_world_camera[index],
+            pair.rays.astype(np.float32)[:, :, None],
+        )[..., 0]
         disparity_px = pair.focal_px * pair.baseline_m * pair.ray_length / range_m
         noise = cv2.GaussianBlur(rng.standard_normal(range_m.shape), (0, 0), ALIKE_PX)
-        measured_px = cv2.GaussianBlur(disparity_px, (0, 0), SMOOTH_PX) + NOISE_PX * noise / noise.std()
-        measured_m = (pair.focal_px * pair.baseline_m * pair.ray_length / measured_px).astype(np.float32)
+        measured_px = (
+            cv2.GaussianBlur(disparity_px, (0, 0), SMOOTH_PX) + NOISE_PX * noise / noise.std()
+        )
+        measured_m = (pair.focal_px * pair.baseline_m * pair.ray_length / measured_px).astype(
+            np.float32
+        )
         return SurveyFrame(
             name=self.trajectory.names[index],
             timestamp_s=float(self.trajectory.timestamps_s[index]),
@@ -88,14 +98,19 @@ class DrawnFrames(Sequence[SurveyFrame]):
 def mapped(folder: Path, frames: DrawnFrames, cell_m: float) -> tuple[SiteMesh, Terrain, Any]:
     """The mesh, the terrain and its errors, of a map in voxels and cells of that size."""
     out = folder / f"{frames.spec.seed}_{1000 * cell_m:g}mm"
-    config = MappingConfig(voxel_m=cell_m, dem_m=cell_m, mosaic_m=0.05, metrics_m=0.5, poses="given")
+    config = MappingConfig(
+        voxel_m=cell_m, dem_m=cell_m, mosaic_m=0.05, metrics_m=0.5, poses="given"
+    )
     if not (out / "map" / "mesh.ply").is_file():
         shutil.rmtree(out, ignore_errors=True)
         build_map(frames, frames.pair, out / "map", config, frames.trajectory)
     mesh = read_mesh(out)
     terrain = terrain_of(mesh, grid_of(mesh, cell_m))
     posed = SimpleNamespace(
-        survey=frames, geometry=frames.pair, voxel_m=cell_m, T_map_camera=list(frames.trajectory.T_world_camera)
+        survey=frames,
+        geometry=frames.pair,
+        voxel_m=cell_m,
+        T_map_camera=list(frames.trajectory.T_world_camera),
     )
     return mesh, terrain, terrain_errors(posed, terrain)  # type: ignore[arg-type]
 
@@ -103,12 +118,18 @@ def mapped(folder: Path, frames: DrawnFrames, cell_m: float) -> tuple[SiteMesh, 
 def truth(terrain: Terrain, reef: Reef) -> Terrain:
     """The true heights of the cells that the map knows."""
     x_m, y_m = terrain.points_m[..., 0], terrain.points_m[..., 1]
-    column, row = ((each - low) / CELL_M for each, low in zip((x_m, y_m), reef.origin_m, strict=True))
-    height_m = cv2.remap(reef.height_m, column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR)
+    column, row = (
+        (each - low) / CELL_M for each, low in zip((x_m, y_m), reef.origin_m, strict=True)
+    )
+    height_m = cv2.remap(
+        reef.height_m, column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR
+    )
     return replace(terrain, height_m=np.where(terrain.known, height_m, np.nan).astype(np.float64))
 
 
-def compared(folder: Path, number: int) -> Iterator[tuple[float, StructureAtScale, NDArray[np.float64]]]:
+def compared(
+    folder: Path, number: int
+) -> Iterator[tuple[float, StructureAtScale, NDArray[np.float64]]]:
     """Cell, measured structure, true numbers of each edge of squares."""
     frames = DrawnFrames(number)
     for cell_m in CELLS_M:
@@ -116,7 +137,13 @@ def compared(folder: Path, number: int) -> Iterator[tuple[float, StructureAtScal
         cells = resolved_cells(terrain, errors)
         true_m = truth(terrain, frames.reef).averaged(cells).height_m
         for found in structure(mesh, terrain, errors):
-            yield cell_m, found, numbers_of(true_m, found.scale_m, squares_of(terrain.averaged(cells))[found.edge_m]).mean(axis=0)
+            yield (
+                cell_m,
+                found,
+                numbers_of(
+                    true_m, found.scale_m, squares_of(terrain.averaged(cells))[found.edge_m]
+                ).mean(axis=0),
+            )
 
 
 def main(folder: Path, reefs: Sequence[int]) -> None:
@@ -129,14 +156,31 @@ def main(folder: Path, reefs: Sequence[int]) -> None:
                 value, std = getattr(found.mean, name), getattr(found.standard_error, name)
                 off[name].append((number, cell_m, (value - true[k]) / std))
             rugosity, std = found.mean.rugosity_area, found.standard_error.rugosity_area
-            where = f"reef {number}, cells {1000 * cell_m:.0f} mm, at {1000 * found.scale_m:.0f} mm, squares of {found.edge_m} m"
-            print(f"{where}: mapped {found.mapped.rugosity_area:.3f}, {rugosity:.3f} ± {std:.3f}, true {true[0]:.3f}")
+            where = (
+                f"reef {number}, cells {1000 * cell_m:.0f} mm, at {1000 * found.scale_m:.0f} "
+                f"mm, squares of {found.edge_m} m"
+            )
+            print(
+                f"{where}: mapped {found.mapped.rugosity_area:.3f}, {rugosity:.3f} ± {std:.3f}, "
+                f"true {true[0]:.3f}"
+            )
     for title, tuned in (("reefs of the settings", True), ("all others", False)):
         print(f"{title}: mean error in standard errors, and fraction within 1.96 of them, by cells")
         for name in names:
-            rows = [(cell_m, z) for number, cell_m, z in off[name] if (number in TUNED) == tuned and np.isfinite(z)]
+            rows = [
+                (cell_m, z)
+                for number, cell_m, z in off[name]
+                if (number in TUNED) == tuned and np.isfinite(z)
+            ]
             by_cell = [np.array([z for cell, z in rows if cell == cell_m]) for cell_m in CELLS_M]
-            print(f"  {name:18}", *(f"{z.mean():+.2f} {np.mean(np.abs(z) < 1.96):4.0%} (n {z.size})" for z in by_cell if z.size))
+            print(
+                f"  {name:18}",
+                *(
+                    f"{z.mean():+.2f} {np.mean(np.abs(z) < 1.96):4.0%} (n {z.size})"
+                    for z in by_cell
+                    if z.size
+                ),
+            )
 
 
 if __name__ == "__main__":

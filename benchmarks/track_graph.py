@@ -2,9 +2,10 @@
 
     python benchmarks/track_graph.py [frames ...]
 
-Simulated: a lawnmower dive as in loop_search.py; each frame is connected with the three before it and with the nearest of the line
-beside it, by relative poses with errors of 3 mm and 2 mrad, and one of a hundred loops is false, by some meters; the solver starts
-from the poses that the edges between neighbors add up to.
+Simulated: a lawnmower dive as in loop_search.py; each frame is connected with the three before it
+and with the nearest of the line beside it, by relative poses with errors of 3 mm and 2 mrad, and
+one of a hundred loops is false, by some meters; the solver starts from the poses that the edges
+between neighbors add up to.
 """
 
 import resource
@@ -38,12 +39,21 @@ def edges_of(T: NDArray[np.float64], rng: np.random.Generator) -> list[Edge]:
     """Measured relative poses: neighbors, then loops."""
     count = len(T)
     ends = [(j - back, j, False) for j in range(count) for back in range(1, BACK + 1) if j >= back]
-    ends += [(2 * LINE_FRAMES * (j // LINE_FRAMES) - 1 - j, j, True) for j in range(LINE_FRAMES, count)]
+    ends += [
+        (2 * LINE_FRAMES * (j // LINE_FRAMES) - 1 - j, j, True) for j in range(LINE_FRAMES, count)
+    ]
     turns, shifts = rng.normal(0, STD_RAD, (len(ends), 3)), rng.normal(0, STD_M, (len(ends), 3))
     false = false_loops(len(ends), sum(loop for *_, loop in ends))
     shifts[false] += rng.normal(0, FALSE_M, (len(false), 3))
     return [
-        Edge(i, j, inverse(T[i]) @ T[j] @ pose(rotation_from_vector(turn), shift), COVARIANCE, 100, loop)
+        Edge(
+            i,
+            j,
+            inverse(T[i]) @ T[j] @ pose(rotation_from_vector(turn), shift),
+            COVARIANCE,
+            100,
+            loop,
+        )
         for (i, j, loop), turn, shift in zip(ends, turns, shifts, strict=True)
     ]
 
@@ -54,7 +64,10 @@ def false_loops(edges: int, loops: int) -> NDArray[np.int64]:
 
 
 def main(counts: list[int]) -> None:
-    print("| frames | edges | off at the start, m | solved, m (rms) | false loops drawn, found, wrongly | s | processor s | GiB |")
+    print(
+        "| frames | edges | off at the start, m | solved, m (rms) | false loops drawn, found, "
+        "wrongly | s | processor s | GiB |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for count in counts:
         T = truth(count)
@@ -66,12 +79,20 @@ def main(counts: list[int]) -> None:
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         solved, false = solve(start, range(count), edges)
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        off_m = [float(np.sqrt(((one - T)[:, :3, 3] ** 2).sum(axis=1).mean())) for one in (start, solved)]
+        off_m = [
+            float(np.sqrt(((one - T)[:, :3, 3] ** 2).sum(axis=1).mean())) for one in (start, solved)
+        ]
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        drawn = {id(edges[number]) for number in false_loops(len(edges), sum(edge.loop for edge in edges))}
+        drawn = {
+            id(edges[number])
+            for number in false_loops(len(edges), sum(edge.loop for edge in edges))
+        }
         found = len(drawn & {id(edge) for edge in false})
         told = f"{len(drawn)}, {found}, {len(false) - found}"
-        row = f"{count} | {len(edges)} | {off_m[0]:.2f} | {off_m[1]:.3f} | {told} | {wall_s:.0f} | {cpu_s:.0f} | {peak:.2f}"
+        row = (
+            f"{count} | {len(edges)} | {off_m[0]:.2f} | {off_m[1]:.3f} | {told} | {wall_s:.0f} "
+            f"| {cpu_s:.0f} | {peak:.2f}"
+        )
         print(f"| {row} |", flush=True)
 
 

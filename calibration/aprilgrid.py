@@ -1,4 +1,6 @@
-"""A grid of AprilTags as Kalibr prints it: tags of the family 36h11 with black squares at their corners."""
+"""A grid of AprilTags as Kalibr prints it: tags of the family 36h11 with black squares at their
+corners.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -10,16 +12,26 @@ from numpy.typing import NDArray
 from calibration.corners import DETECTION_SIDE_PX, MIN_CORNERS, Corners
 
 Array = NDArray[np.float64]
-CELLS, BORDER_CELLS = 10, 2  # of a tag's side: 6 of the code, and Kalibr's border of two on both sides
+CELLS, BORDER_CELLS = (
+    10,
+    2,
+)  # of a tag's side: 6 of the code, and Kalibr's border of two on both sides
 BORDERS_CELLS = (2, 1)  # tags of other printers have a border of one
-SUBPIXEL_FRACTION = 0.15  # of a tag's side: a window that reaches neither the code nor the next square
-MOVED_PX, MOVED_FRACTION = 2.5, 0.05  # and of a tag's side: detectors place corners better; others went to another corner
-OTHER_TAG = 0.5  # of a tag's side: one this far from its place in the grid is a tag of something else in the scene
+SUBPIXEL_FRACTION = (
+    0.15  # of a tag's side: a window that reaches neither the code nor the next square
+)
+MOVED_PX, MOVED_FRACTION = (
+    2.5,
+    0.05,
+)  # and of a tag's side: detectors place corners better; others went to another corner
+# of a tag's side: one this far from its place in the grid is a tag of something else in the scene
+OTHER_TAG = 0.5
 
 
 @dataclass(frozen=True)
 class AprilGrid:
-    """A grid of columns x rows tags; lengths in meters: the side of a tag (its black border), and the space between two.
+    """A grid of columns x rows tags; lengths in meters: the side of a tag (its black border), and
+    the space between two.
 
     first_id: number of the tag at the lower left; they count to the right, then upwards.
     """
@@ -32,12 +44,15 @@ class AprilGrid:
 
     @cached_property
     def points_m(self) -> Array:
-        """The corners of the tags on the board's plane, x to the right and y down: (4 * columns * rows, 3).
+        """The corners of the tags on the board's plane, x to the right and y down: (4 * columns *
+        rows, 3).
 
         Four of each tag, clockwise from its upper left; tags in the order of their numbers.
         """
         tag = np.arange(self.columns * self.rows)
-        upper_left = np.column_stack([tag % self.columns, self.rows - 1 - tag // self.columns]) * (self.tag_m + self.space_m)
+        upper_left = np.column_stack([tag % self.columns, self.rows - 1 - tag // self.columns]) * (
+            self.tag_m + self.space_m
+        )
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * self.tag_m
         flat = (upper_left[:, None] + corners).reshape(-1, 2)
         return np.column_stack([flat, np.zeros(len(flat))])
@@ -60,9 +75,11 @@ class AprilGrid:
         return right
 
     def _in_grid(self, tags: NDArray[np.int64], corners: Array) -> tuple[NDArray[np.int64], Array]:
-        """Tags (n,) and their corners (n, 4, 2), as ``points_m`` counts both, without tags that lie elsewhere.
+        """Tags (n,) and their corners (n, 4, 2), as ``points_m`` counts both, without tags that lie
+        elsewhere.
 
-        Which corner of a tag a detector calls the first, and whether a printer counts rows upwards as Kalibr does or downwards,
+        Which corner of a tag a detector calls the first, and whether a printer counts rows upwards
+        as Kalibr does or downwards,
         is told by where the tags lie: of the eight ways, that which most tags fit.
         """
         if len(tags) < 2:
@@ -79,10 +96,16 @@ class AprilGrid:
                     best = score, numbers[fitting], turned[fitting]
         return best[1:]
 
-    def _fitting(self, tags: NDArray[np.int64], corners: Array, limit_px: float) -> tuple[NDArray[np.bool_], float]:
-        """(n,) which tags a homography from the board puts where they are, and their mean error in tenths of the limit."""
+    def _fitting(
+        self, tags: NDArray[np.int64], corners: Array, limit_px: float
+    ) -> tuple[NDArray[np.bool_], float]:
+        """(n,) which tags a homography from the board puts where they are, and their mean error in
+        tenths of the limit.
+        """
         points = self.points_m[:, :2].reshape(-1, 4, 2)[tags]
-        H, _ = cv2.findHomography(points.reshape(-1, 1, 2), corners.reshape(-1, 1, 2), cv2.RANSAC, limit_px)
+        H, _ = cv2.findHomography(
+            points.reshape(-1, 1, 2), corners.reshape(-1, 1, 2), cv2.RANSAC, limit_px
+        )
         if H is None:
             return np.zeros(len(tags), bool), np.inf
         placed = cv2.perspectiveTransform(points.reshape(-1, 1, 2), H).reshape(-1, 4, 2)
@@ -93,8 +116,15 @@ class AprilGrid:
 
 
 def marker(number: int) -> NDArray[np.bool_]:
-    """The tag as AprilTag's authors and Kalibr print it, (10, 10), True where black: OpenCV has it turned by half."""
-    return np.asarray(np.rot90(cv2.aruco.generateImageMarker(_dictionary(), number, CELLS, borderBits=BORDER_CELLS), 2) == 0)
+    """The tag as AprilTag's authors and Kalibr print it, (10, 10), True where black: OpenCV has it
+    turned by half.
+    """
+    return np.asarray(
+        np.rot90(
+            cv2.aruco.generateImageMarker(_dictionary(), number, CELLS, borderBits=BORDER_CELLS), 2
+        )
+        == 0
+    )
 
 
 @lru_cache
@@ -105,13 +135,21 @@ def _dictionary() -> cv2.aruco.Dictionary:
 def _tags(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Array]:
     """Numbers (n,) and corners (n, 4, 2) of all tags, clockwise in the image.
 
-    Looked for in the image, in one with its contrast raised (haze), and in both with dark parts shrunk, which parts the tags from
-    the squares that touch their corners.
+    Looked for in the image, in one with its contrast raised (haze), and in both with dark parts
+    shrunk, which parts the tags from the squares that touch their corners.
     """
     scale = min(1.0, DETECTION_SIDE_PX / max(image.shape))
-    small = image if scale == 1 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small = (
+        image
+        if scale == 1
+        else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    )
     clear = cv2.createCLAHE(3.0, (8, 8)).apply(small)
-    variants = [shrunk for picture in (small, clear) for shrunk in (picture, cv2.dilate(picture, np.ones((3, 3))))]
+    variants = [
+        shrunk
+        for picture in (small, clear)
+        for shrunk in (picture, cv2.dilate(picture, np.ones((3, 3))))
+    ]
     found: dict[int, Array] = {}
     for border in BORDERS_CELLS:
         by_border: dict[int, Array] = {}
@@ -130,16 +168,26 @@ def _detected(image: NDArray[np.uint8], border_cells: int) -> list[tuple[int, Ar
     corners, numbers, _ = cv2.aruco.ArucoDetector(_dictionary(), parameters).detectMarkers(image)
     if numbers is None:
         return []
-    return [(int(number), np.asarray(four[0], np.float64)) for number, four in zip(numbers.ravel(), corners, strict=True)]
+    return [
+        (int(number), np.asarray(four[0], np.float64))
+        for number, four in zip(numbers.ravel(), corners, strict=True)
+    ]
 
 
-def _refined(image: NDArray[np.uint8], pixels: Array, sides_px: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Corners (n, 2) to a fraction of a pixel; and (n,) which moved little by it, and lie within the image."""
+def _refined(
+    image: NDArray[np.uint8], pixels: Array, sides_px: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Corners (n, 2) to a fraction of a pixel; and (n,) which moved little by it, and lie within
+    the image.
+    """
     windows = np.clip(SUBPIXEL_FRACTION * sides_px, 2, 15).astype(int)
     refined = pixels.astype(np.float32)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
     height, width = image.shape
-    inside = ((pixels > windows[:, None] + 1) & (pixels < np.array([width, height]) - windows[:, None] - 2)).all(axis=1)
+    inside = (
+        (pixels > windows[:, None] + 1)
+        & (pixels < np.array([width, height]) - windows[:, None] - 2)
+    ).all(axis=1)
     for window in np.unique(windows[inside]).tolist():
         of = inside & (windows == window)
         moved = np.ascontiguousarray(refined[of])

@@ -16,29 +16,43 @@ from calibration.rectification import rectified_points
 from calibration.rig import Medium, RigErrors, StereoRig
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
-FOLDS = 10  # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths of them
-MOST_ERROR_PX = 3.0  # of a rig that is written, or a 500th of the width: corners are found to 0.2 px, blurred ones to one
+# parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths
+# of them
+FOLDS = 10
+# of a rig that is written, or a 500th of the width: corners are found to 0.2 px, blurred ones to
+# one
+MOST_ERROR_PX = 3.0
 MIN_VIEWS_FOR_CHOICE = 5  # too few views for cross-validation: the simplest model is taken
 
 
-def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:
+def calibrate(
+    views: Sequence[View], target: Target, medium: Medium = "water"
+) -> tuple[StereoRig, CalibrationReport]:
     """Calibrate a rig from detected views.
 
-    Views that fit badly are dropped with the reason; the lens model is the simplest that predicts left-out views as well as the
-    best one does.
+    Views that fit badly are dropped with the reason; the lens model is the simplest that predicts
+    left-out views as well as the best one does.
 
-    Raises CalibrationError if fewer than three views show the target in both images, if left and right are out of step, or if they
-    give no rig that can be.
+    Raises CalibrationError if fewer than three views show the target in both images, if left and
+    right are out of step, or if they give no rig that can be.
     """
     refuse_out_of_step(views, target)
     usable, dropped = usable_views(views)
     size = usable[0].image_size
     kept, outliers = without_outliers(usable, target, LENSES[:2])
-    fits = [fit_rig(kept, target, lens) for lens in (LENSES if len(kept) >= MIN_VIEWS_FOR_CHOICE else LENSES[:1])]
+    fits = [
+        fit_rig(kept, target, lens)
+        for lens in (LENSES if len(kept) >= MIN_VIEWS_FOR_CHOICE else LENSES[:1])
+    ]
     scores = [_cross_validate(fit, kept, target) for fit in fits]
     bundle, score = _choose(fits, scores)
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
-        fits.append(solve(replace(bundle, lens=replace(bundle.lens, square_pixels=False)), observations_of(kept, target)))
+        fits.append(
+            solve(
+                replace(bundle, lens=replace(bundle.lens, square_pixels=False)),
+                observations_of(kept, target),
+            )
+        )
         scores.append(_cross_validate(fits[-1], kept, target))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
         widened = _with_choice_of_lens(score, scores)
@@ -50,7 +64,8 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
         _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
-            f"the {len(kept)} views give no rig that can be ({error}): see whether the folders are swapped, whether pairs were "
+            f"the {len(kept)} views give no rig that can be ({error}): see whether the folders "
+            "are swapped, whether pairs were "
             "taken at one moment, and tilt the target more"
         ) from error
     report = _report(bundle, rig, kept, target, scores, score)
@@ -58,7 +73,9 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
 
 
 def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScore:
-    """Fit without every tenth view in turn, from ``full`` on, and predict the views left out, but for the target's pose."""
+    """Fit without every tenth view in turn, from ``full`` on, and predict the views left out, but
+    for the target's pose.
+    """
     folds = min(FOLDS, len(views))
     squares = np.zeros(len(views))
     rows, fits = [], []
@@ -66,54 +83,87 @@ def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScor
         left_out = np.arange(len(views)) % folds == fold
         train = [view for view, out in zip(views, left_out, strict=True) if not out]
         test = [view for view, out in zip(views, left_out, strict=True) if out]
-        fitted = solve(replace(full, T_left_target=full.T_left_target[~left_out]), observations_of(train, target))
+        fitted = solve(
+            replace(full, T_left_target=full.T_left_target[~left_out]),
+            observations_of(train, target),
+        )
         start = replace(fitted, T_left_target=full.T_left_target[left_out])
         posed = solve(start, observations_of(test, target), poses_only=True)
         squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
         rows.append(_row_errors(fitted, test))
         fits.append(_figures(fitted))
-    return LensScore(full.lens, squares, np.concatenate(rows), _figures(full), jackknife(np.array(fits)))
+    return LensScore(
+        full.lens, squares, np.concatenate(rows), _figures(full), jackknife(np.array(fits))
+    )
 
 
 def _figures(bundle: Bundle) -> Array:
     """(3,) focal length left and right (mean of fx and fy), pixels, and baseline, meters."""
-    return np.array([*(lens[:2].mean() for lens in bundle.intrinsics), np.linalg.norm(bundle.T_right_left[:3, 3])])
+    return np.array(
+        [
+            *(lens[:2].mean() for lens in bundle.intrinsics),
+            np.linalg.norm(bundle.T_right_left[:3, 3]),
+        ]
+    )
 
 
 def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore:
-    """``score``, its standard errors widened by how far other lens models that predict as well lie from it."""
+    """``score``, its standard errors widened by how far other lens models that predict as well lie
+    from it.
+    """
     best = min(scores, key=lambda other: other.rms_px)
-    alike = [other for other in scores if no_worse(other.squares, best.squares) and np.isfinite(other.row_error_px)]
-    spread = np.max([np.abs(other.figures - score.figures) for other in alike] or [np.zeros(3)], axis=0)
+    alike = [
+        other
+        for other in scores
+        if no_worse(other.squares, best.squares) and np.isfinite(other.row_error_px)
+    ]
+    spread = np.max(
+        [np.abs(other.figures - score.figures) for other in alike] or [np.zeros(3)], axis=0
+    )
     return replace(score, std=np.hypot(score.std, spread), spread=spread)
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
-    left, right = (to_camera(bundle.lens.model, intrinsics, image_size) for intrinsics in bundle.intrinsics)
+    left, right = (
+        to_camera(bundle.lens.model, intrinsics, image_size) for intrinsics in bundle.intrinsics
+    )
     return StereoRig(left, right, bundle.T_right_left, medium)
 
 
 def _refuse_nonsense(rig: StereoRig, score: LensScore) -> None:
-    """Raise CalibrationError for a rig that its own views contradict: pairs of other moments, another target than was said."""
+    """Raise CalibrationError for a rig that its own views contradict: pairs of other moments,
+    another target than was said.
+    """
     limit_px = max(MOST_ERROR_PX, rig.left.image_size[0] / 500)
     if not (rig.rms_px is not None and rig.rms_px < limit_px and score.row_error_px < limit_px):
         raise CalibrationError(
-            f"rms {rig.rms_px:.1f} px, rows {score.row_error_px:.1f} px apart after rectification, baseline {rig.baseline_m:.3g} m"
+            f"rms {rig.rms_px:.1f} px, rows {score.row_error_px:.1f} px apart after "
+            f"rectification, baseline {rig.baseline_m:.3g} m"
         )
 
 
 def _errors(score: LensScore) -> RigErrors | None:
     relative = score.std / score.figures
     known = np.isfinite(relative).all()
-    return RigErrors(float(relative[:2].max()), float(relative[2]), "stereo-seecolor calibrate") if known else None
+    return (
+        RigErrors(float(relative[:2].max()), float(relative[2]), "stereo-seecolor calibrate")
+        if known
+        else None
+    )
 
 
 def _row_errors(bundle: Bundle, views: list[View]) -> Array:
-    """(n,) left minus right row of the corners in common after rectification, pixels; NaN if that cannot be rectified."""
+    """(n,) left minus right row of the corners in common after rectification, pixels; NaN if that
+    cannot be rectified.
+    """
     pixels = []
     for corners in ([view.left for view in views], [view.right for view in views]):
         side = [(own, common_ids(view)) for own, view in zip(corners, views, strict=True)]
-        pixels.append(np.concatenate([own.pixels[np.searchsorted(own.ids, ids)] for own, ids in side if own is not None]))
+        pixels.append(
+            np.concatenate(
+                [own.pixels[np.searchsorted(own.ids, ids)] for own, ids in side if own is not None]
+            )
+        )
     try:
         left, right = rectified_points(_rig(bundle, views[0].image_size, "water"), *pixels)
     except CalibrationError:
@@ -126,13 +176,21 @@ def _choose(fits: list[Bundle], scores: list[LensScore]) -> tuple[Bundle, LensSc
     best = min(scores, key=lambda score: score.rms_px)
     reached = any(np.isfinite(score.row_error_px) for score in scores)
     for fit, score in zip(fits, scores, strict=True):
-        if score is best or (no_worse(score.squares, best.squares) and (np.isfinite(score.row_error_px) or not reached)):
+        if score is best or (
+            no_worse(score.squares, best.squares)
+            and (np.isfinite(score.row_error_px) or not reached)
+        ):
             return fit, score
     raise AssertionError("the best is among them")
 
 
 def _report(
-    bundle: Bundle, rig: StereoRig, views: list[View], target: Target, scores: list[LensScore], score: LensScore
+    bundle: Bundle,
+    rig: StereoRig,
+    views: list[View],
+    target: Target,
+    scores: list[LensScore],
+    score: LensScore,
 ) -> CalibrationReport:
     errors = view_errors(bundle, views, target).tolist()
     sides = [[o for o in observations_of(views, target) if o.side == side] for side in (0, 1)]
@@ -140,7 +198,9 @@ def _report(
         rig=rig,
         scores=tuple(scores),
         lens=score,
-        views=tuple(ViewReport(view.name, *error) for view, error in zip(views, errors, strict=True)),
+        views=tuple(
+            ViewReport(view.name, *error) for view, error in zip(views, errors, strict=True)
+        ),
         rms_left_px=rms(bundle, sides[0]),
         rms_right_px=rms(bundle, sides[1]),
         corners_left=np.concatenate([o.pixels for o in sides[0]]),

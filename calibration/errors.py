@@ -15,8 +15,8 @@ class CalibrationError(ValueError):
 
 
 def counted(number: int, noun: str) -> str:
-    """Write a number with its noun: ``1 pair``, ``3 pairs``. noun: in the singular, alone or before more words: ``file without a
-    partner``.
+    """Write a number with its noun: ``1 pair``, ``3 pairs``. noun: in the singular, alone or before
+    more words: ``file without a partner``.
     """
     first, _, rest = noun.partition(" ")
     return f"{number} {first}{'' if number == 1 else 's'} {rest}".rstrip()
@@ -28,9 +28,13 @@ UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 
 def length_m(text: str, where: str) -> float:
-    """Parse ``24.23mm``, ``3cm`` or ``1.5m`` to meters. where: what is read, for the message. Raises CalibrationError."""
+    """Parse ``24.23mm``, ``3cm`` or ``1.5m`` to meters. where: what is read, for the message.
+    Raises CalibrationError.
+    """
     number = text.rstrip("cm")
     try:
         return float(number) * UNITS_M[text[len(number) :]]
     except (ValueError, KeyError):
-        raise CalibrationError(f"{where}: {text!r} must be a length with its unit, such as 24.23mm") from None
+        raise CalibrationError(
+            f"{where}: {text!r} must be a length with its unit, such as 24.23mm"
+        ) from None

@@ -17,10 +17,11 @@ import yaml
 
 @contextmanager
 def write_atomic(path: Path) -> Iterator[Path]:
-    """A temporary path of the same suffix, in the same folder, that becomes ``path`` when the block ends without an error.
+    """A temporary path of the same suffix, in the same folder, that becomes ``path`` when the block
+    ends without an error.
 
-    Folders above are made. File and folder are flushed to disk (fsync) before and after the rename, so that neither a kill nor a
-    loss of power leaves half a file. Raises OSError.
+    Folders above are made. File and folder are flushed to disk (fsync) before and after the rename,
+    so that neither a kill nor a loss of power leaves half a file. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
@@ -52,24 +53,33 @@ MAX_DEPTH = 50
 MAX_VALUES = 50_000
 """Values of a YAML file: a rig of 300 views with every pose has some thousands."""
 MAX_YAML_BYTES = 1 << 20
-"""Of a YAML file; JSON, which holds long dives too, is read in a time that grows with its size alone."""
+"""Of a YAML file; JSON, which holds long dives too, is read in a time that grows with its size
+alone.
+"""
 
 _MANY_DIGITS = re.compile("[0-9]{300}")
 """A whole number beyond what a float holds, which would end as an OverflowError somewhere later."""
 
 _LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH}}}")
-"""A dotted key of TOML of so many levels, for which its parser takes a time that grows with the square."""
+"""A dotted key of TOML of so many levels, for which its parser takes a time that grows with the
+square.
+"""
 
 YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
-"""What ``load_yaml`` raises for a file that is none, beside ``TooMuchError``; a date such as 2026-13-45 is a ValueError."""
+"""What ``load_yaml`` raises for a file that is none, beside ``TooMuchError``; a date such as
+2026-13-45 is a ValueError.
+"""
 
 
 class TooMuchError(ValueError):
     """A text of more values, levels or bytes than any file of its kind has."""
 
 
-def load_json(text: str | bytes, once_each: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
-    """The content of JSON text. once_each: makes an object of its pairs of key and value, in place of ``dict``.
+def load_json(
+    text: str | bytes, once_each: Callable[[list[tuple[str, Any]]], Any] | None = None
+) -> Any:
+    """The content of JSON text. once_each: makes an object of its pairs of key and value, in place
+    of ``dict``.
 
     Raises ValueError, its kinds UnicodeDecodeError and TooMuchError included.
     """
@@ -87,7 +97,8 @@ def load_json(text: str | bytes, once_each: Callable[[list[tuple[str, Any]]], An
 def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEPTH) -> Any:
     """The content of YAML text. loader: a safe one.
 
-    Its events are looked at first: composing deep nesting overflows the stack of the C loader. Raises YAML_ERRORS.
+    Its events are looked at first: composing deep nesting overflows the stack of the C loader.
+    Raises YAML_ERRORS.
     """
     if len(text) > MAX_YAML_BYTES:
         raise TooMuchError(f"is larger than {MAX_YAML_BYTES >> 10} kB")
@@ -95,7 +106,9 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
         raise TooMuchError("holds a number of more than 300 digits")
     depth = 0
     for count, event in enumerate(yaml.parse(text, Loader=loader)):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
+            event, yaml.CollectionEndEvent
+        )
         if depth > max_depth or count > MAX_VALUES:
             raise _too_much(max_depth)
     content = yaml.load(text, Loader=loader)
@@ -104,14 +117,18 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
 
 
 def load_toml(text: str) -> dict[str, Any]:
-    """The content of TOML text. Raises TooMuchError, RecursionError, ValueError and its kind tomllib.TOMLDecodeError."""
+    """The content of TOML text. Raises TooMuchError, RecursionError, ValueError and its kind
+    tomllib.TOMLDecodeError.
+    """
     if _LONG_KEY.search(text):
         raise TooMuchError(f"is nested more than {MAX_DEPTH} levels deep")
     return tomllib.loads(text)
 
 
 def _check_values(content: Any, max_depth: int) -> None:
-    """Walk as a reader would, following aliases, which make gigabytes of a few lines, and stop at the bound."""
+    """Walk as a reader would, following aliases, which make gigabytes of a few lines, and stop at
+    the bound.
+    """
     pending, seen = [(content, 0)], 0
     while pending:
         value, depth = pending.pop()
@@ -127,7 +144,9 @@ def _check_values(content: Any, max_depth: int) -> None:
 def _check_depth(content: Any) -> None:
     level = [content]
     for _ in range(MAX_DEPTH):
-        level = [child for value in level for child in _children(value) if isinstance(child, dict | list)]
+        level = [
+            child for value in level for child in _children(value) if isinstance(child, dict | list)
+        ]
         if not level:
             return
     raise TooMuchError(f"is nested more than {MAX_DEPTH} levels deep")

@@ -1,4 +1,6 @@
-"""Geometry of a rectified pair: disparity and range, rigid transforms, and what each camera sees."""
+"""Geometry of a rectified pair: disparity and range, rigid transforms, and what each camera
+sees.
+"""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -23,9 +25,10 @@ Map = NDArray[np.float32]
 class RectifiedPair:
     """The pinhole geometry that both rectified images share.
 
-    focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance of the optical centers;
-    image_size: (width, height). quarter_turns: 0..3, counterclockwise turns that bring the images that are matched, whose
-    disparity runs along x, to the images that this geometry is of (``numpy.rot90``).
+    focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance
+    of the optical centers; image_size: (width, height). quarter_turns: 0..3, counterclockwise turns
+    that bring the images that are matched, whose disparity runs along x, to the images that this
+    geometry is of (``numpy.rot90``).
     """
 
     focal_px: float
@@ -43,17 +46,29 @@ class RectifiedPair:
     @property
     def P_left(self) -> NDArray[np.float64]:
         """Projection (3, 3) of the rectified left camera: pixel = P_left @ (x, y, z) / z."""
-        return np.array([[self.focal_px, 0, self.cx_left_px], [0, self.focal_px, self.cy_px], [0, 0, 1]], dtype=np.float64)
+        return np.array(
+            [[self.focal_px, 0, self.cx_left_px], [0, self.focal_px, self.cy_px], [0, 0, 1]],
+            dtype=np.float64,
+        )
 
     def turned(self, turns: int) -> "RectifiedPair":
-        """The geometry of these images turned counterclockwise by ``turns`` quarters; disparities keep their meaning."""
+        """The geometry of these images turned counterclockwise by ``turns`` quarters; disparities
+        keep their meaning.
+        """
         width, height = self.image_size
-        focal_px, cx, cy, shift_px = self.focal_px, self.cx_left_px, self.cy_px, self.cx_left_px - self.cx_right_px
+        focal_px, cx, cy, shift_px = (
+            self.focal_px,
+            self.cx_left_px,
+            self.cy_px,
+            self.cx_left_px - self.cx_right_px,
+        )
         for _ in range(turns % 4):
             cx, cy, width, height = cy, width - 1 - cx, height, width
         cx_right_px = cx - shift_px if turns % 4 else self.cx_right_px
         quarter_turns = (self.quarter_turns + turns) % 4
-        return RectifiedPair(focal_px, cx, cx_right_px, cy, self.baseline_m, (width, height), quarter_turns)
+        return RectifiedPair(
+            focal_px, cx, cx_right_px, cy, self.baseline_m, (width, height), quarter_turns
+        )
 
     @cached_property
     def ray_length(self) -> Map:
@@ -62,12 +77,16 @@ class RectifiedPair:
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
         lengths = np.empty((height, width), np.float32)
-        for row in range(height):  # one by one: sums of whole images in double precision are four times the result
+        for row in range(
+            height
+        ):  # one by one: sums of whole images in double precision are four times the result
             lengths[row] = np.sqrt(1 + x[0] ** 2 + y[row] ** 2)
         return lengths
 
     def depth_from_disparity(self, disparity: Map) -> Map:
-        """Compute Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown or at or beyond infinity."""
+        """Compute Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown
+        or at or beyond infinity.
+        """
         shifted = disparity - np.float32(self.cx_left_px - self.cx_right_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth_m = np.float32(self.focal_px * self.baseline_m) / shifted
@@ -99,7 +118,9 @@ class RectifiedPair:
         return rays
 
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
-        """Compute points in the rectified left camera: (H, W, 3) meters, NaN where the range is unknown."""
+        """Compute points in the rectified left camera: (H, W, 3) meters, NaN where the range is
+        unknown.
+        """
         return np.asarray(self.rays * range_m[..., None])
 
 
@@ -137,9 +158,14 @@ AnyCamera = Camera | CameraInWater
 class ViewLimits:
     """Decides how much of a view the rectified image shows."""
 
-    widest_slope: float = 2.0  # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
-    border_steps: int = 33  # points along each edge of the raw image, and from its center to each: smooth lenses need no more
-    max_area_ratio: float = 3.0  # a whole view turned by 45 degrees takes 2.04 times a 4:3 image; more is a wide lens's rim
+    widest_slope: float = (
+        2.0  # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
+    )
+    # points along each edge of the raw image, and from its center to each: smooth lenses need no
+    # more
+    border_steps: int = 33
+    # a whole view turned by 45 degrees takes 2.04 times a 4:3 image; more is a wide lens's rim
+    max_area_ratio: float = 3.0
 
 
 LIMITS = ViewLimits()
@@ -158,23 +184,32 @@ class View:
 def common_view(cameras: list[tuple[AnyCamera, Array]]) -> View:
     """The widest image, of the cameras' size, that all fill without an empty corner.
 
-    cameras: each with its rotation (3, 3) into rectified axes. Raises CalibrationError if they share no field of view.
+    cameras: each with its rotation (3, 3) into rectified axes. Raises CalibrationError if they
+    share no field of view.
     """
     bounds = np.array([_inner_bounds(camera, R) for camera, R in cameras])
     x0, y0 = bounds[:, 0].max(axis=0)
     x1, y1 = bounds[:, 1].min(axis=0)
     if not (x1 > x0 and y1 > y0):
-        raise CalibrationError("the cameras share no field of view after rectification: check the rotation and the focal lengths")
+        raise CalibrationError(
+            "the cameras share no field of view after rectification: check the rotation and the "
+            "focal lengths"
+        )
     width, height = cameras[0][0].image_size
     focal_px = max((width - 1) / (x1 - x0), (height - 1) / (y1 - y0))
-    cx_px, cy_px = (width - 1) / 2 - focal_px * (x0 + x1) / 2, (height - 1) / 2 - focal_px * (y0 + y1) / 2
+    cx_px, cy_px = (
+        (width - 1) / 2 - focal_px * (x0 + x1) / 2,
+        (height - 1) / 2 - focal_px * (y0 + y1) / 2,
+    )
     return View(focal_px, cx_px, cy_px, (width, height))
 
 
 def whole_view(left: tuple[AnyCamera, Array], right: tuple[AnyCamera, Array], along: int) -> View:
-    """The image that shows all that the left camera sees, as fine as the raw one, with empty corners.
+    """The image that shows all that the left camera sees, as fine as the raw one, with empty
+    corners.
 
-    along: the axis (0 = x, 1 = y) of the baseline; along it the right camera's view is shown too, where its matches lie.
+    along: the axis (0 = x, 1 = y) of the baseline; along it the right camera's view is shown too,
+    where its matches lie.
     """
     low, high = _outer_bounds(*left)
     low_right, high_right = _outer_bounds(*right)
@@ -182,7 +217,11 @@ def whole_view(left: tuple[AnyCamera, Array], right: tuple[AnyCamera, Array], al
     focal_px = _central_focal_px(left[0])
     width, height = left[0].image_size
     extent = focal_px * (high - low)
-    shrink = min(1.0, (MAX_IMAGE_SIDE_PX - 1) / extent.max(), np.sqrt(LIMITS.max_area_ratio * width * height / extent.prod()))
+    shrink = min(
+        1.0,
+        (MAX_IMAGE_SIDE_PX - 1) / extent.max(),
+        np.sqrt(LIMITS.max_area_ratio * width * height / extent.prod()),
+    )
     focal_px *= float(shrink)
     size = (np.ceil(focal_px * (high - low)) + 1).astype(int).tolist()
     cx_px, cy_px = (-focal_px * low).tolist()
@@ -190,9 +229,13 @@ def whole_view(left: tuple[AnyCamera, Array], right: tuple[AnyCamera, Array], al
 
 
 def _inner_bounds(camera: AnyCamera, R: Array) -> Array:
-    """((x0, y0), (x1, y1)) slopes of the largest upright rectangle found inside the camera's rectified outline."""
+    """((x0, y0), (x1, y1)) slopes of the largest upright rectangle found inside the camera's
+    rectified outline.
+    """
     edges = _edges(camera, R)
-    turns = quarter_turns_of(R)  # a camera turned by a quarter has its top edge at the right of the rectified view
+    turns = quarter_turns_of(
+        R
+    )  # a camera turned by a quarter has its top edge at the right of the rectified view
     top, right, bottom, left = [edges[(i - turns) % 4] for i in range(4)]
     return np.array([[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]])
 
@@ -208,25 +251,35 @@ def _edges(camera: AnyCamera, R: Array) -> list[Array]:
     width, height = camera.image_size
     along = np.linspace(0, 1, LIMITS.border_steps)[:, None]
     center = np.array([(width - 1) / 2, (height - 1) / 2])
-    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
-    return [_outermost(camera, R, center, corners[i] + along * (corners[(i + 1) % 4] - corners[i])) for i in range(4)]
+    corners = np.array(
+        [[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64
+    )
+    return [
+        _outermost(camera, R, center, corners[i] + along * (corners[(i + 1) % 4] - corners[i]))
+        for i in range(4)
+    ]
 
 
 def _outermost(camera: AnyCamera, R: Array, center: Array, border: Array) -> Array:
-    """(n, 2) slopes, in rectified axes, of the outermost ray on the way from the center to each border pixel.
+    """(n, 2) slopes, in rectified axes, of the outermost ray on the way from the center to each
+    border pixel.
 
-    A lens model may reach no further (its polynomial turns back), and a fisheye sees wider than an image plane can show.
+    A lens model may reach no further (its polynomial turns back), and a fisheye sees wider than an
+    image plane can show.
     """
     inwards = np.linspace(0, 1, LIMITS.border_steps)[1:, None, None]
     pixels = center + inwards * (border - center)
-    x, y, z = np.moveaxis((camera.rays(pixels.reshape(-1, 2)) @ R.T).reshape(*pixels.shape[:2], 3), 2, 0)
+    x, y, z = np.moveaxis(
+        (camera.rays(pixels.reshape(-1, 2)) @ R.T).reshape(*pixels.shape[:2], 3), 2, 0
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = np.stack([x / z, y / z], axis=-1)
         usable = (z > 0) & (np.abs(slopes).max(axis=-1) < LIMITS.widest_slope)
     reached = np.cumprod(usable, axis=0).sum(axis=0) - 1
     if (reached < 0).any():
         raise CalibrationError(
-            "a camera's lens model reaches no pixel near the middle of the image: check focal lengths and distortion"
+            "a camera's lens model reaches no pixel near the middle of the image: check focal "
+            "lengths and distortion"
         )
     return np.asarray(slopes[reached, np.arange(len(border))])
 

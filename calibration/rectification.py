@@ -18,17 +18,19 @@ from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of, r
 
 Array = NDArray[np.float64]
 DIAGONAL_DEG = 10.0
-"""Turned by more than this, an image without empty corners would lose a third of a 4:3 view (1 / 1.216 of each side at 10
-degrees), so the whole view is kept instead."""
+"""Turned by more than this, an image without empty corners would lose a third of a 4:3 view (1 /
+1.216 of each side at 10 degrees), so the whole view is kept instead.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class RectificationPlan:
     """Rectified axes and image planes of a rig.
 
-    pair: upright geometry, as the left camera saw the scene. R_left, R_right: (3, 3) rotations from each camera's axes to the
-    upright rectified axes. Matching takes both images turned so that the baseline is +x: matching_pair, R_left_matching and
-    R_right_matching; the same for a rig whose right camera stands to the right.
+    pair: upright geometry, as the left camera saw the scene. R_left, R_right: (3, 3) rotations from
+    each camera's axes to the upright rectified axes. Matching takes both images turned so that the
+    baseline is +x: matching_pair, R_left_matching and R_right_matching; the same for a rig whose
+    right camera stands to the right.
     """
 
     pair: RectifiedPair
@@ -37,22 +39,30 @@ class RectificationPlan:
 
     @cached_property
     def matching_pair(self) -> RectifiedPair:
-        """The geometry of the images that are matched: disparity runs along x, right of the left image."""
+        """The geometry of the images that are matched: disparity runs along x, right of the left
+        image.
+        """
         return self.pair.turned(-self.pair.quarter_turns)
 
     @property
     def R_left_matching(self) -> Array:
-        """The rotation from the left camera's axes to those of the left image that is matched: (3, 3)."""
+        """The rotation from the left camera's axes to those of the left image that is matched: (3,
+        3).
+        """
         return quarter_turn(self.pair.quarter_turns) @ self.R_left
 
     @property
     def R_right_matching(self) -> Array:
-        """The rotation from the right camera's axes to those of the right image that is matched: (3, 3)."""
+        """The rotation from the right camera's axes to those of the right image that is matched:
+        (3, 3).
+        """
         return quarter_turn(self.pair.quarter_turns) @ self.R_right
 
     @property
     def diagonal_deg(self) -> float:
-        """The angle between the baseline and the nearest axis of the left image, degrees, -45..45."""
+        """The angle between the baseline and the nearest axis of the left image, degrees,
+        -45..45.
+        """
         return float(np.degrees(roll(self.R_left)))
 
 
@@ -60,7 +70,9 @@ def plan_rectification(rig: StereoRig) -> RectificationPlan:
     """The rectified geometry of ``rig``. Raises CalibrationError for views that do not overlap."""
     if rig.is_rectified:
         K = rig.left.K
-        pair = RectifiedPair(K[0, 0], K[0, 2], rig.right.K[0, 2], K[1, 2], rig.baseline_m, rig.left.image_size)
+        pair = RectifiedPair(
+            K[0, 0], K[0, 2], rig.right.K[0, 2], K[1, 2], rig.baseline_m, rig.left.image_size
+        )
         return RectificationPlan(pair, np.eye(3), np.eye(3))
     left, right, T_right_left = cameras_in_water(rig)
     R_left, R_right, turns = upright_rotations(T_right_left)
@@ -69,25 +81,38 @@ def plan_rectification(rig: StereoRig) -> RectificationPlan:
     else:
         view = common_view([(left, R_left), (right, R_right)])
     baseline_m = float(np.linalg.norm(T_right_left[:3, 3]))
-    pair = RectifiedPair(view.focal_px, view.cx_px, view.cx_px, view.cy_px, baseline_m, view.image_size, -turns % 4)
+    pair = RectifiedPair(
+        view.focal_px, view.cx_px, view.cx_px, view.cy_px, baseline_m, view.image_size, -turns % 4
+    )
     return RectificationPlan(pair, R_left, R_right)
 
 
 def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
-    """Convert pixels (n, 2) of the raw left and right images to the images that are matched; NaN where a lens does not reach."""
+    """Convert pixels (n, 2) of the raw left and right images to the images that are matched; NaN
+    where a lens does not reach.
+    """
     plan = plan_rectification(rig)
     pair, rectified = plan.matching_pair, []
     left_camera, right_camera, _ = cameras_in_water(rig)
-    for camera, R, pixels in ((left_camera, plan.R_left_matching, left), (right_camera, plan.R_right_matching, right)):
+    for camera, R, pixels in (
+        (left_camera, plan.R_left_matching, left),
+        (right_camera, plan.R_right_matching, right),
+    ):
         x, y, z = (camera.rays(pixels) @ R.T).T
-        rectified.append(np.column_stack([x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px]))
+        rectified.append(
+            np.column_stack(
+                [x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px]
+            )
+        )
     if rig.is_rectified:
         rectified[1][:, 0] += pair.cx_right_px - pair.cx_left_px
     return rectified[0], rectified[1]
 
 
 def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
-    """The inverse of rectified_points: where pixels (n, 2) of the images that are matched lie in the raw left and right images."""
+    """The inverse of rectified_points: where pixels (n, 2) of the images that are matched lie in
+    the raw left and right images.
+    """
     plan = plan_rectification(rig)
     pair, raw = plan.matching_pair, []
     left_camera, right_camera, _ = cameras_in_water(rig)
@@ -102,10 +127,13 @@ def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]
 
 
 def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
-    """Rotations (3, 3) from each camera's axes to upright rectified axes, and the quarter turn (0..3) that the baseline lies at.
+    """Rotations (3, 3) from each camera's axes to upright rectified axes, and the quarter turn
+    (0..3) that the baseline lies at.
 
-    Upright: with the left camera turned by 45 degrees at most. 0: the right camera stands to the right (+x), 1: below (+y),
-    2: to the left, 3: above. A right camera that is itself mounted turned by a quarter is turned back first.
+    Upright: with the left camera turned by 45 degrees at most. 0: the right camera stands to the
+    right (+x), 1: below (+y),
+    2: to the left, 3: above. A right camera that is itself mounted turned by a quarter is turned
+    back first.
     """
     turned_right = quarter_turn(-quarter_turns_of(T_right_left[:3, :3]))
     R, translation = turned_right @ T_right_left[:3, :3], turned_right @ T_right_left[:3, 3]
@@ -119,10 +147,11 @@ def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
 
 
 def rectifying_rotations(T_right_left: Array) -> tuple[Array, Array]:
-    """Compute the (3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
+    """Compute the (3, 3) rotations from each camera's axes to common ones whose x axis is the
+    baseline, each camera turned equally.
 
-    Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the rotation between the cameras,
-    then turn both so that the translation lies along x.
+    Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the
+    rotation between the cameras, then turn both so that the translation lies along x.
     """
     half = _half(T_right_left[:3, :3])
     turn = _rotation_onto_x(-(half.T @ T_right_left[:3, 3]))
@@ -153,14 +182,17 @@ RemapTables = tuple[NDArray[np.int16], NDArray[np.uint16]]
 class Rectification:
     """The rectification of a rig's images; built once for a run.
 
-    Two geometries: images are matched turned by quarter turns so that the baseline is +x (``matching_pair``, ``apply_left``,
-    ``apply_right``), and products are upright, as the left camera saw the scene (``pair``, ``upright``). For a pair side by side
-    both are the same.
+    Two geometries: images are matched turned by quarter turns so that the baseline is +x
+    (``matching_pair``, ``apply_left``, ``apply_right``), and products are upright, as the left
+    camera saw the scene (``pair``, ``upright``). For a pair side by side both are the same.
 
-    pair: the upright geometry. R_left, R_right: (3, 3) rotation from each camera's axes to the upright rectified axes.
-    center_left_m: (3,) in the left camera's axes, where the rectified left camera has its center; off zero behind a flat port.
+    pair: the upright geometry. R_left, R_right: (3, 3) rotation from each camera's axes to the
+    upright rectified axes.
+    center_left_m: (3,) in the left camera's axes, where the rectified left camera has its center;
+    off zero behind a flat port.
     raw_size, raw_size_right: (width, height) of the cameras' images.
-    maps_left, maps_right: cv2.remap tables (fixed point) to the images that are matched, None for a rig that is rectified
+    maps_left, maps_right: cv2.remap tables (fixed point) to the images that are matched, None for a
+    rig that is rectified
     already: its images pass through untouched.
     """
 
@@ -175,8 +207,9 @@ class Rectification:
 
     @classmethod
     def from_rig(cls, rig: StereoRig) -> "Rectification":
-        """Rectify ``rig`` along its baseline: onto images of the left camera's size, as wide as both cameras see without empty
-        corners; for a baseline more than 10 degrees off the image's axes onto larger ones that show the whole left view.
+        """Rectify ``rig`` along its baseline: onto images of the left camera's size, as wide as
+        both cameras see without empty corners; for a baseline more than 10 degrees off the image's
+        axes onto larger ones that show the whole left view.
 
         Raises CalibrationError if the cameras share no field of view.
         """
@@ -196,7 +229,9 @@ class Rectification:
         return self.pair.turned(-self.pair.quarter_turns)
 
     def apply_left(self, image: Image) -> Image:
-        """Rectify a raw left image (H, W) or (H, W, C) for matching; dtype kept, black where the camera saw nothing."""
+        """Rectify a raw left image (H, W) or (H, W, C) for matching; dtype kept, black where the
+        camera saw nothing.
+        """
         return self._remap(image, self.maps_left, "left")
 
     def apply_right(self, image: Image) -> Image:
@@ -204,7 +239,8 @@ class Rectification:
         return self._remap(image, self.maps_right, "right")
 
     def upright(self, array: Pixels) -> Pixels:
-        """An image or map (H, W) or (H, W, C) that lies on the left image that is matched, turned upright: it lies on ``pair``.
+        """An image or map (H, W) or (H, W, C) that lies on the left image that is matched, turned
+        upright: it lies on ``pair``.
 
         The array itself where nothing is turned, else a contiguous copy.
         """
@@ -213,7 +249,9 @@ class Rectification:
 
     @property
     def T_rectified_left(self) -> Array:
-        """The transform of points from the left camera's axes, as calibrated, to the upright rectified left camera's: (4, 4)."""
+        """The transform of points from the left camera's axes, as calibrated, to the upright
+        rectified left camera's: (4, 4).
+        """
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.R_left, -self.R_left @ self.center_left_m
         return T
@@ -226,28 +264,43 @@ class Rectification:
         K_right = self.pair.P_left.copy()
         K_right[0, 2] = self.pair.cx_right_px
         none, size = np.zeros(0), self.pair.image_size
-        return StereoRig(Camera(self.pair.P_left, none, size), Camera(K_right, none, size), right_of_left)
+        return StereoRig(
+            Camera(self.pair.P_left, none, size), Camera(K_right, none, size), right_of_left
+        )
 
     def seen_left(self) -> NDArray[np.bool_]:
-        """Compute where the left image that is matched shows something that the left camera saw: (H, W) bool."""
+        """Compute where the left image that is matched shows something that the left camera saw:
+        (H, W) bool.
+        """
         width, height = self.raw_size
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)
 
     def _remap(self, image: Image, maps: RemapTables | None, side: str) -> Image:
-        size, calibrated = (image.shape[1], image.shape[0]), self.raw_size if side == "left" else self.raw_size_right
+        size, calibrated = (
+            (image.shape[1], image.shape[0]),
+            self.raw_size if side == "left" else self.raw_size_right,
+        )
         if size != calibrated:
             raise CalibrationError(wrong_size(side, size, calibrated))
         if maps is None:
             return image
-        rectified: Image = cv2.remap(image, *maps, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        rectified: Image = cv2.remap(
+            image, *maps, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        )
         return rectified
 
 
 def _maps(camera: Camera | CameraInWater, R: Array, pair: RectifiedPair) -> RemapTables:
     if isinstance(camera, CameraInWater) or camera.skew:
         return _maps_by_ray(camera, R, pair)
-    build = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
-    table, fraction = build(camera.K, camera.distortion, R, pair.P_left, pair.image_size, cv2.CV_16SC2)
+    build = (
+        cv2.fisheye.initUndistortRectifyMap
+        if camera.model == "fisheye"
+        else cv2.initUndistortRectifyMap
+    )
+    table, fraction = build(
+        camera.K, camera.distortion, R, pair.P_left, pair.image_size, cv2.CV_16SC2
+    )
     return table, fraction
 
 
@@ -273,7 +326,8 @@ Map = NDArray[np.float32]
 class SurfaceLimits:
     """Decides where neighboring ranges are of one surface."""
 
-    relative_spread: float = 0.01  # standard deviation of the four ranges around a point: slopes of 80 degrees have 0.006
+    # standard deviation of the four ranges around a point: slopes of 80 degrees have 0.006
+    relative_spread: float = 0.01
 
 
 LIMITS = SurfaceLimits()
@@ -283,9 +337,10 @@ LIMITS = SurfaceLimits()
 class OriginalView:
     """The position of each pixel of the raw left image in the upright rectified one.
 
-    x, y: (H, W) float32 pixels of the rectified image; far outside where no ray of the lens leads there.
-    The rectified camera has the center of the raw one (behind a flat port, the center that stands for it), so that a range along a
-    ray is the same number in both.
+    x, y: (H, W) float32 pixels of the rectified image; far outside where no ray of the lens leads
+    there.
+    The rectified camera has the center of the raw one (behind a flat port, the center that stands
+    for it), so that a range along a ray is the same number in both.
     """
 
     x: Map
@@ -299,7 +354,9 @@ class OriginalView:
         width, height = rig.left.image_size
         where = np.empty((2, height, width), np.float32)
         for row in range(height):
-            pixels = np.column_stack([np.arange(width, dtype=np.float64), np.full(width, float(row))])
+            pixels = np.column_stack(
+                [np.arange(width, dtype=np.float64), np.full(width, float(row))]
+            )
             x, y, z = (camera.rays(pixels) @ rectification.R_left.T).T
             with np.errstate(divide="ignore", invalid="ignore"):
                 seen = z > 0
@@ -308,24 +365,42 @@ class OriginalView:
         return cls(*where)
 
     def ranges(self, range_m: Map) -> Map:
-        """Resample ranges to the raw pixels: (H, W) float32, NaN where unknown or not in the rectified image.
+        """Resample ranges to the raw pixels: (H, W) float32, NaN where unknown or not in the
+        rectified image.
 
-        The mean of the four neighbors where they are of one surface, else the nearest one's: no range is made up between two.
+        The mean of the four neighbors where they are of one surface, else the nearest one's: no
+        range is made up between two.
         """
         nearest = self._remap(range_m, cv2.INTER_NEAREST, np.nan)
         mean = self._remap(range_m, cv2.INTER_LINEAR, np.nan)
         variance = self._remap(range_m**2, cv2.INTER_LINEAR, np.nan) - mean**2
         with np.errstate(invalid="ignore"):
-            return np.where(variance < (LIMITS.relative_spread * mean) ** 2, mean, nearest).astype(np.float32)
+            return np.where(variance < (LIMITS.relative_spread * mean) ** 2, mean, nearest).astype(
+                np.float32
+            )
 
     def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Resample a mask to the raw pixels: (H, W), False where they are not in the rectified image."""
+        """Resample a mask to the raw pixels: (H, W), False where they are not in the rectified
+        image.
+        """
         return self._remap(mask.astype(np.uint8), cv2.INTER_NEAREST, 0).astype(np.bool_)
 
     def smooth(self, values: Map) -> Map:
-        """Resample smooth values to the raw pixels: (H, W), the border value repeated beyond the rectified image."""
-        return np.asarray(cv2.remap(values, self.x, self.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+        """Resample smooth values to the raw pixels: (H, W), the border value repeated beyond the
+        rectified image.
+        """
+        return np.asarray(
+            cv2.remap(values, self.x, self.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+            np.float32,
+        )
 
     def _remap(self, values: NDArray[Any], interpolation: int, outside: float) -> NDArray[Any]:
-        moved = cv2.remap(values, self.x, self.y, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
+        moved = cv2.remap(
+            values,
+            self.x,
+            self.y,
+            interpolation,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=outside,
+        )
         return np.asarray(moved)

@@ -1,8 +1,10 @@
-"""Estimation of what has moved in a rig since its calibration, from the vertical disparity of a dive's matches.
+"""Estimation of what has moved in a rig since its calibration, from the vertical disparity of a
+dive's matches.
 
-Only the right camera is moved, against the left: its rotation and its focal length. A rotation about the baseline's axis (pitch)
-and a vertical offset of the principal point look the same to a fraction of a pixel, and neither changes a range, so both are called
-pitch here. The position of the right camera is not estimated: over a scene of one depth, a baseline that points forward looks like
+Only the right camera is moved, against the left: its rotation and its focal length. A rotation
+about the baseline's axis (pitch) and a vertical offset of the principal point look the same to a
+fraction of a pixel, and neither changes a range, so both are called pitch here. The position of the
+right camera is not estimated: over a scene of one depth, a baseline that points forward looks like
 another focal length, and both together fit whatever the lens model has wrong.
 """
 
@@ -17,7 +19,13 @@ from scipy.spatial.transform import Rotation
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
 from calibration.field_checks.hypotheses import settle_matches
-from calibration.field_checks.matches import Matches, jackknife, no_worse, rectified_matches, row_inliers
+from calibration.field_checks.matches import (
+    Matches,
+    jackknife,
+    no_worse,
+    rectified_matches,
+    row_inliers,
+)
 from calibration.geometry import rigid
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refraction import cameras_in_water
@@ -30,49 +38,70 @@ Array = NDArray[np.float64]
 class RefineLimits:
     """Decides what is estimated, and when that is refused."""
 
-    min_pairs: int = 3  # a pair left out must leave two, or errors of one pair (a swell between two shutters) pass for the rig's
-    min_matches: int = 30  # of a pair: fewer do not reach the corners of the image, where roll and scale show
-    max_matches: int = 400  # of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
+    # a pair left out must leave two, or errors of one pair (a swell between two shutters) pass for
+    # the rig's
+    min_pairs: int = 3
+    min_matches: int = (
+        30  # of a pair: fewer do not reach the corners of the image, where roll and scale show
+    )
+    max_matches: int = (
+        400  # of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
+    )
     folds: int = 10  # parts left out in turn, as in calibrate
-    noise_px: float = 0.15  # where the loss turns from squares to absolute values: matches are good to 0.1 px
+    noise_px: float = (
+        0.15  # where the loss turns from squares to absolute values: matches are good to 0.1 px
+    )
 
 
 LIMITS = RefineLimits()
 PARAMETERS = ("pitch", "roll", "scale", "yaw")
 """Angles in radians; scale: logarithm of the right focal length over its calibrated one."""
 SCALE_STEP = 1e-3  # of the derivative of rays by the scale
-MODELS = tuple(PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1))  # simplest first; yaw last, since it moves ranges
+MODELS = tuple(
+    PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1)
+)  # simplest first; yaw last, since it moves ranges
 
 
 def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     """The rig with what has moved estimated from matches in raw pixels of image pairs of a dive.
 
-    Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with standard errors.
+    Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with
+    standard errors.
 
-    The simplest of four models is taken whose vertical disparity on pairs left out of the fit is no worse than the best's; the
-    calibration stays as it is where it is that good itself.
+    The simplest of four models is taken whose vertical disparity on pairs left out of the fit is no
+    worse than the best's; the calibration stays as it is where it is that good itself.
 
-    Raises CalibrationError for fewer than three pairs with matches, and for a calibration made in air and used in water.
+    Raises CalibrationError for fewer than three pairs with matches, and for a calibration made in
+    air and used in water.
     """
     rig = settle_matches(rig, raw)
     kept = [_usable(rig, matches) for matches in raw]
     kept = [matches for matches in kept if len(matches.left) >= LIMITS.min_matches]
     if len(kept) < LIMITS.min_pairs:
         raise CalibrationError(
-            f"{len(kept)} of {len(raw)} pairs show at least {LIMITS.min_matches} points in both images, and {LIMITS.min_pairs} are "
+            f"{len(kept)} of {len(raw)} pairs show at least {LIMITS.min_matches} points in both "
+            f"images, and {LIMITS.min_pairs} are "
             "needed to refine a calibration: give more pairs with texture"
         )
     check = judge_matches(rig, rectified_matches(rig, kept))
     if check.refusal or check.no_rig:
         raise CalibrationError(check.advice[0])
     if check.air_in_water or check.cut_out or check.keystone.is_lens:
-        raise CalibrationError(f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges would be wrong")
+        raise CalibrationError(
+            f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges "
+            "would be wrong"
+        )
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]
     best = min(fits, key=lambda fit: float(fit.squares.mean()))
     chosen = next(fit for fit in fits if fit is best or no_worse(fit.squares, best.squares))
     refinement = Refinement(
-        movements=tuple(Movement(name, float(chosen.values[PARAMETERS.index(name)]), float(std)) for name, std in chosen.errors()),
-        before_px=float(np.median(np.abs(np.concatenate([_residuals(rig, matches) for matches in kept])))),
+        movements=tuple(
+            Movement(name, float(chosen.values[PARAMETERS.index(name)]), float(std))
+            for name, std in chosen.errors()
+        ),
+        before_px=float(
+            np.median(np.abs(np.concatenate([_residuals(rig, matches) for matches in kept])))
+        ),
         after_px=float(np.median(np.abs(chosen.left_out))),
         pairs=len(kept),
         matches=sum(len(matches.left) for matches in kept),
@@ -82,12 +111,20 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
 
 
 def moved_rig(rig: StereoRig, values: Array) -> StereoRig:
-    """The rig with its right camera moved, turned about its own center. values: (4,), see PARAMETERS."""
+    """The rig with its right camera moved, turned about its own center. values: (4,), see
+    PARAMETERS.
+    """
     to_matching = plan_rectification(rig).R_right_matching
     turn = rigid(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
     K = rig.right.K.copy()
     K[:2, :2] *= np.exp(values[2])
-    return replace(rig, right=replace(rig.right, K=K), T_right_left=turn @ rig.T_right_left, rms_px=None, refinement=None)
+    return replace(
+        rig,
+        right=replace(rig.right, K=K),
+        T_right_left=turn @ rig.T_right_left,
+        rms_px=None,
+        refinement=None,
+    )
 
 
 def _turn(values: Array) -> Array:
@@ -99,8 +136,9 @@ def _turn(values: Array) -> Array:
 class _Fit:
     """A model fitted to all pairs, and to all but a part of them in turn.
 
-    values: (4,) fitted; partial: (folds, 4) fitted without a part. left_out: (n,) vertical disparities of matches by the fit
-    without their pair, pixels; squares: (pairs,) their mean loss over each pair, which tells a
+    values: (4,) fitted; partial: (folds, 4) fitted without a part. left_out: (n,) vertical
+    disparities of matches by the fit without their pair, pixels; squares: (pairs,) their mean loss
+    over each pair, which tells a
     keystone in the corners as a median does not.
     """
 
@@ -117,7 +155,12 @@ class _Fit:
         number = np.arange(len(pairs)) % folds
         partial, rest = [], [np.zeros(0)] * len(pairs)
         for fold in range(folds):
-            without = _solve(rig, [pair for pair, out in zip(pairs, number == fold, strict=True) if not out], names, values)
+            without = _solve(
+                rig,
+                [pair for pair, out in zip(pairs, number == fold, strict=True) if not out],
+                names,
+                values,
+            )
             partial.append(without)
             for i in np.flatnonzero(number == fold):
                 rest[i] = _residuals(moved_rig(rig, without), pairs[i])
@@ -135,7 +178,9 @@ def _loss(errors_px: Array) -> Array:
     return np.asarray(2 * (np.sqrt(1 + (errors_px / LIMITS.noise_px) ** 2) - 1))
 
 
-def _solve(rig: StereoRig, pairs: list[Matches], names: tuple[str, ...], start: Array | None = None) -> Array:
+def _solve(
+    rig: StereoRig, pairs: list[Matches], names: tuple[str, ...], start: Array | None = None
+) -> Array:
     """(4,) values of least vertical disparity; those not named are 0."""
     values = np.zeros(len(PARAMETERS))
     if not names:
@@ -148,12 +193,16 @@ def _solve(rig: StereoRig, pairs: list[Matches], names: tuple[str, ...], start: 
         return disparity(values)
 
     first = np.zeros(len(free)) if start is None else start[free]
-    values[free] = least_squares(residuals, first, x_scale=1e-3, loss="soft_l1", f_scale=LIMITS.noise_px).x
+    values[free] = least_squares(
+        residuals, first, x_scale=1e-3, loss="soft_l1", f_scale=LIMITS.noise_px
+    ).x
     return values
 
 
 def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Array]:
-    """The vertical disparities of all matches as a function of the values, their rays computed once; linear in the scale."""
+    """The vertical disparities of all matches as a function of the values, their rays computed
+    once; linear in the scale.
+    """
     left, right, T = cameras_in_water(rig)
     to_matching = plan_rectification(rig).R_right_matching
     rays_left = left.rays(np.concatenate([pair.left for pair in pairs]))
@@ -164,19 +213,27 @@ def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Arr
 
     def disparity(values: Array) -> Array:
         turn = rigid(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
-        return _row_difference(turn @ T, rays_left, rays_right + by_scale * values[2]) * float(rig.left.K[1, 1])
+        return _row_difference(turn @ T, rays_left, rays_right + by_scale * values[2]) * float(
+            rig.left.K[1, 1]
+        )
 
     return disparity
 
 
 def _residuals(rig: StereoRig, matches: Matches) -> Array:
-    """(n,) right minus left row of raw matches after rectification, in pixels of the left camera."""
+    """(n,) right minus left row of raw matches after rectification, in pixels of the left
+    camera.
+    """
     left, right, T = cameras_in_water(rig)
-    return _row_difference(T, left.rays(matches.left), right.rays(matches.right)) * float(rig.left.K[1, 1])
+    return _row_difference(T, left.rays(matches.left), right.rays(matches.right)) * float(
+        rig.left.K[1, 1]
+    )
 
 
 def _row_difference(T_right_left: Array, rays_left: Array, rays_right: Array) -> Array:
-    """(n,) right minus left slope across the baseline of rays (n, 3) in each camera's axes; 0 where a lens does not reach."""
+    """(n,) right minus left slope across the baseline of rays (n, 3) in each camera's axes; 0 where
+    a lens does not reach.
+    """
     R_left, R_right, turns = upright_rotations(T_right_left)
     turn = quarter_turn(-turns)
     _, y_left, z_left = turn @ R_left @ rays_left.T

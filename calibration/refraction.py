@@ -1,8 +1,10 @@
-"""Cameras behind a flat port: exact Snell rays through air, glass and water, and the pinhole in water that stands for them.
+"""Cameras behind a flat port: exact Snell rays through air, glass and water, and the pinhole in
+water that stands for them.
 
-A flat port has no single center of projection: water rays meet the port's axis the farther behind it, the wider their angle
-(Treibitz et al. 2012, Flat refractive geometry). Here a camera becomes the pinhole whose center is the middle of these crossings,
-with a table of pixels that is exact for points at one working range; ``checks.port_range_errors`` tells what is left at others.
+A flat port has no single center of projection: water rays meet the port's axis the farther behind
+it, the wider their angle (Treibitz et al. 2012, Flat refractive geometry). Here a camera becomes
+the pinhole whose center is the middle of these crossings, with a table of pixels that is exact for
+points at one working range; ``checks.port_range_errors`` tells what is left at others.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,9 @@ TOLERANCE_M = 1e-9  # of a point on the glass: 1e-6 px
 
 @dataclass(frozen=True, eq=False)
 class CameraInWater:
-    """A camera behind a flat window, seen from the water as a camera with rays from ``center_m``; like Camera in use."""
+    """A camera behind a flat window, seen from the water as a camera with rays from ``center_m``;
+    like Camera in use.
+    """
 
     camera: Camera
     window: FlatWindow
@@ -34,8 +38,8 @@ class CameraInWater:
 
     @cached_property
     def center_m(self) -> Array:
-        """The center of the pinhole in camera axes, (3,): the median, over the image, of where water rays meet the port's
-        normal.
+        """The center of the pinhole in camera axes, (3,): the median, over the image, of where
+        water rays meet the port's normal.
         """
         width, height = self.image_size
         x, y = np.meshgrid(np.linspace(0, width - 1, 21), np.linspace(0, height - 1, 21))
@@ -51,22 +55,26 @@ class CameraInWater:
         return np.asarray(middle * N)
 
     def trace(self, pixels: Array) -> tuple[Array, Array]:
-        """Trace the rays of pixels (n, 2): where they leave the window (n, 3), and their unit directions in water (n, 3), camera
-        axes.
+        """Trace the rays of pixels (n, 2): where they leave the window (n, 3), and their unit
+        directions in water (n, 3), camera axes.
         """
         N, window, port = self.window.normal, self.window, self.port
         in_air = self.camera.rays(pixels)
         in_air /= np.linalg.norm(in_air, axis=1, keepdims=True)
         in_glass = _bend(in_air, N, 1 / port.glass_index)
         in_water = _bend(in_glass, N, port.glass_index / port.water_index)
-        points = in_air * (window.distance_m / (in_air @ N))[:, None] + in_glass * (window.thickness_m / (in_glass @ N))[:, None]
+        points = (
+            in_air * (window.distance_m / (in_air @ N))[:, None]
+            + in_glass * (window.thickness_m / (in_glass @ N))[:, None]
+        )
         return points, in_water
 
     def project_points(self, points_m: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) in the water, camera axes, exact; NaN where no ray leads.
 
-        n sin(theta) is one number along a ray; the angle in air solves d tan(a) + t tan(g) + h tan(w) = rho. The left side is
-        concave in tan(a), so that Newton's steps from the straight line never overshoot.
+        n sin(theta) is one number along a ray; the angle in air solves d tan(a) + t tan(g) + h
+        tan(w) = rho. The left side is concave in tan(a), so that Newton's steps from the straight
+        line never overshoot.
         """
         N, window = self.window.normal, self.window
         along = points_m @ N
@@ -86,7 +94,9 @@ class CameraInWater:
         return self.camera.project(N + slope[:, None] * outward)
 
     def rays(self, pixels: Array) -> Array:
-        """Compute directions with z = 1, (n, 3), from ``center_m`` to where each pixel's ray meets the working range."""
+        """Compute directions with z = 1, (n, 3), from ``center_m`` to where each pixel's ray meets
+        the working range.
+        """
         points, directions = self.trace(pixels)
         length = (self._working_z_m - points[:, 2]) / directions[:, 2]
         seen = points + directions * length[:, None] - self.center_m
@@ -113,15 +123,22 @@ class CameraInWater:
         q2 = slope**2 / (1 + slope**2)
         dq_dslope = (1 + slope**2) ** -1.5
         reached, gain = window.distance_m * slope, np.full_like(slope, window.distance_m)
-        for length, index in ((window.thickness_m, port.glass_index), (in_water_m, port.water_index)):
+        for length, index in (
+            (window.thickness_m, port.glass_index),
+            (in_water_m, port.water_index),
+        ):
             cosine2 = index**2 - q2
             reached = reached + length * np.sqrt(q2 / cosine2)
             gain = gain + length * index**2 * cosine2**-1.5 * dq_dslope
         return reached, gain
 
 
-def cameras_in_water(rig: StereoRig) -> tuple[Camera | CameraInWater, Camera | CameraInWater, Array]:
-    """Convert a rig to water: its two cameras, and the (4, 4) transform between their centers, left to right."""
+def cameras_in_water(
+    rig: StereoRig,
+) -> tuple[Camera | CameraInWater, Camera | CameraInWater, Array]:
+    """Convert a rig to water: its two cameras, and the (4, 4) transform between their centers, left
+    to right.
+    """
     if not isinstance(rig.port, FlatPort):
         return rig.left, rig.right, rig.T_right_left
     left = CameraInWater(rig.left, rig.port.left, rig.port)
@@ -132,7 +149,9 @@ def cameras_in_water(rig: StereoRig) -> tuple[Camera | CameraInWater, Camera | C
 
 
 def _bend(directions: Array, normal: Array, ratio: float) -> Array:
-    """Snell's law for unit directions (n, 3) through a plane; ratio: index before over index behind."""
+    """Snell's law for unit directions (n, 3) through a plane; ratio: index before over index
+    behind.
+    """
     cosine = directions @ normal
     behind = np.sqrt(1 - ratio**2 * (1 - cosine**2))
     return np.asarray(ratio * directions + (behind - ratio * cosine)[:, None] * normal)

@@ -17,7 +17,9 @@ from calibration.port import FlatPort, Port
 
 @dataclass(frozen=True)
 class RigErrors:
-    """Standard errors, relative. focal: of the worse camera. baseline: of their distance. stated_by: what states them."""
+    """Standard errors, relative. focal: of the worse camera. baseline: of their distance.
+    stated_by: what states them.
+    """
 
     focal: float
     baseline: float
@@ -25,8 +27,8 @@ class RigErrors:
 
     @property
     def length(self) -> float:
-        """The relative standard error of a length, which is baseline x focal length / disparity, or baseline x pixels /
-        disparity.
+        """The relative standard error of a length, which is baseline x focal length / disparity, or
+        baseline x pixels / disparity.
         """
         return float(np.hypot(self.focal, self.baseline))
 
@@ -34,16 +36,20 @@ class RigErrors:
 # The result of refining a rig: what has moved since its calibration, with standard errors.
 
 UNSEEN = (
-    "not seen by vertical disparity: the length of the baseline, a focal length wrong in both cameras alike, and images shifted "
+    "not seen by vertical disparity: the length of the baseline, a focal length wrong in both "
+    "cameras alike, and images shifted "
     "along the baseline (a principal point): measure something of known length"
 )
-YAW_WARNING = "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least certain of these figures"
+YAW_WARNING = (
+    "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least "
+    "certain of these figures"
+)
 
 
 @dataclass(frozen=True)
 class Movement:
-    """A parameter that has changed, with its standard error. name: see refine.PARAMETERS; radians, or a relative change for
-    scale.
+    """A parameter that has changed, with its standard error. name: see refine.PARAMETERS; radians,
+    or a relative change for scale.
     """
 
     name: str
@@ -55,8 +61,9 @@ class Movement:
 class Refinement:
     """The refinement of a rig with matches of a dive.
 
-    movements: what has moved, with standard errors; none where the calibration was left as it is. before_px, after_px: median
-    absolute vertical disparity before, and after on pairs left out of the fit. pairs, matches: what it rests on.
+    movements: what has moved, with standard errors; none where the calibration was left as it is.
+    before_px, after_px: median absolute vertical disparity before, and after on pairs left out of
+    the fit. pairs, matches: what it rests on.
     focal_px: focal length of the rectified images.
     """
 
@@ -69,14 +76,17 @@ class Refinement:
 
     @property
     def better(self) -> bool:
-        """Tell whether something has moved, and rows of pairs left out of the fit agree better for it."""
+        """Tell whether something has moved, and rows of pairs left out of the fit agree better for
+        it.
+        """
         return bool(self.movements) and self.after_px < self.before_px
 
     @property
     def summary(self) -> str:
         """One line: the data that it rests on, and the gain."""
         return (
-            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.before_px:.2f} px as calibrated, "
+            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
+            f"{self.before_px:.2f} px as calibrated, "
             f"{self.after_px:.2f} px refined, on pairs left out of the fit (median)"
         )
 
@@ -84,7 +94,11 @@ class Refinement:
         """The report, line by line."""
         text_lines = [self.summary]
         if not self.movements:
-            return [*text_lines, "nothing has moved beyond doubt: the calibration is left as it is", UNSEEN]
+            return [
+                *text_lines,
+                "nothing has moved beyond doubt: the calibration is left as it is",
+                UNSEEN,
+            ]
         for movement in self.movements:
             text_lines.append(f"  {self._described(movement)}")
             if movement.name == "yaw":
@@ -97,7 +111,10 @@ class Refinement:
         value_deg, std_deg = np.degrees([movement.value, movement.std])
         text = f"{movement.name}: {value_deg:+.4f} +- {std_deg:.4f} degrees"
         if movement.name == "pitch":
-            text += f" (a vertical offset of {movement.value * self.focal_px:+.2f} +- {movement.std * self.focal_px:.2f} px)"
+            text += (
+                f" (a vertical offset of {movement.value * self.focal_px:+.2f} +- "
+                f"{movement.std * self.focal_px:.2f} px)"
+            )
         return text
 
 
@@ -111,7 +128,9 @@ MAX_BASELINE_M = 2.0  # rigs of divers and vehicles are shorter: more is a mista
 MIN_BASELINE_M = 0.005  # the same
 MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
 WIDEST_SLOPE = 20.0  # tan of 87 degrees
-RAY_TOLERANCE_PX = 0.01  # how far a ray may come back from its pixel: beyond, the distortion folds over
+RAY_TOLERANCE_PX = (
+    0.01  # how far a ray may come back from its pixel: beyond, the distortion folds over
+)
 SQUARE_TOLERANCE = 1e-5  # of fx / fy: 0.02 px at the border of an image of 4000 px
 DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
@@ -121,7 +140,8 @@ class Camera:
     """A camera as OpenCV describes it.
 
     K: (3, 3) float64, pixels, center of the top left pixel at (0, 0).
-    distortion: (n,) float64 in OpenCV's order; n in {0, 4, 5, 8, 12, 14} for pinhole, 4 for fisheye.
+    distortion: (n,) float64 in OpenCV's order; n in {0, 4, 5, 8, 12, 14} for pinhole, 4 for
+    fisheye.
     image_size: (width, height) in pixels.
 
     Raises CalibrationError if a number is not finite or a shape is wrong.
@@ -134,24 +154,44 @@ class Camera:
 
     def __post_init__(self) -> None:
         if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
-            raise CalibrationError(f"camera matrix K must be 3x3 and finite, got shape {self.K.shape}: {self.K.tolist()}")
-        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
-            raise CalibrationError(f"focal lengths must be positive, got fx={self.K[0, 0]:g}, fy={self.K[1, 1]:g}")
-        if self.K[0, 1] == 0 and not self.K[:2, 2].any() and self.K[2, :2].all() and self.K[2, 2] == 1:
             raise CalibrationError(
-                f"camera matrix K is transposed, as MATLAB's IntrinsicMatrix, its center in its last row, {self.K[2].tolist()}: "
-                "transpose it; of a file of MATLAB also transpose the rotation and take 1 from both numbers of the center"
+                f"camera matrix K must be 3x3 and finite, got shape {self.K.shape}: "
+                f"{self.K.tolist()}"
+            )
+        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise CalibrationError(
+                f"focal lengths must be positive, got fx={self.K[0, 0]:g}, fy={self.K[1, 1]:g}"
+            )
+        if (
+            self.K[0, 1] == 0
+            and not self.K[:2, 2].any()
+            and self.K[2, :2].all()
+            and self.K[2, 2] == 1
+        ):
+            raise CalibrationError(
+                "camera matrix K is transposed, as MATLAB's IntrinsicMatrix, its center in its "
+                f"last row, {self.K[2].tolist()}: "
+                "transpose it; of a file of MATLAB also transpose the rotation and take 1 from "
+                "both numbers of the center"
             )
         if not np.array_equal(self.K[2], [0, 0, 1]) or self.K[1, 0] != 0:
-            raise CalibrationError(f"camera matrix K must be [fx s cx; 0 fy cy; 0 0 1], got {self.K.tolist()}")
+            raise CalibrationError(
+                f"camera matrix K must be [fx s cx; 0 fy cy; 0 0 1], got {self.K.tolist()}"
+            )
         if self.distortion.ndim != 1 or self.distortion.size not in DISTORTION_LENGTHS[self.model]:
             raise CalibrationError(
-                f"{self.model} distortion takes {DISTORTION_LENGTHS[self.model]} coefficients, got {self.distortion.size}"
+                f"{self.model} distortion takes {DISTORTION_LENGTHS[self.model]} coefficients, "
+                f"got {self.distortion.size}"
             )
         if not np.isfinite(self.distortion).all():
-            raise CalibrationError(f"distortion holds a number that is not finite: {self.distortion.tolist()}")
+            raise CalibrationError(
+                f"distortion holds a number that is not finite: {self.distortion.tolist()}"
+            )
         if min(self.image_size) < 1 or max(self.image_size) > MAX_IMAGE_SIDE_PX:
-            raise CalibrationError(f"image_size must be (width, height) in pixels, 1 to {MAX_IMAGE_SIDE_PX}, got {self.image_size}")
+            raise CalibrationError(
+                f"image_size must be (width, height) in pixels, 1 to {MAX_IMAGE_SIDE_PX}, got "
+                f"{self.image_size}"
+            )
 
     @property
     def skew(self) -> float:
@@ -159,7 +199,9 @@ class Camera:
         return float(self.K[0, 1])
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Project points (n, 3) in this camera's axes to pixels (n, 2); only for points in front of the camera."""
+        """Project points (n, 3) in this camera's axes to pixels (n, 2); only for points in front of
+        the camera.
+        """
         if len(points) == 0:
             return np.zeros((0, 2))  # OpenCV takes no empty arrays
         shaped, zero = points.reshape(-1, 1, 3), np.zeros(3)
@@ -173,14 +215,17 @@ class Camera:
         return pixels
 
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute the directions with z = 1, (n, 3), of pixels (n, 2); NaN where the lens model reaches no such pixel, or looks
-        sideways.
+        """Compute the directions with z = 1, (n, 3), of pixels (n, 2); NaN where the lens model
+        reaches no such pixel, or looks sideways.
         """
         if len(pixels) == 0:
             return np.zeros((0, 3))
         shaped = pixels.reshape(-1, 1, 2)
         if self.skew:
-            shaped = shaped - np.stack([self._sheared_px(pixels), np.zeros(len(pixels))], axis=-1)[:, None]
+            shaped = (
+                shaped
+                - np.stack([self._sheared_px(pixels), np.zeros(len(pixels))], axis=-1)[:, None]
+            )
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-14)
         if self.model == "fisheye":
             slopes = cv2.fisheye.undistortPoints(shaped, self.K, self.distortion, criteria=criteria)
@@ -201,18 +246,26 @@ class Camera:
 class StereoRig:
     """Two cameras and the rigid transform between them.
 
-    T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's stereoCalibrate).
-    medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong under water.
+    T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's
+    stereoCalibrate).
+    medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong
+    under water.
     rms_px: reprojection error of the calibration, None where the file does not say.
-    port: the window of a rig calibrated in air; Rectification takes a flat one into account. None for all in-water calibrations.
-    doubts: what had to be guessed when the file was read, one line each. alternatives: the rig by other readings of a file whose
-    format leaves a convention open; reading: the convention of this one. ``readings.settle_reading`` decides by images.
-    errors: how well the calibration knows focal lengths and baseline; None where its file does not say.
-    refinement: what was estimated from a dive to have moved, and is in these numbers already; None where nothing was.
+    port: the window of a rig calibrated in air; Rectification takes a flat one into account. None
+    for all in-water calibrations.
+    doubts: what had to be guessed when the file was read, one line each. alternatives: the rig by
+    other readings of a file whose format leaves a convention open; reading: the convention of this
+    one. ``readings.settle_reading`` decides by images.
+    errors: how well the calibration knows focal lengths and baseline; None where its file does not
+    say.
+    refinement: what was estimated from a dive to have moved, and is in these numbers already; None
+    where nothing was.
 
-    The right camera may stand anywhere beside the left one (to the right, below, above, diagonally), turned by any angle.
+    The right camera may stand anywhere beside the left one (to the right, below, above,
+    diagonally), turned by any angle.
 
-    Raises CalibrationError for a rotation that is not one, and for a baseline that is zero, absurd, or along the optical axis.
+    Raises CalibrationError for a rotation that is not one, and for a baseline that is zero, absurd,
+    or along the optical axis.
     """
 
     left: Camera
@@ -232,11 +285,14 @@ class StereoRig:
         if T.shape != (4, 4) or not np.isfinite(T).all():
             raise CalibrationError(f"T_right_left must be 4x4 and finite, got shape {T.shape}")
         if not np.array_equal(T[3], [0, 0, 0, 1]):
-            raise CalibrationError(f"T_right_left: the last row must be 0 0 0 1, got {T[3].tolist()}")
+            raise CalibrationError(
+                f"T_right_left: the last row must be 0 0 0 1, got {T[3].tolist()}"
+            )
         _check_rotation(self.R)
         if isinstance(self.port, FlatPort) and self.medium != "air":
             raise CalibrationError(
-                "port: a flat port is for cameras calibrated in air; a calibration made in water holds the port already: "
+                "port: a flat port is for cameras calibrated in air; a calibration made in water "
+                "holds the port already: "
                 "remove the port, or say medium: air"
             )
         _check_baseline(T[:3, 3], self.R)
@@ -257,13 +313,20 @@ class StereoRig:
 
     @property
     def is_rectified(self) -> bool:
-        """Tell whether rows correspond already: no distortion, no rotation, square pixels, one focal length and cy, baseline along
+        """Tell whether rows correspond already: no distortion, no rotation, square pixels, one
+        focal length and cy, baseline along
         +x.
 
         The principal points cx may differ (Middlebury's doffs); Rectification honours that.
         """
-        same_lens = np.allclose(self.left.K[[0, 1, 1], [0, 1, 2]], self.right.K[[0, 1, 1], [0, 1, 2]], atol=1e-6)
-        square = not self.left.skew and not self.right.skew and abs(self.left.K[0, 0] / self.left.K[1, 1] - 1) < SQUARE_TOLERANCE
+        same_lens = np.allclose(
+            self.left.K[[0, 1, 1], [0, 1, 2]], self.right.K[[0, 1, 1], [0, 1, 2]], atol=1e-6
+        )
+        square = (
+            not self.left.skew
+            and not self.right.skew
+            and abs(self.left.K[0, 0] / self.left.K[1, 1] - 1) < SQUARE_TOLERANCE
+        )
         no_distortion = not self.left.distortion.any() and not self.right.distortion.any()
         pinhole = self.left.model == self.right.model == "pinhole"
         return bool(
@@ -290,17 +353,24 @@ def _check_rotation(R: NDArray[np.float64]) -> None:
 
 def _unit_guess(baseline: float) -> str:
     if baseline < 20:
-        return f"centimeters it is {baseline / 100:g} m, and if it is in board squares, multiply by the size of one"
+        return (
+            f"centimeters it is {baseline / 100:g} m, and if it is in board squares, multiply "
+            "by the size of one"
+        )
     return f"millimeters it is {baseline / 1000:g} m"
 
 
 def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) -> None:
     baseline_m = float(np.linalg.norm(np.clip(translation_m, -1e9, 1e9)))
     if baseline_m < 1e-9:
-        raise CalibrationError("T_right_left: the baseline is zero: two single-camera calibrations hold no stereo geometry")
+        raise CalibrationError(
+            "T_right_left: the baseline is zero: two single-camera calibrations hold no stereo "
+            "geometry"
+        )
     if baseline_m > MAX_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in {_unit_guess(baseline_m)}; "
+            f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in "
+            f"{_unit_guess(baseline_m)}; "
             "divide the translation, or calibrate again with the size of a square in meters"
         )
     if baseline_m < MIN_BASELINE_M:
@@ -311,7 +381,8 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
     center_right_in_left = -R.T @ translation_m
     if abs(center_right_in_left[2]) > 2 * np.hypot(*center_right_in_left[:2]):
         raise CalibrationError(
-            f"T_right_left: the second camera stands {center_right_in_left[2]:+.3f} m along the optical axis of the first: "
+            f"T_right_left: the second camera stands {center_right_in_left[2]:+.3f} m along the "
+            "optical axis of the first: "
             "no stereo pair stands so; check the order and the axes of the translation"
         )
 
@@ -323,7 +394,9 @@ _COSINES = (1.0, 0.0, -1.0, 0.0)
 
 
 def quarter_turn(turns: int) -> Array:
-    """The exact rotation about the optical axis by ``turns`` times 90 degrees, x towards y (clockwise in an image): (3, 3)."""
+    """The exact rotation about the optical axis by ``turns`` times 90 degrees, x towards y
+    (clockwise in an image): (3, 3).
+    """
     cosine, sine = _COSINES[turns % 4], _COSINES[(turns - 1) % 4]
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
@@ -334,5 +407,7 @@ def quarter_turns_of(R: Array) -> int:
 
 
 def roll(R: Array) -> float:
-    """The angle, in radians, of the rotation about the optical axis that the rotation (3, 3) is nearest to."""
+    """The angle, in radians, of the rotation about the optical axis that the rotation (3, 3) is
+    nearest to.
+    """
     return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))

@@ -1,10 +1,14 @@
-"""The examples of docs/commands.md, in the order of the page. They run in the folder of a dive; tests/test_docs.py runs them."""
+"""The examples of docs/commands.md, in the order of the page. They run in the folder of a dive;
+tests/test_docs.py runs them.
+"""
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
         "stereo-seecolor run --left left --right right --calib cam.yaml --out out",
-        "stereo-seecolor run --left left --right right --calib cam.yaml --out survey --set color.lock=survey --json",
-        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --set color.lock=survey "
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out survey --set "
+        "color.lock=survey --json",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --set "
+        "color.lock=survey "
         "--poses trajectory.tum --fuse",
     ),
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
@@ -19,21 +23,35 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "metrics": ("stereo-seecolor metrics mapped --out metrics",),
     "compare": ("stereo-seecolor compare mapped mapped --out change  # of two dives",),
     "markers": ("stereo-seecolor markers mapped --size 0.2  # the sample dive has no markers",),
-    "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
+    "export": (
+        "stereo-seecolor export --list",
+        "stereo-seecolor export mapped --to metashape --out metashape",
+    ),
     "bag-info": ("stereo-seecolor bag-info dive.mcap  # the sample dive has no bag",),
     "sync": ("stereo-seecolor sync left.mp4 right.mp4  # the sample dive has no videos",),
-    "live": ("stereo-seecolor live --left left --right right --calib cam.yaml --pairs 1  # without --pairs until Ctrl-C",),
+    "live": (
+        "stereo-seecolor live --left left --right right --calib cam.yaml --pairs 1  # without "
+        "--pairs until Ctrl-C",
+    ),
     "calibrate": (
-        "stereo-seecolor calibrate --target chessboard:9x6:30mm --print-target board.pdf  # print the target",
-        "stereo-seecolor calibrate --target chessboard:9x6:30mm --left board/left --right board/right --out rig.yaml",
+        "stereo-seecolor calibrate --target chessboard:9x6:30mm --print-target board.pdf  # "
+        "print the target",
+        "stereo-seecolor calibrate --target chessboard:9x6:30mm --left board/left --right "
+        "board/right --out rig.yaml",
     ),
     "convert-calib": ("stereo-seecolor convert-calib cam.yaml camchain.yaml --to kalibr",),
-    "rectify": ("stereo-seecolor rectify --left left --right right --calib cam.yaml --out rectified",),
+    "rectify": (
+        "stereo-seecolor rectify --left left --right right --calib cam.yaml --out rectified",
+    ),
     "range": ("stereo-seecolor range --left left --right right --calib cam.yaml --out ranges",),
-    "correct": ("stereo-seecolor correct --images rectified/rectified_left --range ranges/range --out corrected",),
+    "correct": (
+        "stereo-seecolor correct --images rectified/rectified_left --range ranges/range --out "
+        "corrected",
+    ),
     "water": (
         "stereo-seecolor water survey --poses trajectory.tum",
-        "stereo-seecolor run --left left --right right --calib cam.yaml --out measured --water survey/water_measured.json",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out measured --water "
+        "survey/water_measured.json",
     ),
     "evaluate": (
         "stereo-seecolor evaluate out --truth truth",
@@ -41,7 +59,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stereo-seecolor evaluate --chart --images rectified/rectified_left --range truth/range",
     ),
     "demo": ("stereo-seecolor demo --out demo",),
-    "synthesize": ("stereo-seecolor synthesize --out turbid --pairs 2 --lines 1 --size 160x128 --water turbid --seed 3",),
+    "synthesize": (
+        "stereo-seecolor synthesize --out turbid --pairs 2 --lines 1 --size 160x128 --water "
+        "turbid --seed 3",
+    ),
     "plan": ("stereo-seecolor plan --left left --right right --calib cam.yaml",),
     "campaign": ("stereo-seecolor campaign campaign.yaml",),
     "merge": (

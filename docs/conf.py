@@ -1,4 +1,6 @@
-"""Sphinx settings. The pages commands.md and configuration.md are made by reference.py and committed."""
+"""Sphinx settings. The pages commands.md and configuration.md are made by reference.py and
+committed.
+"""
 
 import sys
 from pathlib import Path

@@ -1,6 +1,8 @@
-"""The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code with their real imports.
+"""The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code
+with their real imports.
 
-python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of rooms in docs/lab/architecture.md.
+python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of rooms in
+docs/lab/architecture.md.
 """
 
 import ast
@@ -18,11 +20,18 @@ GROUND = tuple(f"stereo_seecolor.{name}" for name in ("errors", "version", "reco
 
 INK, SOFT, FILL, MARK = "#1f2d3d", "#7b8794", "#e8f1f5", "#0b7285"
 TIP = (
-    '<marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
+    '<marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" '
+    'orient="auto">'
     '<path d="M0 0L8 4L0 8z"/></marker>'
 )
-FLOW_NOTE = "Each stage works on one pair; pairs run in parallel. Counts of all pairs are added: a survey can share one water."
-OTHER_COMMANDS = "calibrate, check, convert-calib: the calibration.  evaluate: a run against known truth.  view: the map."
+FLOW_NOTE = (
+    "Each stage works on one pair; pairs run in parallel. Counts of all pairs are added: "
+    "a survey can share one water."
+)
+OTHER_COMMANDS = (
+    "calibrate, check, convert-calib: the calibration.  evaluate: a run against "
+    "known truth.  view: the map."
+)
 
 
 class Drawing:
@@ -32,20 +41,37 @@ class Drawing:
         self.size, self.title, self.parts = (width, height), title, list[str]()
 
     def text(
-        self, at: tuple[float, float], words: str, color: str = INK, anchor: str = "middle", size: int = 12, bold: bool = False
+        self,
+        at: tuple[float, float],
+        words: str,
+        color: str = INK,
+        anchor: str = "middle",
+        size: int = 12,
+        bold: bool = False,
     ) -> None:
-        style = f'font-size="{size}" fill="{color}" text-anchor="{anchor}" font-weight="{600 if bold else 400}"'
+        style = (
+            f'font-size="{size}" fill="{color}" text-anchor="{anchor}" '
+            f'font-weight="{600 if bold else 400}"'
+        )
         self.parts.append(f'<text x="{at[0]:g}" y="{at[1]:g}" {style}>{escape(words)}</text>')
 
     def box(self, x: float, y: float, width: float, height: float, lines: list[str]) -> None:
-        self.parts.append(f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="6" fill="{FILL}" stroke="{SOFT}"/>')
+        self.parts.append(
+            f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="6" '
+            f'fill="{FILL}" stroke="{SOFT}"/>'
+        )
         top = y + height / 2 - 8 * (len(lines) - 1) + 4
         self.text((x + width / 2, top), lines[0], size=13, bold=True)
         for i, line in enumerate(lines[1:], 1):
             self.text((x + width / 2, top + 16 * i), line, SOFT, size=11)
 
     def line(
-        self, start: tuple[float, float], end: tuple[float, float], color: str = INK, arrow: bool = True, width: float = 1.3
+        self,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        color: str = INK,
+        arrow: bool = True,
+        width: float = 1.3,
     ) -> None:
         tip = ' marker-end="url(#tip)"' if arrow else ""
         place = f'x1="{start[0]:g}" y1="{start[1]:g}" x2="{end[0]:g}" y2="{end[1]:g}"'
@@ -53,21 +79,30 @@ class Drawing:
 
     def curve(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         (x1, y1), (x2, y2) = start, end
-        path = f"M{x1:.0f} {y1:.0f} C{x1:.0f} {(y1 + y2) / 2:.0f} {x2:.0f} {(y1 + y2) / 2:.0f} {x2:.0f} {y2:.0f}"
+        path = (
+            f"M{x1:.0f} {y1:.0f} C{x1:.0f} {(y1 + y2) / 2:.0f} {x2:.0f} {(y1 + y2) / 2:.0f} "
+            f"{x2:.0f} {y2:.0f}"
+        )
         self.parts.append(f'<path d="{path}" fill="none" stroke="{MARK}" stroke-opacity="0.35"/>')
 
     def write(self, path: Path) -> None:
         width, height = self.size
         head = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
-            f'font-family="system-ui, sans-serif" role="img"><title>{escape(self.title)}</title><defs>{TIP}</defs>'
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
+            f'width="{width}" height="{height}" '
+            'font-family="system-ui, sans-serif" '
+            f'role="img"><title>{escape(self.title)}</title><defs>{TIP}</defs>'
             f'<rect width="{width}" height="{height}" fill="#ffffff"/>'
         )
-        path.write_text("\n".join([head, *self.parts, "</svg>", ""]), encoding="utf-8", newline="\n")
+        path.write_text(
+            "\n".join([head, *self.parts, "</svg>", ""]), encoding="utf-8", newline="\n"
+        )
 
 
 def draw_flow() -> None:
-    """What a run does with a pair, the command that begins there, and the section of the configuration that each stage reads."""
+    """What a run does with a pair, the command that begins there, and the section of the
+    configuration that each stage reads.
+    """
     drawing = Drawing(1000, 300, "The flow of a run")
     stages = [
         ("left, right", ["images or videos"], "--left --right", "input"),
@@ -104,7 +139,13 @@ def draw_axes() -> None:
         drawing.line((x, y), (x, y + 60), MARK)
         drawing.text((x + 66, y + 4), "x", MARK, "start", 13, bold=True)
         drawing.text((x - 12, y + 64), "z", MARK, size=13, bold=True)
-    drawing.text((right[0] + 130, right[1] + 4), "y: toward you, out of the page (down in the image)", SOFT, "start", 11)
+    drawing.text(
+        (right[0] + 130, right[1] + 4),
+        "y: toward you, out of the page (down in the image)",
+        SOFT,
+        "start",
+        11,
+    )
     drawing.line((left[0], 22), (right[0], 22), SOFT, arrow=False)
     drawing.text(((left[0] + right[0]) / 2, 16), "baseline_m", SOFT)
     drawing.line(left, point)
@@ -114,7 +155,10 @@ def draw_axes() -> None:
     drawing.line((40, point[1]), (640, point[1]), "#b08d57", arrow=False, width=3)
     drawing.text((600, 292), "reef", "#8a6a3b", size=13)
     drawing.text(
-        (16, 318), "World: east, north, up when georeferenced. T_world_camera: from the camera to the world.", SOFT, "start"
+        (16, 318),
+        "World: east, north, up when georeferenced. T_world_camera: from the camera to the world.",
+        SOFT,
+        "start",
     )
     drawing.write(HERE / "images" / "axes.svg")
 
@@ -137,15 +181,25 @@ def draw_rooms() -> list[str]:
     for layer in layers:
         width = min(150, 960 / len(layer) - 10)
         for room in layer:
-            drawing.box(at[room][0] - width / 2, at[room][1], width, 40, [room.removeprefix("stereo_seecolor.")])
+            drawing.box(
+                at[room][0] - width / 2,
+                at[room][1],
+                width,
+                40,
+                [room.removeprefix("stereo_seecolor.")],
+            )
     drawing.write(HERE / "images" / "rooms.svg")
     return rooms
 
 
 def direct_imports(room: str, imports: dict[str, list[str]]) -> list[str]:
-    """The rooms that a room imports and that no other of them imports too, directly or by others."""
+    """The rooms that a room imports and that no other of them imports too, directly or by
+    others.
+    """
     chosen = [other for other in imports[room] if other not in GROUND]
-    return [other for other in chosen if not any(other in reached(third, imports) for third in chosen)]
+    return [
+        other for other in chosen if not any(other in reached(third, imports) for third in chosen)
+    ]
 
 
 def reached(room: str, imports: dict[str, list[str]]) -> set[str]:
@@ -156,8 +210,12 @@ def reached(room: str, imports: dict[str, list[str]]) -> set[str]:
 def layers_of_rooms() -> list[list[str]]:
     """The layers of import-linter's contract, from the top down."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    contract = next(c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
-    return [[room.strip(" ()") for room in re.split(r"[|:]", layer)] for layer in contract["layers"]]
+    contract = next(
+        c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers"
+    )
+    return [
+        [room.strip(" ()") for room in re.split(r"[|:]", layer)] for layer in contract["layers"]
+    ]
 
 
 def room_imports(rooms: list[str]) -> dict[str, list[str]]:
@@ -169,11 +227,17 @@ def room_imports(rooms: list[str]) -> dict[str, list[str]]:
             if source and target and source != target:
                 found[source].add(target)
     below = {room: number for number, layer in enumerate(layers_of_rooms()) for room in layer}
-    return {room: sorted(other for other in found[room] if below[room] < below[other]) for room in rooms}
+    return {
+        room: sorted(other for other in found[room] if below[room] < below[other]) for room in rooms
+    }
 
 
 def room_of(module: str, rooms: list[str]) -> str:
-    return max((room for room in rooms if module == room or module.startswith(f"{room}.")), key=len, default="")
+    return max(
+        (room for room in rooms if module == room or module.startswith(f"{room}.")),
+        key=len,
+        default="",
+    )
 
 
 def table_of_rooms(rooms: list[str]) -> str:
@@ -185,7 +249,10 @@ def table_of_rooms(rooms: list[str]) -> str:
             continue
         files = sorted(place.rglob("*.py"))
         count = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
-        lines.append(f"| `{room.removeprefix('stereo_seecolor.')}` | {len(files)} | {count:,} | {first_line(place)} |")
+        lines.append(
+            f"| `{room.removeprefix('stereo_seecolor.')}` | {len(files)} | {count:,} | "
+            f"{first_line(place)} |"
+        )
     return "\n".join(lines)
 
 

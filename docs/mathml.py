@@ -1,4 +1,6 @@
-"""A Sphinx extension that writes formulas as MathML, which browsers draw themselves: no script, no font, no network."""
+"""A Sphinx extension that writes formulas as MathML, which browsers draw themselves: no script, no
+font, no network.
+"""
 
 from xml.etree import ElementTree
 

@@ -1,4 +1,5 @@
-"""Pictures of the page for the documentation, in Chromium: python docs/page_images.py OUT, where OUT is a run of the sample dive.
+"""Pictures of the page for the documentation, in Chromium: python docs/page_images.py OUT, where
+OUT is a run of the sample dive.
 
 The run must have been fused, and stereo-seecolor report must have made its page whole.
 """
@@ -22,7 +23,10 @@ def _measured(page: Page) -> None:
     """A length and an area on the map."""
     box = page.locator(".map-stage").bounding_box()
     assert box
-    for kind, places in (("Length", ((0.44, 0.5), (0.53, 0.62))), ("Area", ((0.46, 0.7), (0.53, 0.7), (0.5, 0.78)))):
+    for kind, places in (
+        ("Length", ((0.44, 0.5), (0.53, 0.62))),
+        ("Area", ((0.46, 0.7), (0.53, 0.7), (0.5, 0.78))),
+    ):
         page.get_by_role("button", name=kind, exact=True).click()
         for x, y in places:
             page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
@@ -67,7 +71,9 @@ def take(browser: Browser, address: str, name: str) -> None:
 
 if __name__ == "__main__":
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(SOFTWARE))
+        chromium = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=list(SOFTWARE)
+        )
         for wanted in PICTURES:
             take(chromium, (Path(sys.argv[1]).resolve() / "index.html").as_uri(), wanted)
         chromium.close()

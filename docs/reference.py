@@ -1,5 +1,5 @@
-"""Write docs/commands.md, docs/configuration.md and a table of docs/output-folder.md from the program itself:
-python docs/reference.py [--check].
+"""Write docs/commands.md, docs/configuration.md and a table of docs/output-folder.md from the
+program itself: python docs/reference.py [--check].
 
 --check writes nothing and ends with exit code 1 where a page differs from what the program says.
 """
@@ -26,7 +26,10 @@ HERE = Path(__file__).parent
 BOUNDS = {Gt: "above", Ge: "from", Lt: "below", Le: "to"}
 KINDS = {bool: "true, false", int: "integer", float: "number", str: "text", Path: "path"}
 
-REPLACED_BEGIN, REPLACED_END = "<!-- replaced: written by docs/reference.py -->", "<!-- end of replaced -->"
+REPLACED_BEGIN, REPLACED_END = (
+    "<!-- replaced: written by docs/reference.py -->",
+    "<!-- end of replaced -->",
+)
 
 COMMANDS_HEAD = """# Commands
 
@@ -42,7 +45,7 @@ options. `stereo-seecolor --install-completion` sets up completion with the Tab 
 
 | for | commands |
 | --- | --- |
-"""
+"""  # noqa: E501
 
 EXIT_CODES = """
 | exit code | meaning |
@@ -52,7 +55,7 @@ EXIT_CODES = """
 | 2 | wrong usage |
 | 3 | finished, but pairs failed or had no partner, frames are missing in the map or apart from it, or poses do not fit; named |
 | 130 | interrupted |
-"""
+"""  # noqa: E501
 
 COMMON_COMMANDS = 4
 """Options that this many commands share are described once."""
@@ -111,7 +114,7 @@ A key of an earlier version is refused, and the error names the new one: `color.
 `color.white_point`, `attenuation`, `scene_colors` and
 `water_depth_m` are in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets how bright
 frames are shown.
-"""
+"""  # noqa: E501
 
 
 def commands_page() -> str:
@@ -123,7 +126,10 @@ def commands_page() -> str:
         panels.setdefault(command.panel, []).append(name)
     commands = {name: group.commands[name] for names in panels.values() for name in names}  # type: ignore[attr-defined]
     times = Counter(
-        option_row(parameter) for command in commands.values() for parameter in options_of(command) if not parameter.required
+        option_row(parameter)
+        for command in commands.values()
+        for parameter in options_of(command)
+        if not parameter.required
     )
     common = [row for row, count in times.items() if count >= COMMON_COMMANDS]
     sections = (command_section(name, command, common) for name, command in commands.items())
@@ -139,13 +145,17 @@ def panel_row(panel: str, names: list[str]) -> str:
 
 
 def options_of(command: Any) -> list[Any]:
-    return [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
+    return [
+        p for p in command.params if p.name not in ("help", "install_completion", "show_completion")
+    ]
 
 
 def command_section(name: str, command: Any, common: list[str]) -> str:
     shown = options_of(command)
     needed = [usage_of(p) for p in shown if p.required]
-    usage = " ".join(["stereo-seecolor", name, *needed, *(["[OPTIONS]"] if len(needed) < len(shown) else [])])
+    usage = " ".join(
+        ["stereo-seecolor", name, *needed, *(["[OPTIONS]"] if len(needed) < len(shown) else [])]
+    )
     lines = ["", f"## `{name}`", "", paragraph(command.help or ""), "", "```text", usage, "```", ""]
     if name in EXAMPLES:
         lines += ["```sh", *EXAMPLES[name], "```", ""]
@@ -202,15 +212,26 @@ def section_lines(model: BaseModel, prefix: str = "") -> Iterator[str]:
 
 def setting_row(key: str, default: object, field: FieldInfo) -> str:
     description = field.description or ""
-    automatic = "auto: " in description and type(None) in get_args(field.annotation)  # None may be written auto
-    shown = "auto" if automatic and default is None else str(default).lower() if isinstance(default, bool) else default
+    automatic = "auto: " in description and type(None) in get_args(
+        field.annotation
+    )  # None may be written auto
+    shown = (
+        "auto"
+        if automatic and default is None
+        else str(default).lower()
+        if isinstance(default, bool)
+        else default
+    )
     values = f"{'`auto`, ' if automatic else ''}{kind(field.annotation)}{bounds(field)}"
     return f"| `{key}` | {values} | {'' if shown is None else f'`{shown}`'} | {cell(description)} |"
 
 
 def bounds(field: FieldInfo) -> str:
     limits = [limit for limit in field.metadata if type(limit) in BOUNDS]
-    found = [f"{BOUNDS[type(limit)]} {getattr(limit, type(limit).__name__.lower()):g}" for limit in limits]
+    found = [
+        f"{BOUNDS[type(limit)]} {getattr(limit, type(limit).__name__.lower()):g}"
+        for limit in limits
+    ]
     return f" {' '.join(found)}" if found else ""
 
 
@@ -246,17 +267,25 @@ def paragraph(text: str) -> str:
 
 def output_folder_page() -> str:
     """The page as it is, with the table of what each command may delete or replace written anew."""
-    head, begin, rest = (HERE / "output-folder.md").read_text(encoding="utf-8").partition(REPLACED_BEGIN)
+    head, begin, rest = (
+        (HERE / "output-folder.md").read_text(encoding="utf-8").partition(REPLACED_BEGIN)
+    )
     return f"{head}{begin}\n{ownership.table()}{REPLACED_END}{rest.partition(REPLACED_END)[2]}"
 
 
 def main(check: bool) -> int:
     """Write the pages, or compare them; returns the exit code."""
     stale = 0
-    pages = {"commands.md": commands_page, "configuration.md": configuration_page, "output-folder.md": output_folder_page}
+    pages = {
+        "commands.md": commands_page,
+        "configuration.md": configuration_page,
+        "output-folder.md": output_folder_page,
+    }
     for path, text in ((HERE / name, page()) for name, page in pages.items()):
         if check and path.read_text(encoding="utf-8") != text:
-            print(f"{path}: differs from the program; run python docs/reference.py", file=sys.stderr)
+            print(
+                f"{path}: differs from the program; run python docs/reference.py", file=sys.stderr
+            )
             stale = 1
         elif not check:
             path.write_text(text, encoding="utf-8", newline="\n")

@@ -1,4 +1,6 @@
-"""Publishes the page of a run with the documentation: sphinx-build -D sample_page=OUT docs docs/_build."""
+"""Publishes the page of a run with the documentation: sphinx-build -D sample_page=OUT docs
+docs/_build.
+"""
 
 import shutil
 from pathlib import Path

@@ -43,7 +43,9 @@ _PLACES = {
     "rectify": "commands.run",
     "run": "commands.run",
 }
-"""Where each public name is defined; OpenCV, torch and numba are loaded when a name that needs them is used."""
+"""Where each public name is defined; OpenCV, torch and numba are loaded when a name that needs them
+is used.
+"""
 
 __all__ = [
     "Correction",
@@ -68,7 +70,9 @@ __all__ = [
     "run",
 ]
 
-logging.getLogger(__name__).addHandler(logging.NullHandler())  # quiet until a program configures logging
+logging.getLogger(__name__).addHandler(
+    logging.NullHandler()
+)  # quiet until a program configures logging
 
 
 def __getattr__(name: str) -> Any:

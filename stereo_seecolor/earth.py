@@ -12,27 +12,42 @@ _SEMI_MAJOR_M = 6378137.0  # of WGS 84
 _ECCENTRICITY_SQUARED = 0.00669437999014  # of WGS 84
 
 
-def north_east_from_degrees(latitude_deg: ArrayLike, longitude_deg: ArrayLike, origin: GeoOrigin) -> NDArray[np.float64]:
-    """Convert to meters north and east of the origin, (N, 2): transverse Mercator at the origin, to second order in longitude.
+def north_east_from_degrees(
+    latitude_deg: ArrayLike, longitude_deg: ArrayLike, origin: GeoOrigin
+) -> NDArray[np.float64]:
+    """Convert to meters north and east of the origin, (N, 2): transverse Mercator at the origin, to
+    second order in longitude.
 
-    Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm of the full projection over a kilometer.
+    Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm of the full projection over
+    a kilometer.
     """
-    latitude, longitude = np.radians(np.asarray(latitude_deg, np.float64)), np.asarray(longitude_deg, np.float64)
+    latitude, longitude = (
+        np.radians(np.asarray(latitude_deg, np.float64)),
+        np.asarray(longitude_deg, np.float64),
+    )
     latitude_0 = np.radians(origin.latitude_deg)
     d_longitude = np.radians((longitude - origin.longitude_deg + 180) % 360 - 180)
-    meridian_m = _SEMI_MAJOR_M * (1 - _ECCENTRICITY_SQUARED) / _flattened((latitude + latitude_0) / 2) ** 1.5
+    meridian_m = (
+        _SEMI_MAJOR_M * (1 - _ECCENTRICITY_SQUARED) / _flattened((latitude + latitude_0) / 2) ** 1.5
+    )
     prime_vertical_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude))
     east = prime_vertical_m * np.cos(latitude) * d_longitude
     north = (latitude - latitude_0) * meridian_m + east * np.sin(latitude) * d_longitude / 2
     return np.stack([north, east], axis=-1)
 
 
-def degrees_from_north_east(north_m: float, east_m: float, origin: GeoOrigin) -> tuple[float, float]:
-    """Latitude and longitude of a point of a map: the inverse of ``north_east_from_degrees``, or of the map's UTM zone."""
+def degrees_from_north_east(
+    north_m: float, east_m: float, origin: GeoOrigin
+) -> tuple[float, float]:
+    """Latitude and longitude of a point of a map: the inverse of ``north_east_from_degrees``, or of
+    the map's UTM zone.
+    """
     if origin.utm_epsg:
         import pyproj  # a map in UTM was made with it
 
-        longitude, latitude = pyproj.Transformer.from_crs(origin.utm_epsg, "OGC:CRS84", always_xy=True).transform(east_m, north_m)
+        longitude, latitude = pyproj.Transformer.from_crs(
+            origin.utm_epsg, "OGC:CRS84", always_xy=True
+        ).transform(east_m, north_m)
         return float(latitude), float(longitude)
     latitude_deg, longitude_deg = origin.latitude_deg, origin.longitude_deg
     latitude_0 = np.radians(origin.latitude_deg)
@@ -49,7 +64,8 @@ def _flattened(latitude: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def geodetic_from_geocentric(position_m: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Latitude and longitude in degrees and height in meters (WGS84) of one point (3,), by Bowring's formula (1976).
+    """Latitude and longitude in degrees and height in meters (WGS84) of one point (3,), by
+    Bowring's formula (1976).
 
     Within 1e-6 m up to 10 km above or below the ellipsoid.
     """
@@ -63,13 +79,17 @@ def geodetic_from_geocentric(position_m: NDArray[np.float64]) -> tuple[float, fl
         from_axis_m - _ECCENTRICITY_SQUARED * _SEMI_MAJOR_M * np.cos(reduced) ** 3,
     )
     prime_vertical_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude))
-    height_m = from_axis_m * np.cos(latitude) + z * np.sin(latitude) - _SEMI_MAJOR_M**2 / prime_vertical_m
+    height_m = (
+        from_axis_m * np.cos(latitude) + z * np.sin(latitude) - _SEMI_MAJOR_M**2 / prime_vertical_m
+    )
     return float(np.degrees(latitude)), float(np.degrees(np.arctan2(y, x))), float(height_m)
 
 
-def geocentric_from_geodetic(latitude_deg: float, longitude_deg: float, height_m: float) -> NDArray[np.float64]:
-    """Convert latitude and longitude in degrees and height in meters (WGS84) to geocentric meters (3,): the inverse of the
-    above.
+def geocentric_from_geodetic(
+    latitude_deg: float, longitude_deg: float, height_m: float
+) -> NDArray[np.float64]:
+    """Convert latitude and longitude in degrees and height in meters (WGS84) to geocentric meters
+    (3,): the inverse of the above.
     """
     latitude, longitude = np.radians(np.float64(latitude_deg)), np.radians(longitude_deg)
     prime_vertical_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude))
@@ -82,4 +102,8 @@ def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.
     """The directions east, north and up in geocentric axes, as rows: (3, 3)."""
     from scipy.spatial.transform import Rotation  # see geometry.py
 
-    return np.asarray(Rotation.from_euler("zx", [-90 - longitude_deg, latitude_deg - 90], degrees=True).as_matrix())
+    return np.asarray(
+        Rotation.from_euler(
+            "zx", [-90 - longitude_deg, latitude_deg - 90], degrees=True
+        ).as_matrix()
+    )

@@ -1,4 +1,6 @@
-"""The known errors of the program. ``cli`` prints each as one line, with exit code 1; other exceptions keep their traceback."""
+"""The known errors of the program. ``cli`` prints each as one line, with exit code 1; other
+exceptions keep their traceback.
+"""
 
 import re
 
@@ -8,18 +10,27 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def printable(text: str) -> str:
-    """``text`` as valid UTF-8 on one line: control characters, and bytes of file names that are not UTF-8, become %XX."""
+    """``text`` as valid UTF-8 on one line: control characters, and bytes of file names that are not
+    UTF-8, become %XX.
+    """
     return _NOT_PRINTABLE.sub(lambda match: _percent(match[0]), text)
 
 
 def printable_lines(text: str) -> str:
-    """``text`` on its lines, for a terminal: control characters, which it would obey, become %XX."""
+    """``text`` on its lines, for a terminal: control characters, which it would obey, become
+    %XX.
+    """
     return _CONTROL.sub(lambda match: _percent(match[0]), text)
 
 
 def _percent(character: str) -> str:
     undecoded_byte = "\udc80" <= character <= "\udcff"  # what surrogateescape makes of it
-    return "".join(f"%{byte:02X}" for byte in character.encode(errors="surrogateescape" if undecoded_byte else "surrogatepass"))
+    return "".join(
+        f"%{byte:02X}"
+        for byte in character.encode(
+            errors="surrogateescape" if undecoded_byte else "surrogatepass"
+        )
+    )
 
 
 class SeeColorError(Exception):
@@ -34,7 +45,9 @@ class InputError(SeeColorError):
 
 
 class FrameError(InputError):
-    """Missing or damaged files of one frame, without which the other frames can be used. name: the frame's."""
+    """Missing or damaged files of one frame, without which the other frames can be used. name: the
+    frame's.
+    """
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)

@@ -1,6 +1,7 @@
 """Rigid transforms as (..., 4, 4) matrices, and rotations; and the standard error of ranges.
 
-scipy.spatial takes as long to import as a pair to match, so that only the functions that need it import it.
+scipy.spatial takes as long to import as a pair to match, so that only the functions that need it
+import it.
 """
 
 import numpy as np
@@ -12,7 +13,9 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 
 DISPARITY_STD_PX = 0.1
-"""Standard error of a disparity, pixels: the median that the matcher states on the sample dive is 0.09."""
+"""Standard error of a disparity, pixels: the median that the matcher states on the sample dive is
+0.09.
+"""
 
 _LEAST_QUATERNION = 1e-300
 """Smaller numbers cannot be divided by."""
@@ -49,13 +52,20 @@ def rotation_vector(R: Array) -> Array:
 
 
 def rotation_from_vector(vector: Array) -> Array:
-    """(..., 3, 3) rotations of axis times angle (..., 3), by Rodrigues' formula, in forms that hold for an angle of zero."""
+    """(..., 3, 3) rotations of axis times angle (..., 3), by Rodrigues' formula, in forms that hold
+    for an angle of zero.
+    """
     vector = np.asarray(vector, np.float64)
     x, y, z = np.moveaxis(vector, -1, 0)
     none = np.zeros_like(x)
-    cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(
+        *vector.shape[:-1], 3, 3
+    )
     turns = np.linalg.norm(vector, axis=-1)[..., None, None] / np.pi
-    return np.asarray(np.eye(3) + np.sinc(turns) * cross + 0.5 * np.sinc(turns / 2) ** 2 * (cross @ cross), np.float64)
+    return np.asarray(
+        np.eye(3) + np.sinc(turns) * cross + 0.5 * np.sinc(turns / 2) ** 2 * (cross @ cross),
+        np.float64,
+    )
 
 
 def quaternion(R: Array) -> Array:
@@ -66,20 +76,26 @@ def quaternion(R: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Convert quaternions (N, 4), x, y, z, w, to rotations (N, 3, 3); they are normalized first, NaN where zero or not finite."""
+    """Convert quaternions (N, 4), x, y, z, w, to rotations (N, 3, 3); they are normalized first,
+    NaN where zero or not finite.
+    """
     from scipy.spatial.transform import Rotation
 
     q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
     R = np.full((len(q), 3, 3), np.nan)
     known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
     if known.any():
-        scaled = q[known] / np.abs(q[known]).max(axis=1, keepdims=True)  # squares of huge numbers would overflow
+        scaled = q[known] / np.abs(q[known]).max(
+            axis=1, keepdims=True
+        )  # squares of huge numbers would overflow
         R[known] = Rotation.from_quat(scaled).as_matrix()
     return R
 
 
 def interpolate(before: Array, after: Array, fraction: float) -> Array:
-    """The pose at ``fraction`` of the way between two poses (4, 4): on a straight line, with constant angular velocity."""
+    """The pose at ``fraction`` of the way between two poses (4, 4): on a straight line, with
+    constant angular velocity.
+    """
     T = before.copy()
     turn = rotation_vector(before[:3, :3].T @ after[:3, :3])
     T[:3, :3] = before[:3, :3] @ rotation_from_vector(fraction * turn)
@@ -88,7 +104,9 @@ def interpolate(before: Array, after: Array, fraction: float) -> Array:
 
 
 def estimated_range_std_m(range_m: Map, geometry: RectifiedPair) -> Map:
-    """Standard error of ranges (H, W) whose own is not known: range depth std / (f B), with DISPARITY_STD_PX as std."""
+    """Standard error of ranges (H, W) whose own is not known: range depth std / (f B), with
+    DISPARITY_STD_PX as std.
+    """
     depth_m = range_m / geometry.ray_length
     scale = np.float32(DISPARITY_STD_PX / (geometry.focal_px * geometry.baseline_m))
     return (range_m * depth_m * scale).astype(np.float32)
@@ -105,9 +123,11 @@ def rotation_to_z(direction: Array) -> Array:
 
 
 def rigid_alignment(points: Array, targets: Array) -> Array:
-    """The rigid transform (4, 4), without scale, that takes points (N, 3) nearest to their targets (N, 3).
+    """The rigid transform (4, 4), without scale, that takes points (N, 3) nearest to their targets
+    (N, 3).
 
-    Umeyama 1991, Least-squares estimation of transformation parameters, IEEE PAMI 13(4), eqs. 40 to 43 with c = 1.
+    Umeyama 1991, Least-squares estimation of transformation parameters, IEEE PAMI 13(4), eqs. 40 to
+    43 with c = 1.
     """
     center, target = points.mean(axis=0), targets.mean(axis=0)
     R = nearest_rotation((targets - target).T @ (points - center))

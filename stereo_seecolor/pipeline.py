@@ -1,7 +1,9 @@
-"""START HERE: one pair through all stages. ``commands/run.py`` takes all pairs of a dive through the same steps.
+"""START HERE: one pair through all stages. ``commands/run.py`` takes all pairs of a dive through
+the same steps.
 
-A pair is read, rectified onto one image plane, and matched to a range map (``measure``). A water is fitted to its colors over
-range, and removed (``correct``). ``process`` does these steps in memory, for two arrays.
+A pair is read, rectified onto one image plane, and matched to a range map (``measure``). A water is
+fitted to its colors over range, and removed (``correct``). ``process`` does these steps in memory,
+for two arrays.
 """
 
 from collections.abc import Callable
@@ -23,22 +25,36 @@ from stereo_seecolor.inputs.images import FrameReader, read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.diagnostics import PairCheck
 from stereo_seecolor.matching.reduced import DetailMatcher
-from stereo_seecolor.records import Correction, FrameResult, Image, Mask, RangeMap, StereoFrame, Water, is_monochrome
+from stereo_seecolor.records import (
+    Correction,
+    FrameResult,
+    Image,
+    Mask,
+    RangeMap,
+    StereoFrame,
+    Water,
+    is_monochrome,
+)
 from stereo_seecolor.version import __version__
 
 Match = Callable[[StereoFrame], RangeMap]
 """The range map of a rectified pair."""
 
-AT_TYPICAL_RANGE = "no range is known: its colors are those of the dive's water at {:.2f} m, the typical range"
+AT_TYPICAL_RANGE = (
+    "no range is known: its colors are those of the dive's water at {:.2f} m, the typical range"
+)
 
 PAIR_BYTES_A_PIXEL = 68
-"""Bytes of memory for each pixel while a pair is measured, corrected and written. For one pair alone 57 to 67 were measured at 5,
-12 and 21 megapixels, most while its cloud is written; each further pair at the same time adds 32 to 65 in runs of at most three, of
-up to 47 megapixels."""
+"""Bytes of memory for each pixel while a pair is measured, corrected and written. For one pair
+alone 57 to 67 were measured at 5,
+12 and 21 megapixels, most while its cloud is written; each further pair at the same time adds 32 to
+65 in runs of at most three, of up to 47 megapixels.
+"""
 
 
 class Pipeline:
-    """Takes a pair through all stages. Made once for a rig; every method may be called from many threads.
+    """Takes a pair through all stages. Made once for a rig; every method may be called from many
+    threads.
 
     geometry, seen, original, settings: see ``dive.frames.Source``.
     """
@@ -52,17 +68,24 @@ class Pipeline:
         self.geometry: RectifiedPair | None = self.rectification.pair
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
-        self.original = OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
+        self.original = (
+            OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
+        )
         memory = memory_of(self.config.matching.device)
         self._rectifier = make_rectifier(self.rectification, memory)
-        self.matcher = DetailMatcher(self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory))
+        self.matcher = DetailMatcher(
+            self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory)
+        )
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = make_corrector(self.config.color)
         self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
 
     def __reduce__(self) -> tuple[type["Pipeline"], tuple[StereoRig, RunConfig]]:
-        return Pipeline, (self.rig, self.config)  # all else is made from these, and some of it is large
+        return Pipeline, (
+            self.rig,
+            self.config,
+        )  # all else is made from these, and some of it is large
 
     def _settings(self) -> str:
         """Hash of everything that a range map depends on besides its two images."""
@@ -112,8 +135,12 @@ class Pipeline:
         rectified, range_map = self._ranged(partial(self.read, pair), clock, self.match)
         return rectified.left, range_map
 
-    def _ranged(self, raw: Callable[[], StereoFrame], clock: Clock, match: Match) -> tuple[StereoFrame, RangeMap]:
-        """Rectify and match the unrectified pair that ``raw`` reads; results are upright, as the left camera saw the scene."""
+    def _ranged(
+        self, raw: Callable[[], StereoFrame], clock: Clock, match: Match
+    ) -> tuple[StereoFrame, RangeMap]:
+        """Rectify and match the unrectified pair that ``raw`` reads; results are upright, as the
+        left camera saw the scene.
+        """
         with clock("read"):
             frame = raw()
         with clock("rectify"):
@@ -128,8 +155,13 @@ class Pipeline:
             return replace(rectified, left=left, right=right), range_map.each(upright)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
-        """Rectify both images onto one plane, with the baseline along +x. Raises CalibrationError for images of another size."""
-        left, right = self._rectifier.apply_left(frame.left), self._rectifier.apply_right(frame.right)
+        """Rectify both images onto one plane, with the baseline along +x. Raises CalibrationError
+        for images of another size.
+        """
+        left, right = (
+            self._rectifier.apply_left(frame.left),
+            self._rectifier.apply_right(frame.right),
+        )
         return replace(frame, left=left, right=right)
 
     def match(self, frame: StereoFrame) -> RangeMap:
@@ -144,7 +176,8 @@ class Pipeline:
     ) -> FrameResult:
         """Take an unrectified pair through all stages.
 
-        water: to remove, or a function that finds it for the rectified left image and its range map; None: fit it to this frame.
+        water: to remove, or a function that finds it for the rectified left image and its range
+        map; None: fit it to this frame.
         match: in place of the pipeline's own.
         """
         clock = Clock()
@@ -158,39 +191,62 @@ class Pipeline:
         return FrameResult(rectified, range_map, correction, clock.seconds)
 
 
-def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: RangeMap, water: Water) -> Correction:
-    """Remove the water from a frame; with linear light in the result for ``output.image_format: tiff32``. Raises ColorError.
+def correct(
+    corrector: Corrector, config: RunConfig, image: Image, range_map: RangeMap, water: Water
+) -> Correction:
+    """Remove the water from a frame; with linear light in the result for ``output.image_format:
+    tiff32``. Raises ColorError.
 
     A monochrome camera's frame stays monochrome.
     """
     table = corrector.measure(image, range_map.measured_m) if water.exposure is None else None
     correction = corrector.apply(image, range_map.range_m, water, table)
     if config.output.image_format == "tiff32":
-        linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
+        linear = corrector.apply_linear(
+            image, range_map.range_m, water, exposure=correction.exposure
+        )
         correction = replace(correction, linear=linear)
     correction = _carried_as_measured(corrector, correction, range_map)
     if range_map.filled.any() and not np.isfinite(range_map.measured_m).any():
-        correction = replace(correction, warnings=(*correction.warnings, AT_TYPICAL_RANGE.format(water.typical_range_m)))
+        correction = replace(
+            correction,
+            warnings=(*correction.warnings, AT_TYPICAL_RANGE.format(water.typical_range_m)),
+        )
     return correction.one_band() if is_monochrome(image) else correction
 
 
-def _carried_as_measured(corrector: Corrector, correction: Correction, range_map: RangeMap) -> Correction:
-    """The correction with colors limited to those of measured pixels where the range was carried over."""
+def _carried_as_measured(
+    corrector: Corrector, correction: Correction, range_map: RangeMap
+) -> Correction:
+    """The correction with colors limited to those of measured pixels where the range was carried
+    over.
+    """
     measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
     image = corrector.within_measured(correction.image, range_map.filled, measured)
-    linear = None if correction.linear is None else corrector.within_measured(correction.linear, range_map.filled, measured)
+    linear = (
+        None
+        if correction.linear is None
+        else corrector.within_measured(correction.linear, range_map.filled, measured)
+    )
     return replace(correction, image=image, linear=linear)
 
 
-def ranges_for_color(corrector: Corrector, image: Image, range_map: RangeMap, water: Water, seen: Mask | None = None) -> RangeMap:
-    """The range map that a frame is corrected with: unknown ranges are carried over from neighbors and marked as filled.
+def ranges_for_color(
+    corrector: Corrector, image: Image, range_map: RangeMap, water: Water, seen: Mask | None = None
+) -> RangeMap:
+    """The range map that a frame is corrected with: unknown ranges are carried over from neighbors
+    and marked as filled.
 
-    A frame without any known range gets the water's typical range everywhere. seen: where the image shows something, None =
-    everywhere.
+    A frame without any known range gets the water's typical range everywhere. seen: where the image
+    shows something, None = everywhere.
     """
     if corrector.config.unknown_pixels != "interpolate":
         return range_map
     range_m = corrector.carry_ranges(image, range_map.range_m, seen)
     if water.typical_range_m is not None and not np.isfinite(range_m).any():
-        range_m = np.where(True if seen is None else seen, np.float32(water.typical_range_m), range_m)
-    return range_map.with_ranges(range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(range_map.range_m)))
+        range_m = np.where(
+            True if seen is None else seen, np.float32(water.typical_range_m), range_m
+        )
+    return range_map.with_ranges(
+        range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(range_map.range_m))
+    )

@@ -1,7 +1,8 @@
-"""Parts that packages add to the program by entry points: the extras of this package, and those of third parties.
+"""Parts that packages add to the program by entry points: the extras of this package, and those of
+third parties.
 
-An entry point of the group ``stereo_seecolor.GROUP`` names an object of the kind that docs/extending.md describes for that group.
-Nothing is imported before a part is used.
+An entry point of the group ``stereo_seecolor.GROUP`` names an object of the kind that
+docs/extending.md describes for that group. Nothing is imported before a part is used.
 """
 
 from functools import cache
@@ -16,10 +17,16 @@ def added(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group, by name, sorted.
 
     Args:
-        group: commands, exports, recordings, inputs, containers, trajectory_formats, engines, matching_engines, executors,
+        group: commands, exports, recordings, inputs, containers, trajectory_formats, engines,
+        matching_engines, executors,
             or page_parts.
     """
-    return {entry.name: entry for entry in sorted(entry_points(group=f"stereo_seecolor.{group}"), key=lambda entry: entry.name)}
+    return {
+        entry.name: entry
+        for entry in sorted(
+            entry_points(group=f"stereo_seecolor.{group}"), key=lambda entry: entry.name
+        )
+    }
 
 
 def load(group: str, name: str) -> Any:
@@ -30,9 +37,14 @@ def load(group: str, name: str) -> Any:
     """
     entry = added(group).get(name)
     if entry is None:
-        raise PluginError(f"{name}: no installed package adds it to {group} (known: {', '.join(added(group)) or 'none'})")
+        raise PluginError(
+            f"{name}: no installed package adds it to {group} (known: "
+            f"{', '.join(added(group)) or 'none'})"
+        )
     try:
         return entry.load()
     except (ImportError, AttributeError) as error:
         package = entry.dist.name if entry.dist else entry.value
-        raise PluginError(f"{name}: the package {package}, which adds it to {group}, cannot be loaded: {error}") from error
+        raise PluginError(
+            f"{name}: the package {package}, which adds it to {group}, cannot be loaded: {error}"
+        ) from error

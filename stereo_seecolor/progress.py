@@ -8,7 +8,9 @@ from typing import Protocol
 from stereo_seecolor.records import FrameRow
 
 LOG_EVERY_S = 60.0
-"""Seconds between two lines of the log on one stage: they show how far a long run had come before a crash."""
+"""Seconds between two lines of the log on one stage: they show how far a long run had come before a
+crash.
+"""
 
 log = logging.getLogger(__name__)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
@@ -52,7 +54,9 @@ class Both:
 
 
 class LoggingListener:
-    """Writes progress to the log, and passes it on: stages, failed pairs, each kind of warning once."""
+    """Writes progress to the log, and passes it on: stages, failed pairs, each kind of warning
+    once.
+    """
 
     def __init__(self, then: Listener | None = None) -> None:
         self._then = then or Silence()
@@ -75,11 +79,24 @@ class LoggingListener:
             log.error("%s: %s", self._stage, row.line)
         for warning in row.warnings:
             kind = _NUMBER.sub("", warning)
-            log.log(logging.DEBUG if kind in self._kinds else logging.WARNING, "%s: %s: %s", self._stage, row.name, warning)
+            log.log(
+                logging.DEBUG if kind in self._kinds else logging.WARNING,
+                "%s: %s: %s",
+                self._stage,
+                row.name,
+                warning,
+            )
             self._kinds.add(kind)
         now_s = time.monotonic()
         if self._done == self._total or now_s - self._reported_s >= LOG_EVERY_S:
             self._reported_s = now_s
             seconds = now_s - self._began_s
-            log.info("%s: %d of %d, %d failed, %.1f s", self._stage, self._done, self._total, self._failed, seconds)
+            log.info(
+                "%s: %d of %d, %d failed, %.1f s",
+                self._stage,
+                self._done,
+                self._total,
+                self._failed,
+                seconds,
+            )
         self._then.advance(row)

@@ -1,4 +1,6 @@
-"""The records that stages exchange: frozen dataclasses, with unit and shape of every field, and NaN for unknown values."""
+"""The records that stages exchange: frozen dataclasses, with unit and shape of every field, and NaN
+for unknown values.
+"""
 
 import math
 from collections.abc import Callable
@@ -26,8 +28,10 @@ Mask = NDArray[np.bool_]
 class Capture:
     """Metadata that a camera recorded with an image; None = not recorded.
 
-    exposure_s: seconds. gain: factor, 1 = 0 dB or ISO 100. aperture: f-number. captured_s: seconds since 1970.
-    latitude_deg, longitude_deg: WGS84. exif: the EXIF block for the corrected image, upright and without a thumbnail, b"" = none.
+    exposure_s: seconds. gain: factor, 1 = 0 dB or ISO 100. aperture: f-number. captured_s: seconds
+    since 1970.
+    latitude_deg, longitude_deg: WGS84. exif: the EXIF block for the corrected image, upright and
+    without a thumbnail, b"" = none.
     """
 
     exposure_s: float | None = None
@@ -42,7 +46,8 @@ class Capture:
     def relative_exposure(self) -> float | None:
         """Brightness of a scene up to a constant of the camera: exposure_s gain / aperture^2.
 
-        Values that are not recorded are taken to be constant; None where neither exposure nor gain is recorded.
+        Values that are not recorded are taken to be constant; None where neither exposure nor gain
+        is recorded.
         """
         if self.exposure_s is None and self.gain is None:
             return None
@@ -53,7 +58,8 @@ class Capture:
 class StereoFrame:
     """One pair, as read or rectified.
 
-    name: also of its outputs. left, right: Image. timestamp_s: seconds, None where the name holds no time.
+    name: also of its outputs. left, right: Image. timestamp_s: seconds, None where the name holds
+    no time.
     left_capture, right_capture: metadata of the images.
     """
 
@@ -66,7 +72,9 @@ class StereoFrame:
 
 
 def is_monochrome(image: NDArray[np.generic]) -> bool:
-    """True where red, green and blue are equal everywhere: the picture of a monochrome camera. A uniform image is not."""
+    """True where red, green and blue are equal everywhere: the picture of a monochrome camera. A
+    uniform image is not.
+    """
     sample = image[::16, ::16]  # enough to tell nearly every color image
     if not (sample == sample[..., :1]).all() or not (image == image[..., :1]).all():
         return False
@@ -77,9 +85,11 @@ def is_monochrome(image: NDArray[np.generic]) -> bool:
 class RangeMap:
     """The distance of each pixel of the rectified left image.
 
-    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along the ray, on which water acts.
+    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along
+    the ray, on which water acts.
     range_std_m: standard error of range_m. confidence: [0, 1], 0 where unknown.
-    filled: True where the value was not measured, but filled in from neighbors; such pixels have confidence 0.
+    filled: True where the value was not measured, but filled in from neighbors; such pixels have
+    confidence 0.
     vertical_px: offset of right rows below left ones, after rectification; NaN where unknown.
     """
 
@@ -94,23 +104,54 @@ class RangeMap:
 
     @classmethod
     def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":
-        """A map with known ranges only; all other values are NaN. measured: True where a range was measured, not filled in."""
+        """A map with known ranges only; all other values are NaN. measured: True where a range was
+        measured, not filled in.
+        """
         nothing = np.broadcast_to(np.float32(np.nan), range_m.shape)  # takes no memory
         known = np.isfinite(range_m)
-        return cls(nothing, nothing, range_m, nothing, (known & measured).astype(np.float32), known & ~measured, warnings)
+        return cls(
+            nothing,
+            nothing,
+            range_m,
+            nothing,
+            (known & measured).astype(np.float32),
+            known & ~measured,
+            warnings,
+        )
 
     def __repr__(self) -> str:
         """Size, how much was measured, and the ranges that it spans."""
         known_m = self.measured_m[np.isfinite(self.measured_m)]
         span = f", {known_m.min():.2f} to {known_m.max():.2f} m" if known_m.size else ""
         height, width = self.range_m.shape
-        return f"RangeMap({width}x{height}, {known_m.size / max(self.range_m.size, 1):.1%} measured{span})"
+        return (
+            f"RangeMap({width}x{height}, {known_m.size / max(self.range_m.size, 1):.1%} "
+            f"measured{span})"
+        )
 
     def each(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "RangeMap":
         """The range map with ``function`` applied to every map, such as a rotation."""
-        maps = (self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
-        disparity, depth_m, range_m, range_std_m, confidence, filled = (function(values) for values in maps)
-        return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings, self.vertical_px)
+        maps = (
+            self.disparity,
+            self.depth_m,
+            self.range_m,
+            self.range_std_m,
+            self.confidence,
+            self.filled,
+        )
+        disparity, depth_m, range_m, range_std_m, confidence, filled = (
+            function(values) for values in maps
+        )
+        return RangeMap(
+            disparity,
+            depth_m,
+            range_m,
+            range_std_m,
+            confidence,
+            filled,
+            self.warnings,
+            self.vertical_px,
+        )
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":
@@ -126,15 +167,20 @@ class RangeMap:
     @cached_property  # asked for up to four times a map
     def measured_m(self) -> Map:
         """range_m without filled-in values."""
-        return np.where(self.filled, np.float32(np.nan), self.range_m) if self.filled.any() else self.range_m
+        return (
+            np.where(self.filled, np.float32(np.nan), self.range_m)
+            if self.filled.any()
+            else self.range_m
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Correction:
     """A corrected frame.
 
-    image: J at the input's bit depth. unknown: True where no range was known. unrecoverable: True where noise limits a channel's
-    gain, or the camera clipped a channel. clipped_fraction: fraction of pixels of known range with a channel at full scale.
+    image: J at the input's bit depth. unknown: True where no range was known. unrecoverable: True
+    where noise limits a channel's gain, or the camera clipped a channel. clipped_fraction: fraction
+    of pixels of known range with a channel at full scale.
     water: the water that was removed. exposure, highlights: as in Water.
     linear: (H, W, 3) float32 linear light, unclipped; None unless asked for.
     """
@@ -152,12 +198,22 @@ class Correction:
     def __repr__(self) -> str:
         """Shape, how much is known, clipped and unrecoverable, and the exposure."""
         pixels = max(math.prod(self.unknown.shape), 1)
-        known, lost = 1 - float(self.unknown.sum()) / pixels, float(self.unrecoverable.sum()) / pixels
-        fractions = f"{known:.1%} known, {self.clipped_fraction:.2%} clipped, {lost:.1%} unrecoverable"
-        return f"Correction({tuple(self.image.shape)} {self.image.dtype}, {fractions}, exposure {self.exposure:.3g})"
+        known, lost = (
+            1 - float(self.unknown.sum()) / pixels,
+            float(self.unrecoverable.sum()) / pixels,
+        )
+        fractions = (
+            f"{known:.1%} known, {self.clipped_fraction:.2%} clipped, {lost:.1%} unrecoverable"
+        )
+        return (
+            f"Correction({tuple(self.image.shape)} {self.image.dtype}, {fractions}, exposure "
+            f"{self.exposure:.3g})"
+        )
 
     def one_band(self) -> "Correction":
-        """The correction of a monochrome camera's image: green, in the middle of its band, in all three channels."""
+        """The correction of a monochrome camera's image: green, in the middle of its band, in all
+        three channels.
+        """
         linear = None if self.linear is None else self.linear[..., [1, 1, 1]]
         return replace(self, image=self.image[..., [1, 1, 1]], linear=linear)
 
@@ -181,7 +237,8 @@ class FrameResult:
 class SurveyFrame:
     """A finished pair for the map: corrected colors and ranges of the rectified left camera.
 
-    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m: Map, measured pixels only.
+    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m: Map, measured pixels
+    only.
     confidence: (H, W) uint8, 0..255 for 0..1 as in its file; 0 where unknown.
     unrecoverable: as in Correction; None where it is not known.
     """
@@ -195,14 +252,22 @@ class SurveyFrame:
     unrecoverable: Mask | None = None
 
     def scaled(self, scale: float) -> "SurveyFrame":
-        """The frame with ranges multiplied by ``scale``, for a rig whose scale is known better than by its calibration."""
+        """The frame with ranges multiplied by ``scale``, for a rig whose scale is known better than
+        by its calibration.
+        """
         factor = np.float32(scale)
-        return self if scale == 1 else replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
+        return (
+            self
+            if scale == 1
+            else replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
+        )
 
     @cached_property
     def color_is_doubtful(self) -> Mask:
         """True where a channel is clipped, or could not be recovered."""
-        r, g, b = (np.ascontiguousarray(self.color[..., c]) for c in range(3))  # minima over the last axis take ten times as long
+        r, g, b = (
+            np.ascontiguousarray(self.color[..., c]) for c in range(3)
+        )  # minima over the last axis take ten times as long
         clipped = (np.maximum(np.maximum(r, g), b) >= 254) | (np.minimum(np.minimum(r, g), b) == 0)
         doubtful: Mask = clipped if self.unrecoverable is None else clipped | self.unrecoverable
         return doubtful
@@ -212,8 +277,9 @@ class SurveyFrame:
 class GeoOrigin:
     """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth).
 
-    utm_epsg: the UTM zone whose eastings and northings the map's x and y are; the degrees are then those of a place in the survey,
-    and not of (0, 0). None: x and y are meters east and north of it.
+    utm_epsg: the UTM zone whose eastings and northings the map's x and y are; the degrees are then
+    those of a place in the survey, and not of (0, 0). None: x and y are meters east and north of
+    it.
     """
 
     latitude_deg: float
@@ -225,12 +291,15 @@ class GeoOrigin:
 class Trajectory:
     """Poses of the left camera: p_world = T_world_camera @ p_camera, meters.
 
-    names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where the file holds no time.
-    T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up when georeferenced.
-    up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI: the first camera's axes).
+    names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where
+    the file holds no time.
+    T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up
+    when georeferenced.
+    up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI: the
+    first camera's axes).
     origin: where the world's origin lies on Earth, None for a local map.
-    camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those of the camera as it was
-    calibrated and mounted, which rectification turns.
+    camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those
+    of the camera as it was calibrated and mounted, which rectification turns.
     fixes: True for positions alone, such as a buoy's: heights and attitudes mean nothing.
     absolute: fixes beside poses, which place them on Earth; None where there are none.
     """
@@ -245,10 +314,16 @@ class Trajectory:
     absolute: "Trajectory | None" = None
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
-        """The poses of the rectified left camera. T_rectified_left: (4, 4), from the axes of the camera as calibrated."""
+        """The poses of the rectified left camera. T_rectified_left: (4, 4), from the axes of the
+        camera as calibrated.
+        """
         if self.camera == "rectified":
             return self
-        return replace(self, T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left), camera="rectified")
+        return replace(
+            self,
+            T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left),
+            camera="rectified",
+        )
 
 
 Status = Literal["ok", "failed", "unpaired", "pending"]
@@ -259,7 +334,8 @@ Status = Literal["ok", "failed", "unpaired", "pending"]
 class FrameRow:
     """The outcome of one pair, or of one file without a partner: a row of frames.csv.
 
-    kept: True where an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: name of a stage -> seconds.
+    kept: True where an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds:
+    name of a stage -> seconds.
     facts: numbers by column, see dive/frame_facts.py.
     """
 
@@ -281,8 +357,13 @@ class FrameRow:
         return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
 
     def then(self, later: "FrameRow") -> "FrameRow":
-        """This row and that of a later stage as one: seconds are added, repeated warnings dropped; kept only if both were."""
-        seconds = {key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0) for key in self.seconds | later.seconds}
+        """This row and that of a later stage as one: seconds are added, repeated warnings dropped;
+        kept only if both were.
+        """
+        seconds = {
+            key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0)
+            for key in self.seconds | later.seconds
+        }
         return replace(
             later,
             left=later.left or self.left,

@@ -8,7 +8,9 @@ Array = NDArray[np.float64]
 ROBUST_DEVIATION = 1.4826
 """Standard deviation over median absolute deviation of a Gaussian."""
 TUKEY = 4.685
-"""Standard deviations beyond which a residual has weight 0: 95 % efficient for Gaussian residuals (Beaton and Tukey 1974)."""
+"""Standard deviations beyond which a residual has weight 0: 95 % efficient for Gaussian residuals
+(Beaton and Tukey 1974).
+"""
 
 
 def deviation(values: Array) -> float:

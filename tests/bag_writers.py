@@ -15,14 +15,20 @@ from scipy.spatial.transform import Rotation
 from calibration.formats import load_rig, ros
 from calibration.formats.reading.document import load_document
 
-STORES = {".bag": get_typestore(Stores.ROS1_NOETIC)} | dict.fromkeys((".db3", ".mcap"), get_typestore(Stores.ROS2_HUMBLE))
-STORES[".bag"].register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+STORES = {".bag": get_typestore(Stores.ROS1_NOETIC)} | dict.fromkeys(
+    (".db3", ".mcap"), get_typestore(Stores.ROS2_HUMBLE)
+)
+STORES[".bag"].register(
+    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
+)
 START_NS, STEP_NS = 1_700_000_000_123_456_789, 250_000_000
 LEFT, RIGHT = "/stereo/left", "/stereo/right"
 
 
 class Sent(NamedTuple):
-    """A message to be written. fields: of its type, without the header. arrival_ns: when it was recorded. frame: of its header."""
+    """A message to be written. fields: of its type, without the header. arrival_ns: when it was
+    recorded. frame: of its header.
+    """
 
     topic: str
     type: str
@@ -33,7 +39,9 @@ class Sent(NamedTuple):
 
 
 def write_bag(path: Path, messages: Iterable[Sent], compression: Sequence[Any] = ()) -> Path:
-    """Write messages; the format is that of the suffix. compression: for the writer. Returns the file."""
+    """Write messages; the format is that of the suffix. compression: for the writer. Returns the
+    file.
+    """
     suffix = path.suffix
     store, is_ros1 = STORES[suffix], suffix == ".bag"
     plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
@@ -47,19 +55,28 @@ def write_bag(path: Path, messages: Iterable[Sent], compression: Sequence[Any] =
             if sent.topic not in known:
                 known[sent.topic] = bag.add_connection(sent.topic, sent.type, typestore=store)
             message = _message(store, sent, is_ros1)
-            content = store.serialize_ros1(message, sent.type) if is_ros1 else store.serialize_cdr(message, sent.type)
+            content = (
+                store.serialize_ros1(message, sent.type)
+                if is_ros1
+                else store.serialize_cdr(message, sent.type)
+            )
             bag.write(known[sent.topic], sent.arrival_ns or sent.stamp_ns, content)
     return path if is_ros1 else next(folder.glob(f"*{suffix}"))
 
 
 def _message(store: Any, sent: Sent, is_ros1: bool) -> Any:
     time = store.types["builtin_interfaces/msg/Time"](*divmod(sent.stamp_ns, 10**9))
-    header = store.types["std_msgs/msg/Header"](**({"seq": 0} if is_ros1 else {}), stamp=time, frame_id=sent.frame)
+    header = store.types["std_msgs/msg/Header"](
+        **({"seq": 0} if is_ros1 else {}), stamp=time, frame_id=sent.frame
+    )
     fields = {**({} if sent.type.endswith("TFMessage") else {"header": header}), **sent.fields}
     if sent.type.endswith("CameraInfo"):
         roi = store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         fields |= {"binning_x": 0, "binning_y": 0, "roi": roi}
-        fields = {name.upper() if is_ros1 and name in "dkrp" else name: value for name, value in fields.items()}
+        fields = {
+            name.upper() if is_ros1 and name in "dkrp" else name: value
+            for name, value in fields.items()
+        }
     return store.types[sent.type](**fields)
 
 
@@ -72,8 +89,15 @@ def raw(topic: str, stamp_ns: int, pixels: np.ndarray, encoding: str, arrival_ns
     return Sent(topic, "sensor_msgs/msg/Image", stamp_ns, fields, arrival_ns)
 
 
-def compressed(topic: str, stamp_ns: int, content: bytes, format: str = "rgb8; png compressed bgr8") -> Sent:
-    return Sent(topic, "sensor_msgs/msg/CompressedImage", stamp_ns, {"format": format, "data": np.frombuffer(content, np.uint8)})
+def compressed(
+    topic: str, stamp_ns: int, content: bytes, format: str = "rgb8; png compressed bgr8"
+) -> Sent:
+    return Sent(
+        topic,
+        "sensor_msgs/msg/CompressedImage",
+        stamp_ns,
+        {"format": format, "data": np.frombuffer(content, np.uint8)},
+    )
 
 
 def make(suffix: str, name: str, *values):
@@ -83,10 +107,20 @@ def make(suffix: str, name: str, *values):
 def static_transform(suffix: str, parent: str, child: str, position, turn: Rotation) -> Sent:
     types = STORES[suffix].types
     stamp = types["builtin_interfaces/msg/Time"](0, 0)
-    header = types["std_msgs/msg/Header"](**({"seq": 0} if suffix == ".bag" else {}), stamp=stamp, frame_id=parent)
-    move = make(suffix, "Transform", make(suffix, "Vector3", *map(float, position)), make(suffix, "Quaternion", *turn.as_quat()))
+    header = types["std_msgs/msg/Header"](
+        **({"seq": 0} if suffix == ".bag" else {}), stamp=stamp, frame_id=parent
+    )
+    move = make(
+        suffix,
+        "Transform",
+        make(suffix, "Vector3", *map(float, position)),
+        make(suffix, "Quaternion", *turn.as_quat()),
+    )
     return Sent(
-        "/tf_static", "tf2_msgs/msg/TFMessage", START_NS, {"transforms": [make(suffix, "TransformStamped", header, child, move)]}
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        START_NS,
+        {"transforms": [make(suffix, "TransformStamped", header, child, move)]},
     )
 
 
@@ -101,21 +135,35 @@ def camera_infos(calib: Path, stamp_ns: int = START_NS) -> list[Sent]:
 
 
 def _camera_info(topic: str, content: Any, stamp_ns: int) -> Sent:
-    names = {"k": "camera_matrix", "d": "distortion_coefficients", "r": "rectification_matrix", "p": "projection_matrix"}
-    matrices = {key: np.array(content[name]["data"], np.float64).ravel() for key, name in names.items()}
+    names = {
+        "k": "camera_matrix",
+        "d": "distortion_coefficients",
+        "r": "rectification_matrix",
+        "p": "projection_matrix",
+    }
+    matrices = {
+        key: np.array(content[name]["data"], np.float64).ravel() for key, name in names.items()
+    }
     size = {"height": content["image_height"], "width": content["image_width"]}
     return Sent(
-        topic, "sensor_msgs/msg/CameraInfo", stamp_ns, {**size, "distortion_model": content["distortion_model"], **matrices}
+        topic,
+        "sensor_msgs/msg/CameraInfo",
+        stamp_ns,
+        {**size, "distortion_model": content["distortion_model"], **matrices},
     )
 
 
 def dive_messages(root: Path, sides: str = "LR", suffix: str = "/image_raw") -> list[Sent]:
-    """The images of a dive's two folders, which are named by their stamps, in color or gray; the right ones arrive 30 ms late."""
+    """The images of a dive's two folders, which are named by their stamps, in color or gray; the
+    right ones arrive 30 ms late.
+    """
     sent = []
     for side, camera in zip(sides, (LEFT, RIGHT), strict=True):
         for path in sorted((root / side).glob("*.png")):
             pixels = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-            encoding = ("bgr" if pixels.ndim == 3 else "mono") + ("8" if pixels.dtype == np.uint8 else "16")
+            encoding = ("bgr" if pixels.ndim == 3 else "mono") + (
+                "8" if pixels.dtype == np.uint8 else "16"
+            )
             late_ns = 30_000_000 * (camera == RIGHT)
             stamp_ns = stamp_of(path)
             sent.append(raw(f"{camera}{suffix}", stamp_ns, pixels, encoding, stamp_ns + late_ns))

@@ -1,4 +1,6 @@
-"""Views of a target through a known rig: corners by projection with noise, or whole images rendered by each pixel's ray."""
+"""Views of a target through a known rig: corners by projection with noise, or whole images rendered
+by each pixel's ray.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -29,20 +31,32 @@ def fisheye_rig() -> StereoRig:
     """A pair 0.1 m apart that sees 130 degrees."""
     K = np.array([[560.0, 0, 640.2], [0, 559.0, 481.5], [0, 0, 1]])
     left = Camera(K, np.array([0.03, -0.012, 0.004, -0.001]), SIZE, "fisheye")
-    right = Camera(K + np.diag([4.0, 3.5, 0]), np.array([0.028, -0.01, 0.003, -0.0008]), SIZE, "fisheye")
+    right = Camera(
+        K + np.diag([4.0, 3.5, 0]), np.array([0.028, -0.01, 0.003, -0.0008]), SIZE, "fisheye"
+    )
     return StereoRig(left, right, _pose([0.01, -0.02, 0.005], [-0.1, -0.001, 0.003]))
 
 
-def seen_by(rig: StereoRig, count: int, noise_px: float, rng: np.random.Generator) -> list[np.ndarray]:
-    """Raw pixels (n, 2), with noise, of ``count`` random points 0.6 to 4 m before the rig, less those beside the right image."""
+def seen_by(
+    rig: StereoRig, count: int, noise_px: float, rng: np.random.Generator
+) -> list[np.ndarray]:
+    """Raw pixels (n, 2), with noise, of ``count`` random points 0.6 to 4 m before the rig, less
+    those beside the right image.
+    """
     left, right, _ = cameras_in_water(rig)
     size = np.array(rig.left.image_size)
     points = left.rays(rng.uniform([0, 0], size - 1, (count, 2))) * rng.uniform(0.6, 4, (count, 1))
     if isinstance(left, CameraInWater) and isinstance(right, CameraInWater):
         points += left.center_m
-        pixels = [left.project_points(points), right.project_points(points @ rig.R.T + rig.T_right_left[:3, 3])]
+        pixels = [
+            left.project_points(points),
+            right.project_points(points @ rig.R.T + rig.T_right_left[:3, 3]),
+        ]
     else:
-        pixels = [rig.left.project(points), rig.right.project(points @ rig.R.T + rig.T_right_left[:3, 3])]
+        pixels = [
+            rig.left.project(points),
+            rig.right.project(points @ rig.R.T + rig.T_right_left[:3, 3]),
+        ]
     inside = ((pixels[1] > 0) & (pixels[1] < size - 1)).all(axis=1)
     return [p[inside] + rng.normal(0, noise_px, (inside.sum(), 2)) for p in pixels]
 
@@ -56,13 +70,19 @@ def mismatched(pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def poses(
-    target: Chessboard, views: int, rng: np.random.Generator, width_fraction: float = 0.5, slope: float = 0.45
+    target: Chessboard,
+    views: int,
+    rng: np.random.Generator,
+    width_fraction: float = 0.5,
+    slope: float = 0.45,
 ) -> list[np.ndarray]:
     """Boards before the rig, tilted up to 35 degrees, all over the image."""
     middle = np.append(target.points_m.max(axis=0)[:2] / 2, 0)
     found = []
     while len(found) < views:
-        distance = target.points_m[:, 0].max() / (2 * slope) / width_fraction * rng.uniform(0.8, 1.5)
+        distance = (
+            target.points_m[:, 0].max() / (2 * slope) / width_fraction * rng.uniform(0.8, 1.5)
+        )
         T = _pose(rng.uniform(-0.6, 0.6, 3) * [1, 1, 0.5], [0, 0, 0])
         center = np.append(rng.uniform(-slope, slope, 2) * [1, 0.7], 1.0) * distance
         T[:3, 3] = center - T[:3, :3] @ middle
@@ -70,7 +90,9 @@ def poses(
     return found
 
 
-def projected_views(rig: StereoRig, target: Chessboard, views: int, noise_px: float, rng: np.random.Generator) -> list[View]:
+def projected_views(
+    rig: StereoRig, target: Chessboard, views: int, noise_px: float, rng: np.random.Generator
+) -> list[View]:
     """Corners of views that both cameras see whole, with Gaussian noise."""
     found: list[View] = []
     slope = 0.9 if rig.left.model == "fisheye" else 0.45
@@ -78,18 +100,29 @@ def projected_views(rig: StereoRig, target: Chessboard, views: int, noise_px: fl
         (T,) = poses(target, 1, rng, slope=slope)
         corners = []
         for camera, extrinsic in ((rig.left, np.eye(4)), (rig.right, rig.T_right_left)):
-            pixels = camera.project(target.points_m @ (extrinsic @ T)[:3, :3].T + (extrinsic @ T)[:3, 3])
+            pixels = camera.project(
+                target.points_m @ (extrinsic @ T)[:3, :3].T + (extrinsic @ T)[:3, 3]
+            )
             inside = ((pixels > 5) & (pixels < np.array(SIZE) - 6)).all()
-            corners.append(Corners(np.arange(len(pixels)), pixels + rng.normal(0, noise_px, pixels.shape)) if inside else None)
+            corners.append(
+                Corners(np.arange(len(pixels)), pixels + rng.normal(0, noise_px, pixels.shape))
+                if inside
+                else None
+            )
         if corners[0] is not None and corners[1] is not None:
             found.append(View(f"view{len(found)}", SIZE, corners[0], corners[1]))
     return found
 
 
 def rendered(
-    camera: Camera, T_camera_target: np.ndarray, board: np.ndarray, board_px_per_m: float, origin_m: np.ndarray
+    camera: Camera,
+    T_camera_target: np.ndarray,
+    board: np.ndarray,
+    board_px_per_m: float,
+    origin_m: np.ndarray,
 ) -> np.ndarray:
-    """The image (H, W) that a camera takes of a flat picture: each pixel's ray meets the plane; blurred as a lens does.
+    """The image (H, W) that a camera takes of a flat picture: each pixel's ray meets the plane;
+    blurred as a lens does.
 
     origin_m: where the picture's top left pixel lies on the target's plane.
     """
@@ -101,14 +134,25 @@ def rendered(
     where = ((on_plane[:, :2] - origin_m) * board_px_per_m - 0.5).astype(np.float32)
     where[~(scale > 0)] = -1e6
     maps = where.reshape(height, width, 2)
-    smooth = cv2.GaussianBlur(board, (0, 0), max(1.0, 0.5 * board_px_per_m * float(np.median(scale)) / camera.K[0, 0]))
-    image = cv2.remap(smooth, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128)
+    smooth = cv2.GaussianBlur(
+        board, (0, 0), max(1.0, 0.5 * board_px_per_m * float(np.median(scale)) / camera.K[0, 0])
+    )
+    image = cv2.remap(
+        smooth,
+        maps[..., 0],
+        maps[..., 1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=128,
+    )
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7))
 
 
 @cache
 def photograph_board(folder: Path, target: str) -> StereoRig:
-    """Six rendered pairs of a printed target of about 0.3 m, in left/ and right/ of a folder, and the rig that took them."""
+    """Six rendered pairs of a printed target of about 0.3 m, in left/ and right/ of a folder, and
+    the rig that took them.
+    """
     K = np.array([[520.0, 0, 243], [0, 520, 176], [0, 0, 1]])
     camera = Camera(K, np.array([-0.1, 0.02, 0, 0, 0]), (480, 360))
     T = np.eye(4)
@@ -123,7 +167,11 @@ def photograph_board(folder: Path, target: str) -> StereoRig:
     tilts = [(0.4, 0.1), (-0.4, 0.1), (0.1, 0.45), (0.0, -0.45), (0.3, 0.3), (-0.3, -0.3)]
     for number, (tilt_x, tilt_y) in enumerate(tilts):
         pose = _pose([tilt_x, tilt_y, 0.1 * (number - 2)], [0, 0, 0])
-        pose[:3, 3] = pose[:3, :3] @ [-0.12, -0.08, 0] + [0.05 + 0.03 * (number % 3 - 1), 0.03 * (number % 2), 0.62]
+        pose[:3, 3] = pose[:3, :3] @ [-0.12, -0.08, 0] + [
+            0.05 + 0.03 * (number % 3 - 1),
+            0.03 * (number % 2),
+            0.62,
+        ]
         for side, extrinsic in (("left", np.eye(4)), ("right", T)):
             image = rendered(camera, extrinsic @ pose, picture, 300 / 0.0254, origin_m)
             cv2.imwrite(str(folder / side / f"{number:02d}.png"), image)

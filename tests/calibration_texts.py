@@ -1,4 +1,6 @@
-"""One small file of each calibration format, as the tool that owns the format writes it. Every one holds a baseline of 0.1 m."""
+"""One small file of each calibration format, as the tool that owns the format writes it. Every one
+holds a baseline of 0.1 m.
+"""
 
 ROS_LEFT = """image_width: 1280
 image_height: 1024
@@ -82,7 +84,11 @@ T: !!opencv-matrix
    dt: d
    data: [ -0.1, 0., 0. ]
 """
-OPENCV = OPENCV_INTRINSICS + OPENCV_EXTRINSICS.split("---\n")[1] + "image_width: 640\nimage_height: 480\n"
+OPENCV = (
+    OPENCV_INTRINSICS
+    + OPENCV_EXTRINSICS.split("---\n")[1]
+    + "image_width: 640\nimage_height: 480\n"
+)
 
 OPENCV_XML = """<?xml version="1.0"?>
 <opencv_storage>
@@ -96,7 +102,7 @@ OPENCV_XML = """<?xml version="1.0"?>
 <R type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt><data>1. 0. 0. 0. 1. 0. 0. 0. 1.</data></R>
 <T type_id="opencv-matrix"><rows>3</rows><cols>1</cols><dt>d</dt><data>-0.1 0. 0.</data></T>
 </opencv_storage>
-"""
+"""  # noqa: E501
 
 OPENCV_JSON = """{
     "imageSize": [640, 480],
@@ -107,7 +113,7 @@ OPENCV_JSON = """{
     "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
     "T": [[-0.1], [0], [0]]
 }
-"""
+"""  # noqa: E501
 
 _OPLAB_CAMERA = """   image_width: 2464
    image_height: 2056
@@ -156,7 +162,7 @@ left:
 date: "2023-01-01"
 number_of_images: "50"
 avg_reprojection_error: "0.5"
-"""
+"""  # noqa: E501
 
 ORBSLAM_OLD = """%YAML:1.0
 
@@ -212,7 +218,7 @@ RIGHT.P:  !!opencv-matrix
    cols: 4
    dt: d
    data: [435.2046959714599, 0, 367.4517211914062, -43.52046959714599, 0, 435.2046959714599, 252.2008514404297, 0, 0, 0, 1, 0]
-"""
+"""  # noqa: E501
 
 ORBSLAM_NEW = """%YAML:1.0
 File.version: "1.0"
@@ -285,7 +291,7 @@ right:
   K: [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]
   distortion: [-0.1, 0.01, 0.0, 0.0, 0.0]
 T_right_left: [[1.0, 0.0, 0.0, -0.1], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-"""
+"""  # noqa: E501
 
 WHOLE_RIGS = {
     "native": NATIVE,

@@ -48,7 +48,11 @@ Cli = Callable[..., tuple[int, str, str]]
 def contents(out: Path) -> dict[str, bytes]:
     """All products of a run by name; frames.csv and run.json hold times, so they are left out."""
     products = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
-    found = {str(path.relative_to(out)): path.read_bytes() for product in products for path in (out / product).glob("*")}
+    found = {
+        str(path.relative_to(out)): path.read_bytes()
+        for product in products
+        for path in (out / product).glob("*")
+    }
     return found | {"water.json": (out / "water.json").read_bytes()}
 
 
@@ -72,12 +76,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if sys.platform == "win32":
         for item in items:
             if item.get_closest_marker("posix"):
-                item.add_marker(pytest.mark.skip(reason="needs named pipes, kills or limits, which Windows has not"))
+                item.add_marker(
+                    pytest.mark.skip(
+                        reason="needs named pipes, kills or limits, which Windows has not"
+                    )
+                )
 
 
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
-    """Run a command in this process; (exit code, what was printed, what was said on standard error)."""
+    """Run a command in this process; (exit code, what was printed, what was said on standard
+    error).
+    """
 
     def call(*words: str | Path) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *map(str, words)])
@@ -107,14 +117,22 @@ class SampleRun:
     printed: str
 
     def copy(self, to: Path) -> Path:
-        """A copy to go on from: a run with other settings finds what stays the same, and does the rest."""
+        """A copy to go on from: a run with other settings finds what stays the same, and does the
+        rest.
+        """
         return shutil.copytree(self.out, to)
 
 
 @pytest.fixture(scope="session")
 def sample_run(tmp_path_factory: pytest.TempPathFactory) -> SampleRun:
-    """README's first command, as typed, once for all tests: they read it, or take a copy to write into."""
-    block = re.search(r"^```sh\n(.*data_samples.*)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    """README's first command, as typed, once for all tests: they read it, or take a copy to write
+    into.
+    """
+    block = re.search(
+        r"^```sh\n(.*data_samples.*)\n```",
+        (ROOT / "README.md").read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
+    )
     assert block
     words = shlex.split(block[1].split("&&")[-1])
     assert words[0] == ".venv/bin/stereo-seecolor"
@@ -139,7 +157,9 @@ def waters_a_frame(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.fixture(scope="session")
 def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> DemoResult:
-    """The demo in small pictures, rendered and run once, in FOLDER/out of FOLDER/dive; to be read only."""
+    """The demo in small pictures, rendered and run once, in FOLDER/out of FOLDER/dive; to be read
+    only.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "SurveySpec", partial(SurveySpec, image_size=(256, 192)))
         return demo.demo(tmp_path_factory.mktemp("demo"))
@@ -147,7 +167,9 @@ def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> DemoResult:
 
 @pytest.fixture(scope="session")
 def flown_reef() -> "ReefFrames":
-    """Twelve frames with known ranges and poses, in two lines over a synthetic reef; to be read only."""
+    """Twelve frames with known ranges and poses, in two lines over a synthetic reef; to be read
+    only.
+    """
     from mapping_scene import ReefFrames
 
     return ReefFrames(SurveySpec(pairs=12, lines=2, image_size=(256, 208), seed=3), noise_px=0.1)
@@ -164,7 +186,10 @@ def demo_at_hand(finished_demo: DemoResult, monkeypatch: pytest.MonkeyPatch) -> 
 def real_data() -> Path:
     """The folder of real frames, stereo pairs and chessboards; skips where it is absent."""
     if not REAL_DATA.is_dir():
-        pytest.skip("real frames are not in the repository: STEREO_SEECOLOR_DATA names their folder (tests/DATA.md)")
+        pytest.skip(
+            "real frames are not in the repository: STEREO_SEECOLOR_DATA names their folder "
+            "(tests/DATA.md)"
+        )
     return REAL_DATA
 
 
@@ -202,7 +227,9 @@ FOCAL_PX, BASELINE_M, WIDTH, HEIGHT = 150.0, 0.1, 176, 128
 
 @pytest.fixture
 def make_dive(tmp_path: Path) -> Callable[..., Dive]:
-    """Make a dive of rectified pairs: a slope from 1 to 2 m, seen through green water. Cheap, and its range is known."""
+    """Make a dive of rectified pairs: a slope from 1 to 2 m, seen through green water. Cheap, and
+    its range is known.
+    """
 
     def make(pairs: int = 3, seed: int = 0, dtype: type = np.uint8) -> Dive:
         root = tmp_path / "dive"
@@ -214,22 +241,35 @@ def make_dive(tmp_path: Path) -> Callable[..., Dive]:
         camera = Camera(K, np.zeros(0), (WIDTH, HEIGHT))
         native.write(StereoRig(camera, camera, T), root / "cam.yaml")
         y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
-        depth_m = np.linspace(2, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones((1, WIDTH), np.float32)
+        depth_m = np.linspace(2, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones(
+            (1, WIDTH), np.float32
+        )
         ray = np.sqrt(1 + ((x - WIDTH / 2) / FOCAL_PX) ** 2 + ((y - HEIGHT / 2) / FOCAL_PX) ** 2)
         range_m = depth_m * ray
         for i in range(pairs):
             rng = np.random.default_rng(seed * 1000 + i)
-            texture = cv2.GaussianBlur(rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8)
+            texture = cv2.GaussianBlur(
+                rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8
+            )
             reef = np.clip(texture * 2 - 0.6, 0, 1)
             seen = [
-                cv2.remap(reef, x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+                cv2.remap(
+                    reef,
+                    x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m,
+                    y,
+                    cv2.INTER_CUBIC,
+                    borderMode=cv2.BORDER_REFLECT,
+                )
                 for shift in (1, 0)
             ]
             attenuation = np.exp(-range_m[..., None] * np.array([0.5, 0.1, 0.15]))
             for side, image in zip("LR", seen, strict=True):
                 water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
                 full = np.iinfo(dtype).max
-                cv2.imwrite(str(root / side / f"{i:04d}.png"), np.round(water * full).astype(dtype)[..., ::-1])
+                cv2.imwrite(
+                    str(root / side / f"{i:04d}.png"),
+                    np.round(water * full).astype(dtype)[..., ::-1],
+                )
         return Dive(root, range_m)
 
     return make

@@ -1,4 +1,6 @@
-"""Firefox for the tests of the page, driven by WebDriver BiDi itself: Playwright drives only its own build of it."""
+"""Firefox for the tests of the page, driven by WebDriver BiDi itself: Playwright drives only its
+own build of it.
+"""
 
 import json
 import re
@@ -43,7 +45,9 @@ class Firefox:
             self.complaints.append(str(parameters.get("text")))
         if message.get("method") == "network.beforeRequestSent":
             address = parameters["request"]["url"]
-            if not address.startswith(("file:", "data:", "blob:", "about:", "resource:", "chrome:")):
+            if not address.startswith(
+                ("file:", "data:", "blob:", "about:", "resource:", "chrome:")
+            ):
                 self.complaints.append(address)
 
     def open(self, address: str) -> None:
@@ -53,17 +57,26 @@ class Firefox:
     def ask(self, expression: str) -> Any:
         """The value of an expression in the page."""
         target = {"context": self.tab}
-        found = self.send("script.evaluate", expression=expression, target=target, awaitPromise=True)
+        found = self.send(
+            "script.evaluate", expression=expression, target=target, awaitPromise=True
+        )
         assert found["type"] == "success", found
         return found["result"].get("value")
 
     def click(self, *places: tuple[float, float]) -> None:
-        """Click places of the window with the mouse, one after the other; twice the same place is a double click."""
+        """Click places of the window with the mouse, one after the other; twice the same place is a
+        double click.
+        """
         actions: list[dict[str, Any]] = []
         for x, y in places:
             actions += [{"type": "pointerMove", "x": round(x), "y": round(y)}]
             actions += [{"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]
-        mouse = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}
+        mouse = {
+            "type": "pointer",
+            "id": "mouse",
+            "parameters": {"pointerType": "mouse"},
+            "actions": actions,
+        }
         self.send("input.performActions", context=self.tab, actions=[mouse])
 
     def until(self, condition: str, seconds: float = 30.0) -> None:
@@ -78,8 +91,18 @@ class Firefox:
 def firefox(program: str, profile: Path) -> Iterator[Firefox]:
     """Firefox without a window, with a new profile."""
     profile.mkdir()
-    command = [program, "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+    command = [
+        program,
+        "--headless",
+        "--no-remote",
+        "--profile",
+        str(profile),
+        "--remote-debugging-port",
+        "0",
+    ]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as process:
         try:
             assert process.stderr
             address = next(found[1] for line in process.stderr if (found := _LISTENS.search(line)))
@@ -87,7 +110,9 @@ def firefox(program: str, profile: Path) -> Iterator[Firefox]:
                 browser = Firefox(socket)
                 browser.send("session.new", capabilities={})
                 browser.tab = browser.send("browsingContext.getTree")["contexts"][0]["context"]
-                browser.send("session.subscribe", events=["log.entryAdded", "network.beforeRequestSent"])
+                browser.send(
+                    "session.subscribe", events=["log.entryAdded", "network.beforeRequestSent"]
+                )
                 yield browser
                 browser.send("browser.close")
         finally:

@@ -1,7 +1,9 @@
-"""An output folder and its map as a few numbers, read from the files alone, and how far such numbers may differ.
+"""An output folder and its map as a few numbers, read from the files alone, and how far such
+numbers may differ.
 
-Ranges and colors are reduced to percentiles, means and medians of blocks: one pixel that another processor rounds differently
-does not show, a twelfth of a frame that moves does. Checksums would fail on the former.
+Ranges and colors are reduced to percentiles, means and medians of blocks: one pixel that another
+processor rounds differently does not show, a twelfth of a frame that moves does. Checksums would
+fail on the former.
 """
 
 import csv
@@ -24,8 +26,8 @@ BLOCK_ROWS, BLOCK_COLUMNS = 3, 4
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Greatest allowed differences. absolute: by the name of a number, in its unit. relative: of all other numbers, as a ratio
-    of the number, or of SMALLEST_SCALE for numbers near zero.
+    """Greatest allowed differences. absolute: by the name of a number, in its unit. relative: of
+    all other numbers, as a ratio of the number, or of SMALLEST_SCALE for numbers near zero.
     """
 
     absolute: dict[str, float]
@@ -34,13 +36,16 @@ class Tolerances:
 
 SMALLEST_SCALE = 0.01
 
-# On x86-64 with and without AVX2 and FMA all of these are the same, but for the waters, where the fits end within 1e-12 of each
-# other. The room left is for other compilers (arm64), and is far below what a user would see.
+# On x86-64 with and without AVX2 and FMA all of these are the same, but for the waters, where the
+# fits end within 1e-12 of each other. The room left is for other compilers (arm64), and is far
+# below what a user would see.
 SAME_FILES = Tolerances(
     {
-        "range_m": 2e-5,  # one step of disparity (1/16 px) is 4e-3 m at 2 m; a shift of 1e-4 m must fail
+        # one step of disparity (1/16 px) is 4e-3 m at 2 m; a shift of 1e-4 m must fail
+        "range_m": 2e-5,
         "range_std_m": 2e-5,  # as range_m
-        "coverage": 1e-4,  # 26 of the 258,048 pixels of a frame, where a threshold is crossed by rounding
+        # 26 of the 258,048 pixels of a frame, where a threshold is crossed by rounding
+        "coverage": 1e-4,
         "mask_shares": 1e-4,  # as coverage
         "confidence_mean": 0.1,  # of 255
         "cloud_points": 26,  # as coverage
@@ -50,8 +55,8 @@ SAME_FILES = Tolerances(
     relative=1e-4,
 )
 
-# Which features are found depends on the processor's instructions: without AVX2 the track moves by 1.1 mm, the box by a voxel,
-# and the metrics by 0.09 %. Each tolerance is two to five times that.
+# Which features are found depends on the processor's instructions: without AVX2 the track moves by
+# 1.1 mm, the box by a voxel, and the metrics by 0.09 %. Each tolerance is two to five times that.
 OWN_TRACK = Tolerances(
     {
         "map_low_m": 0.025,  # voxels are 0.01 m
@@ -74,7 +79,10 @@ def block_medians(values: np.ndarray) -> list[float]:
     """Medians of the known values of 3 x 4 blocks, row by row."""
     rows = np.array_split(values, BLOCK_ROWS)
     blocks = [block for row in rows for block in np.array_split(row, BLOCK_COLUMNS, axis=1)]
-    return [float(np.median(block[np.isfinite(block)])) if np.isfinite(block).any() else math.nan for block in blocks]
+    return [
+        float(np.median(block[np.isfinite(block)])) if np.isfinite(block).any() else math.nan
+        for block in blocks
+    ]
 
 
 def range_numbers(out: Path, name: str) -> Numbers:
@@ -96,7 +104,9 @@ def color_numbers(out: Path, name: str) -> Numbers:
     return {
         "mask_shares": (np.bincount(mask.ravel(), minlength=4) / mask.size).tolist(),
         "color_mean": rgb.mean(axis=0).tolist(),
-        "color_percentiles": np.percentile(rgb, (5, 50, 95), axis=0, method="nearest").ravel().tolist(),
+        "color_percentiles": np.percentile(rgb, (5, 50, 95), axis=0, method="nearest")
+        .ravel()
+        .tolist(),
     }
 
 
@@ -105,7 +115,11 @@ def water_numbers(path: Path) -> Numbers:
     content = json.loads(path.read_text())
     waters = content["frames"] if "frames" in content else {"survey": content["water"]}
     return {
-        frame: {key: value for key, value in water.items() if isinstance(value, float | list) and key != "warnings"}
+        frame: {
+            key: value
+            for key, value in water.items()
+            if isinstance(value, float | list) and key != "warnings"
+        }
         for frame, water in waters.items()
     }
 
@@ -121,7 +135,11 @@ def read_ply(path: Path) -> tuple[np.ndarray, int]:
 
 
 def frame_names(out: Path) -> list[str]:
-    return [row["name"] for row in csv.DictReader((out / "frames.csv").read_text().splitlines()) if row["status"] == "ok"]
+    return [
+        row["name"]
+        for row in csv.DictReader((out / "frames.csv").read_text().splitlines())
+        if row["status"] == "ok"
+    ]
 
 
 def run_numbers(out: Path) -> Numbers:
@@ -139,7 +157,10 @@ def range_run_numbers(out: Path) -> Numbers:
 
 
 def color_run_numbers(out: Path) -> Numbers:
-    return {"frames": {name: color_numbers(out, name) for name in frame_names(out)}, "water": water_numbers(out / "water.json")}
+    return {
+        "frames": {name: color_numbers(out, name) for name in frame_names(out)},
+        "water": water_numbers(out / "water.json"),
+    }
 
 
 def map_numbers(out: Path) -> Numbers:
@@ -149,7 +170,11 @@ def map_numbers(out: Path) -> Numbers:
     xyz_m = np.stack([points[axis] for axis in "xyz"], axis=1)
     rgb = np.stack([points[channel] for channel in ("red", "green", "blue")], axis=1)
     poses = np.loadtxt(folder / "trajectory.tum", ndmin=2)
-    site = next(row for row in csv.DictReader((folder / "reef_metrics.csv").read_text().splitlines()) if row["square"] == "site")
+    site = next(
+        row
+        for row in csv.DictReader((folder / "reef_metrics.csv").read_text().splitlines())
+        if row["square"] == "site"
+    )
     return {
         "frames": len(poses),
         "map_points": len(points),
@@ -159,7 +184,9 @@ def map_numbers(out: Path) -> Numbers:
         "color_mean": rgb.mean(axis=0).tolist(),
         "track_length_m": float(np.linalg.norm(np.diff(poses[:, 1:4], axis=0), axis=1).sum()),
         "track_end": poses[-1, 1:].tolist(),
-        "site": {key: float(value) for key, value in site.items() if key not in ("square", "x_m", "y_m")},
+        "site": {
+            key: float(value) for key, value in site.items() if key not in ("square", "x_m", "y_m")
+        },
     }
 
 
@@ -182,11 +209,15 @@ def differs(name: str, golden: object, measured: object, tolerances: Tolerances)
     return not (abs(golden - measured) <= allowed or (math.isnan(golden) and math.isnan(measured)))
 
 
-def differences(golden: Numbers, measured: Numbers, tolerances: Tolerances = SAME_FILES) -> list[str]:
+def differences(
+    golden: Numbers, measured: Numbers, tolerances: Tolerances = SAME_FILES
+) -> list[str]:
     """A line for each number beyond its tolerance, and for each that only one side has."""
     old = {path: (name, value) for path, name, value in leaves(golden)}
     new = {path: value for path, _, value in leaves(measured)}
-    lines = [f"{path}: missing" for path in old.keys() - new.keys()] + [f"{path}: new" for path in new.keys() - old.keys()]
+    lines = [f"{path}: missing" for path in old.keys() - new.keys()] + [
+        f"{path}: new" for path in new.keys() - old.keys()
+    ]
     lines += [
         f"{path}: {value} -> {new[path]}"
         for path, (name, value) in old.items()
@@ -207,4 +238,7 @@ def rounded(numbers: object) -> object:
 def write_numbers(path: Path, numbers: Numbers) -> None:
     """As JSON with a line for each list, so that a renewal reads well as a diff."""
     text = json.dumps(rounded(numbers), indent=1)
-    path.write_text(re.sub(r"\[\s*([^][{}]*?)\s*\]", lambda found: f"[{' '.join(found[1].split())}]", text) + "\n")
+    path.write_text(
+        re.sub(r"\[\s*([^][{}]*?)\s*\]", lambda found: f"[{' '.join(found[1].split())}]", text)
+        + "\n"
+    )

@@ -2,20 +2,31 @@
 
 from typing import Any
 
-Shape = Any  # a type, a tuple of types and None, [shape], {key: shape}, or {str: shape} for any keys
+Shape = (
+    Any  # a type, a tuple of types and None, [shape], {key: shape}, or {str: shape} for any keys
+)
 NUMBER = (int, float)
 UNKNOWN = (int, float, None)
 """A number, or null where it is not known."""
 
 
 def mismatch(value: Any, shape: Shape, where: str = "$") -> str | None:
-    """Where a parsed JSON value differs from a shape; None if it does not. Keys beyond those of the shape are a difference, too."""
+    """Where a parsed JSON value differs from a shape; None if it does not. Keys beyond those of the
+    shape are a difference, too.
+    """
     if isinstance(shape, dict):
         return _object_mismatch(value, shape, where)
     if isinstance(shape, list):
         if not isinstance(value, list):
             return f"{where} is no list: {value!r}"
-        return next((found for i, item in enumerate(value) if (found := mismatch(item, shape[0], f"{where}[{i}]"))), None)
+        return next(
+            (
+                found
+                for i, item in enumerate(value)
+                if (found := mismatch(item, shape[0], f"{where}[{i}]"))
+            ),
+            None,
+        )
     allowed = shape if isinstance(shape, tuple) else (shape,)
     fits = type(value) in allowed or (value is None and None in allowed)
     return None if fits else f"{where} is {value!r}, not {allowed}"
@@ -25,10 +36,23 @@ def _object_mismatch(value: Any, shape: dict[Any, Shape], where: str) -> str | N
     if not isinstance(value, dict):
         return f"{where} is no object: {value!r}"
     if set(shape) == {str}:
-        return next((found for key, item in value.items() if (found := mismatch(item, shape[str], f"{where}.{key}"))), None)
+        return next(
+            (
+                found
+                for key, item in value.items()
+                if (found := mismatch(item, shape[str], f"{where}.{key}"))
+            ),
+            None,
+        )
     if value.keys() != shape.keys():
-        return f"{where}: missing {sorted(shape.keys() - value.keys())}, unexpected {sorted(value.keys() - shape.keys())}"
-    return next((found for key in shape if (found := mismatch(value[key], shape[key], f"{where}.{key}"))), None)
+        return (
+            f"{where}: missing {sorted(shape.keys() - value.keys())}, unexpected "
+            f"{sorted(value.keys() - shape.keys())}"
+        )
+    return next(
+        (found for key in shape if (found := mismatch(value[key], shape[key], f"{where}.{key}"))),
+        None,
+    )
 
 
 def keys(kind: Shape, names: str) -> dict[str, Shape]:
@@ -45,7 +69,14 @@ ROW = {
 }
 RUN = {
     **keys(int, "pairs ok failed unpaired_files pending kept"),
-    **{"out": str, "stopped": bool, "wall_seconds": NUMBER, "stage_seconds": {str: NUMBER}, "notes": [str], "failed_pairs": [ROW]},
+    **{
+        "out": str,
+        "stopped": bool,
+        "wall_seconds": NUMBER,
+        "stage_seconds": {str: NUMBER},
+        "notes": [str],
+        "failed_pairs": [ROW],
+    },
     "products": [keys(str, "path what source")],
 }
 MAP = {
@@ -55,7 +86,9 @@ MAP = {
     **{"components": [int], "unplaced": [keys(str, "name reason")], "seconds": NUMBER},
 }
 RANGE_SCORE = keys(UNKNOWN, "median_relative_error bad_1_px bad_2_px coverage")
-COLOR_SCORE = keys(UNKNOWN, "angle_deg angle_after_gains_deg ciede2000 range_consistency clipped_fraction pixels")
+COLOR_SCORE = keys(
+    UNKNOWN, "angle_deg angle_after_gains_deg ciede2000 range_consistency clipped_fraction pixels"
+)
 SCORES = {"range": RANGE_SCORE, "color": COLOR_SCORE, "raw_color": COLOR_SCORE}
 TRUTH = {"frames": [{"name": str, **SCORES}], "missing": [str], **SCORES}
 SPREAD = {
@@ -64,14 +97,21 @@ SPREAD = {
     **keys([UNKNOWN], "border border_error"),
     "far_red_to_blue": UNKNOWN,
 }
-SPREAD_ROW = {**keys(str, "method chart"), "charts": int, **keys(NUMBER, "nearest_m farthest_m angle_deg luminance")}
+SPREAD_ROW = {
+    **keys(str, "method chart"),
+    "charts": int,
+    **keys(NUMBER, "nearest_m farthest_m angle_deg luminance"),
+}
 CHART_ROW = {
     **keys(str, "frame target method"),
     **keys(UNKNOWN, "range_m psi_deg psi_linear_deg ciede2000 clipped_fraction chroma"),
     "pixels": int,
 }
 SETTING_VALUE = (str, int, float, bool, list, None)
-STRUCTURE = keys((float, None), "rugosity_area rugosity_hvar fractal_dimension height_range_m vector_ruggedness mesh_rugosity")
+STRUCTURE = keys(
+    (float, None),
+    "rugosity_area rugosity_hvar fractal_dimension height_range_m vector_ruggedness mesh_rugosity",
+)
 MEASURED = keys((float, None), "planar_m2 tilted_m2 surface_m2 mesh_m2 height_m volume_l rugosity")
 
 SHAPES: dict[str, Shape] = {
@@ -95,7 +135,9 @@ SHAPES: dict[str, Shape] = {
     "merge": RUN,
     "campaign": {
         "table": str,
-        "dives": [{**keys(str, "name state out error"), **keys(int, "ok failed"), "seconds": NUMBER}],
+        "dives": [
+            {**keys(str, "name state out error"), **keys(int, "ok failed"), "seconds": NUMBER}
+        ],
     },
     "plan": {
         **keys(int, "pairs measured disk_bytes memory_bytes"),
@@ -107,7 +149,11 @@ SHAPES: dict[str, Shape] = {
             {
                 **keys(str, "out state stage writer rests_on"),
                 **keys(int, "done failed left"),
-                **{"failures": [[(str, int)]], "to_come": [str], **keys(UNKNOWN, "remaining_s run_remaining_s")},
+                **{
+                    "failures": [[(str, int)]],
+                    "to_come": [str],
+                    **keys(UNKNOWN, "remaining_s run_remaining_s"),
+                },
             }
         ],
     },
@@ -141,17 +187,27 @@ SHAPES: dict[str, Shape] = {
     "metrics": {
         "out": str,
         "structure": [
-            {"edge_m": float, "scale_m": float, "squares": int, **keys(STRUCTURE, "mean standard_error between_squares mapped")}
+            {
+                "edge_m": float,
+                "scale_m": float,
+                "squares": int,
+                **keys(STRUCTURE, "mean standard_error between_squares mapped"),
+            }
         ],
         "colonies": [
-            {**keys(str, "name label"), **keys(MEASURED, "measured standard_error"), **keys(float, "unseen views counted")}
+            {
+                **keys(str, "name label"),
+                **keys(MEASURED, "measured standard_error"),
+                **keys(float, "unseen views counted"),
+            }
         ],
         "cover": [
             {
                 **{"label": str, "outlines": int},
                 **keys(
                     float,
-                    "surface_m2 surface_std_m2 planar_m2 of_seen of_outlined_planar of_outlined_surface of_outlined_surface_std",
+                    "surface_m2 surface_std_m2 planar_m2 of_seen of_outlined_planar "
+                    "of_outlined_surface of_outlined_surface_std",
                 ),
             }
         ],
@@ -179,7 +235,9 @@ SHAPES: dict[str, Shape] = {
     },
     "markers": {
         **{"out": str, "frames": int, "bars": dict, "files": [str]},
-        "markers": [{**keys(int, "number views"), **keys(float, "x_m y_m z_m residual_m edge_m edge_std_m")}],
+        "markers": [
+            {**keys(int, "number views"), **keys(float, "x_m y_m z_m residual_m edge_m edge_std_m")}
+        ],
         "size": {"ratio": float, "std": float, "lengths": int},
         "control": {"T": [[float]], "residuals_m": dict, "rms_m": float, "doubt": str},
     },
@@ -190,7 +248,11 @@ SHAPES: dict[str, Shape] = {
         "left_out": [str],
         "water": dict,
         "charts": [
-            {**keys(str, "frame target"), **keys(float, "range_m residual_deg"), **keys(UNKNOWN, "ciede2000_before ciede2000")}
+            {
+                **keys(str, "frame target"),
+                **keys(float, "range_m residual_deg"),
+                **keys(UNKNOWN, "ciede2000_before ciede2000"),
+            }
         ],
     },
     "evaluate": TRUTH,
@@ -208,9 +270,21 @@ SHAPES: dict[str, Shape] = {
         "views": [{"name": str, "left_px": UNKNOWN, "right_px": UNKNOWN, "reason": (str, None)}],
     },
     "calibrate --print-target": {"target": str},
-    "check": {**keys(dict, "rig rows"), **keys([str], "suspicions advice"), "acceptable": bool, "refined": (dict, None)},
+    "check": {
+        **keys(dict, "rig rows"),
+        **keys([str], "suspicions advice"),
+        "acceptable": bool,
+        "refined": (dict, None),
+    },
     "convert-calib": {**keys(str, "source out format"), "baseline_m": NUMBER, "notes": [str]},
-    "config": {"settings": [{**keys(str, "key origin description"), **keys(SETTING_VALUE, "value default")}]},
-    "doctor": {"ready": bool, "findings": [{**keys(str, "what detail without fix"), **keys(bool, "ok needed")}]},
+    "config": {
+        "settings": [
+            {**keys(str, "key origin description"), **keys(SETTING_VALUE, "value default")}
+        ]
+    },
+    "doctor": {
+        "ready": bool,
+        "findings": [{**keys(str, "what detail without fix"), **keys(bool, "ok needed")}],
+    },
 }
 SHAPES = {command: {**END, **shape} for command, shape in SHAPES.items()}

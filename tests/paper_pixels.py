@@ -1,4 +1,6 @@
-"""The paper's networks and losses over every pixel, by torch's own layers and optimizer: what moment tables must equal."""
+"""The paper's networks and losses over every pixel, by torch's own layers and optimizer: what
+moment tables must equal.
+"""
 
 import torch
 from torch import Tensor, nn
@@ -12,7 +14,9 @@ def ged(x: Tensor) -> Tensor:
 
 
 class Network(nn.Module):
-    """raw: (4, 3, 1) weights before a sigmoid or a softplus, each (3, 1, 1, 1) kernel of a 1x1 convolution."""
+    """raw: (4, 3, 1) weights before a sigmoid or a softplus, each (3, 1, 1, 1) kernel of a 1x1
+    convolution.
+    """
 
     def __init__(self, raw: Tensor) -> None:
         super().__init__()
@@ -32,7 +36,9 @@ class Backscatter(Network):
 
     def forward(self, z: Tensor) -> Tensor:
         inner = (lambda x: x) if self.final_sigmoid else torch.sigmoid
-        found = self.weighed(1 - ged(self.scaled(z, 1)), 0, inner) + self.weighed(ged(self.scaled(z, 3)), 2, inner)
+        found = self.weighed(1 - ged(self.scaled(z, 1)), 0, inner) + self.weighed(
+            ged(self.scaled(z, 3)), 2, inner
+        )
         return torch.sigmoid(found) if self.final_sigmoid else found
 
 
@@ -40,7 +46,9 @@ class Attenuation(Network):
     """(B, 1, H, W) meters -> (B, 3, H, W)."""
 
     def forward(self, z: Tensor) -> Tensor:
-        return ged(z * (self.weighed(ged(self.scaled(z, 1)), 0) + self.weighed(ged(self.scaled(z, 3)), 2)))
+        return ged(
+            z * (self.weighed(ged(self.scaled(z, 1)), 0) + self.weighed(ged(self.scaled(z, 3)), 2))
+        )
 
 
 def backscatter_loss(direct: Tensor, penalty: float) -> Tensor:
@@ -48,8 +56,13 @@ def backscatter_loss(direct: Tensor, penalty: float) -> Tensor:
 
 
 def clamp_direct(direct: Tensor) -> Tensor:
-    mean, width = direct.mean(dim=(2, 3), keepdim=True), DEVIATIONS * deviation(direct)[..., None, None]
-    return torch.minimum(torch.maximum(direct, (mean - width).clamp(0, 1)), (mean + width).clamp(0, 1))
+    mean, width = (
+        direct.mean(dim=(2, 3), keepdim=True),
+        DEVIATIONS * deviation(direct)[..., None, None],
+    )
+    return torch.minimum(
+        torch.maximum(direct, (mean - width).clamp(0, 1)), (mean + width).clamp(0, 1)
+    )
 
 
 def attenuation_loss(true_color: Tensor, direct: Tensor) -> Tensor:
@@ -63,9 +76,18 @@ def deviation(x: Tensor) -> Tensor:
     return (x - mean).square().mean(dim=(2, 3)).clamp(min=LEAST_VARIANCE).sqrt()
 
 
-def train(light: Tensor, z: Tensor, veil: Backscatter, dimming: Attenuation, steps: int, penalty: float = 1000.0) -> None:
+def train(
+    light: Tensor,
+    z: Tensor,
+    veil: Backscatter,
+    dimming: Attenuation,
+    steps: int,
+    penalty: float = 1000.0,
+) -> None:
     """Steps of both networks by torch.optim.Adam. light (1, 3, H, W), z (1, 1, H, W)."""
-    of_veil, of_dimming = (torch.optim.Adam(network.parameters(), lr=0.03) for network in (veil, dimming))
+    of_veil, of_dimming = (
+        torch.optim.Adam(network.parameters(), lr=0.03) for network in (veil, dimming)
+    )
     for _ in range(steps):
         of_veil.zero_grad()
         backscatter_loss(light - veil(z), penalty).backward()

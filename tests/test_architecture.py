@@ -1,4 +1,6 @@
-"""The arrows between modules go one way, also through imports inside functions; functions and files stay short."""
+"""The arrows between modules go one way, also through imports inside functions; functions and files
+stay short.
+"""
 
 import ast
 import graphlib
@@ -12,7 +14,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("calibration", "stereo_seecolor")
 
 KNOWN_CIRCLES: frozenset[tuple[str, str]] = frozenset()
-"""(importer, imported) of circles that are still to be cut, with a date; shrinks, and nothing may be added."""
+"""(importer, imported) of circles that are still to be cut, with a date; shrinks, and nothing may
+be added.
+"""
 
 
 def name_of(path: Path) -> str:
@@ -20,11 +24,15 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {name_of(path): path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}
+MODULES = {
+    name_of(path): path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))
+}
 
 
 def imported(path: Path) -> set[str]:
-    """Every module of ours that a file imports, at the top or inside a function; not what only type checkers import."""
+    """Every module of ours that a file imports, at the top or inside a function; not what only type
+    checkers import.
+    """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     checked_only = {
         inner
@@ -56,7 +64,10 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
 
 
 def test_no_import_circle():
-    graph = {name: {other for other in others if (name, other) not in KNOWN_CIRCLES} for name, others in GRAPH.items()}
+    graph = {
+        name: {other for other in others if (name, other) not in KNOWN_CIRCLES}
+        for name, others in GRAPH.items()
+    }
     found = circle(graph)
     assert not found, " imports ".join(reversed(found))
 
@@ -64,7 +75,9 @@ def test_no_import_circle():
 @pytest.mark.parametrize("edge", sorted(KNOWN_CIRCLES))
 def test_the_list_of_known_circles_holds_nothing_that_was_cut(edge):
     others = KNOWN_CIRCLES - {edge}
-    assert circle({name: {other for other in GRAPH[name] if (name, other) not in others} for name in GRAPH})
+    assert circle(
+        {name: {other for other in GRAPH[name] if (name, other) not in others} for name in GRAPH}
+    )
 
 
 def test_a_circle_through_a_function_is_found(tmp_path, monkeypatch):
@@ -76,13 +89,19 @@ def test_a_circle_through_a_function_is_found(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_contracts_of_imports_are_kept() -> None:
-    command = [sys.executable, "-c", "import sys, importlinter.cli; sys.exit(importlinter.cli.lint_imports())"]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys, importlinter.cli; sys.exit(importlinter.cli.lint_imports())",
+    ]
     checked = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert checked.returncode == 0, checked.stdout
 
 
 SLOW_TO_IMPORT = {"scipy", "torch", "open3d", "skimage", "rasterio", "gtsam"}
-"""Libraries that take 0.2 s and more, which ``run`` on an ordinary dive does not need; functions that do import them themselves."""
+"""Libraries that take 0.2 s and more, which ``run`` on an ordinary dive does not need; functions
+that do import them themselves.
+"""
 
 
 def imported_at_once(path: Path) -> set[str]:
@@ -97,14 +116,20 @@ def imported_at_once(path: Path) -> set[str]:
 
 
 def test_run_starts_without_libraries_that_take_long_to_import() -> None:
-    waiting, seen, slow = [f"stereo_seecolor.{name}" for name in ("cli.app", "commands.run", "commands.view")], set(), set()
+    waiting, seen, slow = (
+        [f"stereo_seecolor.{name}" for name in ("cli.app", "commands.run", "commands.view")],
+        set(),
+        set(),
+    )
     while waiting:
         module = waiting.pop()
         if module in seen:
             continue
         seen.add(module)
         names = imported_at_once(MODULES[module])
-        slow |= {f"{module} imports {name}" for name in names if name.split(".")[0] in SLOW_TO_IMPORT}
+        slow |= {
+            f"{module} imports {name}" for name in names if name.split(".")[0] in SLOW_TO_IMPORT
+        }
         waiting += [name for name in names if name in MODULES]
     assert len(seen) > 100
     assert not slow
@@ -113,8 +138,8 @@ def test_run_starts_without_libraries_that_take_long_to_import() -> None:
 MOST_LINES, MOST_FILE_LINES = 60, 500
 
 MACHINE_CODE = "stereo_seecolor/matching/sgm/vectors.py"
-"""Writes LLVM's instructions for four pixels at a time; it is one file so that nothing else need know of them, and what its
-functions take are the registers that they work on.
+"""Writes LLVM's instructions for four pixels at a time; it is one file so that nothing else need
+know of them, and what its functions take are the registers that they work on.
 """
 
 
@@ -125,13 +150,15 @@ def decorators(function: ast.FunctionDef) -> str:
 def too_large(path: Path) -> list[str]:
     """What is longer than a reader holds in the head.
 
-    Exempt are compiled kernels, which take arrays and numbers apart since machine code knows no objects, and of the command line
-    the signatures, since a command's parameters are its options.
+    Exempt are compiled kernels, which take arrays and numbers apart since machine code knows no
+    objects, and of the command line the signatures, since a command's parameters are its options.
     """
     text, where = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
     if where == MACHINE_CODE:
         return []
-    found = [f"{where}: {len(text.splitlines())} lines"] if text.count("\n") > MOST_FILE_LINES else []
+    found = (
+        [f"{where}: {len(text.splitlines())} lines"] if text.count("\n") > MOST_FILE_LINES else []
+    )
     for function in ast.walk(ast.parse(text)):
         if not isinstance(function, ast.FunctionDef) or "compiled" in decorators(function):
             continue
@@ -150,6 +177,9 @@ def test_what_is_too_large_is_found(tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(globals(), "ROOT", tmp_path)
     path = tmp_path / "long.py"
     path.write_text("def f(a):\n" + "    a += 1\n" * 60 + "\n" * 500)
-    assert [line.partition(": ")[2] for line in too_large(path)] == ["561 lines", "f has more than 60 lines"]
+    assert [line.partition(": ")[2] for line in too_large(path)] == [
+        "561 lines",
+        "f has more than 60 lines",
+    ]
     path.write_text("@compiled\ndef f(a):\n" + "    a += 1\n" * 60)
     assert not too_large(path)

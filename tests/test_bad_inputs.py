@@ -1,4 +1,6 @@
-"""Inputs that are wrong in part or as a whole: one line that says what, where, and what to do; the rest goes on."""
+"""Inputs that are wrong in part or as a whole: one line that says what, where, and what to do; the
+rest goes on.
+"""
 
 import csv
 import json
@@ -24,7 +26,10 @@ def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
     assert code == 3
     assert "L/0001.png: no right image matches" in printed
     assert "2 pairs done, 0 failed, 1 file without a partner" in printed
-    rows = {row["name"]: row["status"] for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())}
+    rows = {
+        row["name"]: row["status"]
+        for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())
+    }
     assert rows == {"0000": "ok", "0001": "unpaired", "0002": "ok"}
 
 
@@ -57,7 +62,10 @@ def test_strict_stops_at_the_first_bad_pair(make_dive, cli, tmp_path) -> None:
     code, _, said = cli(*dive.command(tmp_path / "out", "--strict"))
     assert code == 1
     assert "R/0001.png: is empty" in said
-    rows = {row["name"]: row["status"] for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())}
+    rows = {
+        row["name"]: row["status"]
+        for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())
+    }
     assert rows == {"0000": "pending", "0001": "failed", "0002": "pending"}
 
 
@@ -125,7 +133,13 @@ def test_a_suspicious_calibration_is_used_and_named(make_dive, cli, tmp_path) ->
     dive = make_dive(1)
     rig = yaml.safe_load((dive.root / "cam.yaml").read_text())
     rig["medium"] = "air"
-    rig["left"]["distortion"] = [0.001, 0.0, 0.0, 0.0, 0.0]  # as calibrated; of images that were rectified none is left
+    rig["left"]["distortion"] = [
+        0.001,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ]  # as calibrated; of images that were rectified none is left
     (dive.root / "cam.yaml").write_text(yaml.safe_dump(rig))
     code, printed, _ = cli(*dive.command(tmp_path / "out"))
     assert code == 0
@@ -143,34 +157,63 @@ def test_calibration_that_is_no_yaml(make_dive, cli, tmp_path) -> None:
 
 def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
-    words = ["run", "--left", str(dive.root / "R"), "--right", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml")]
+    words = [
+        "run",
+        "--left",
+        str(dive.root / "R"),
+        "--right",
+        str(dive.root / "L"),
+        "--calib",
+        str(dive.root / "cam.yaml"),
+    ]
     code, _, said = cli(*words, "--out", str(tmp_path / "out"))
     assert code == 1
-    assert re.search(r"left and right look swapped: \d+% of \d+ points lie behind .*: exchange --left and --right", said)
+    assert re.search(
+        r"left and right look swapped: \d+% of \d+ points lie behind .*: exchange --left and "
+        r"--right",
+        said,
+    )
     assert said.count("\n") == 1
-    assert cli(*dive.command(tmp_path / "out"))[0] == 0  # the refused run wrote nothing, and its folder is free
+    assert (
+        cli(*dive.command(tmp_path / "out"))[0] == 0
+    )  # the refused run wrote nothing, and its folder is free
 
 
 def test_a_calibration_of_another_size_stops_the_run(make_dive, cli, tmp_path) -> None:
     dive = make_dive(2)
     twice = str(tmp_path / "twice.yaml")
     width, height = load_rig(dive.root / "cam.yaml").left.image_size
-    assert cli("convert-calib", str(dive.root / "cam.yaml"), twice, "--resize", f"{2 * width}x{2 * height}")[0] == 0
+    assert (
+        cli(
+            "convert-calib",
+            str(dive.root / "cam.yaml"),
+            twice,
+            "--resize",
+            f"{2 * width}x{2 * height}",
+        )[0]
+        == 0
+    )
     words = ["--left", str(dive.root / "L"), "--right", str(dive.root / "R"), "--calib", twice]
     code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
     assert code == 1
-    assert re.search(rf"convert-calib {twice} resized.yaml --resize {width}x{height}; if they were cut out", said)
+    assert re.search(
+        rf"convert-calib {twice} resized.yaml --resize {width}x{height}; if they were cut out", said
+    )
     assert said.count("\n") == 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [True, False])
-def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tmp_path, monkeypatch) -> None:
+def test_swapped_folders_of_a_rig_that_needs_rectification(
+    points: bool, cli, tmp_path, monkeypatch
+) -> None:
     def too_few(*_: object) -> None:
         raise CalibrationError("only 12 points were found")
 
     if not points:
-        monkeypatch.setattr(pre_checks, "quick_look", lambda *_: QuickLook(False, False, np.zeros(0)))
+        monkeypatch.setattr(
+            pre_checks, "quick_look", lambda *_: QuickLook(False, False, np.zeros(0))
+        )
         monkeypatch.setattr(pre_checks, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
@@ -178,7 +221,15 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
         first = min((reef / side).iterdir())
         (tmp_path / other / first.name).symlink_to(first)
         (tmp_path / other / "reef_1780000000000.png").write_bytes(b"cut short")
-    words = ["range", "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(reef / "cam.yaml")]
+    words = [
+        "range",
+        "--left",
+        str(tmp_path / "left"),
+        "--right",
+        str(tmp_path / "right"),
+        "--calib",
+        str(reef / "cam.yaml"),
+    ]
     code, _, said = cli(*words, "--out", str(tmp_path / "out"))
     assert code == 1
     assert "left and right look swapped: " in said
@@ -189,7 +240,15 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
 
 def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
-    words = ["run", "--left", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml"), "--out", str(tmp_path / "out")]
+    words = [
+        "run",
+        "--left",
+        str(dive.root / "L"),
+        "--calib",
+        str(dive.root / "cam.yaml"),
+        "--out",
+        str(tmp_path / "out"),
+    ]
     code, _, said = cli(*words, "--right", str(dive.root / "L"))
     assert code == 1
     assert "give the other side's folder as --right" in said
@@ -215,7 +274,10 @@ def test_a_pair_of_the_same_picture_fails_alone(make_dive, cli, tmp_path) -> Non
         (["--left", "nowhere"], "nowhere: the folder of left images does not exist"),
         (["--calib", "nowhere.yaml"], "nowhere.yaml"),
         (["--set", "color.lok=survey"], "did you mean 'color.lock'"),
-        (["--set", "matching.max_range_m=0.2"], "matching: max_range_m (0.2) must be more than min_range_m (0.3)"),
+        (
+            ["--set", "matching.max_range_m=0.2"],
+            "matching: max_range_m (0.2) must be more than min_range_m (0.3)",
+        ),
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["--water", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--fuse", "--poses", "nowhere.tum"], "nowhere.tum: cannot be read"),
@@ -241,18 +303,31 @@ def test_cuda_asked_for_and_absent(make_dive, cli, tmp_path) -> None:
 
 
 def test_range_map_of_another_size(cli, tmp_path) -> None:
-    for folder, content in (("I", np.zeros((9, 9, 3), np.uint8)), ("Z", np.ones((8, 9), np.float32))):
+    for folder, content in (
+        ("I", np.zeros((9, 9, 3), np.uint8)),
+        ("Z", np.ones((8, 9), np.float32)),
+    ):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / ("a.png" if folder == "I" else "a.tiff")), content)
     code, printed, _ = cli(
-        "correct", "--images", str(tmp_path / "I"), "--range", str(tmp_path / "Z"), "--out", str(tmp_path / "out")
+        "correct",
+        "--images",
+        str(tmp_path / "I"),
+        "--range",
+        str(tmp_path / "Z"),
+        "--out",
+        str(tmp_path / "out"),
     )
     assert code == 3
     assert "the range map is 9x8 px but its image a.png is 9x9" in printed
 
 
-def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(make_dive, cli, tmp_path) -> None:
-    """Three pairs of the descent decided how an ambiguous file is read, and the dive was refused for them."""
+def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(
+    make_dive, cli, tmp_path
+) -> None:
+    """Three pairs of the descent decided how an ambiguous file is read, and the dive was refused
+    for them.
+    """
     dive = make_dive(5)
     for number in range(3):
         for side in "LR":
@@ -260,10 +335,24 @@ def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(make
             cv2.imwrite(str(black), np.zeros_like(read_pixels(black)))
     rig = load_rig(dive.root / "cam.yaml")
     lens = np.array([0.001, 0, 0, 0])
-    content = {"K1": rig.left.K, "K2": rig.right.K, "D1": lens, "D2": lens, "R": rig.R, "T": rig.T_right_left[:3, 3]}
+    content = {
+        "K1": rig.left.K,
+        "K2": rig.right.K,
+        "D1": lens,
+        "D2": lens,
+        "R": rig.R,
+        "T": rig.T_right_left[:3, 3],
+    }
     ambiguous = dive.root / "opencv.json"  # four coefficients: of a pinhole or of a fisheye
     ambiguous.write_text(json.dumps({key: value.tolist() for key, value in content.items()}))
-    words = ["--left", str(dive.root / "L"), "--right", str(dive.root / "R"), "--calib", str(ambiguous)]
+    words = [
+        "--left",
+        str(dive.root / "L"),
+        "--right",
+        str(dive.root / "R"),
+        "--calib",
+        str(ambiguous),
+    ]
     code, printed, said = cli("range", *words, "--out", str(tmp_path / "out"))
     assert code == 3
     assert "2 pairs done, 3 failed" in printed
@@ -276,7 +365,14 @@ def test_an_inverse_transform_stops_the_run(cli, tmp_path) -> None:
     rig = yaml.safe_load((reef / "cam.yaml").read_text())
     rig["T_right_left"] = np.linalg.inv(rig["T_right_left"]).tolist()
     (tmp_path / "cam.yaml").write_text(yaml.safe_dump(rig))
-    words = ["--left", str(reef / "left"), "--right", str(reef / "right"), "--calib", str(tmp_path / "cam.yaml")]
+    words = [
+        "--left",
+        str(reef / "left"),
+        "--right",
+        str(reef / "right"),
+        "--calib",
+        str(tmp_path / "cam.yaml"),
+    ]
     for command in (
         ["run", *words, "--out", str(tmp_path / "out")],
         ["check", *words, "--pairs", "2", "--refine", str(tmp_path / "new.yaml")],
@@ -295,7 +391,16 @@ def test_sides_out_of_step_stop_the_run(cli, tmp_path) -> None:
         (tmp_path / side).mkdir()
         for number, image in enumerate(sorted((reef / side).iterdir())[first : first + 5]):
             (tmp_path / side / f"{number:04d}.png").symlink_to(image)
-    words = ["--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(reef / "cam.yaml")]
+    words = [
+        "--left",
+        str(tmp_path / "left"),
+        "--right",
+        str(tmp_path / "right"),
+        "--calib",
+        str(reef / "cam.yaml"),
+    ]
     code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
     assert code == 1
-    assert re.search(r"left and right are 1 image out of step: 000(\d).png fits 000\d.png, not 000\1.png", said)
+    assert re.search(
+        r"left and right are 1 image out of step: 000(\d).png fits 000\d.png, not 000\1.png", said
+    )

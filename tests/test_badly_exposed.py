@@ -1,4 +1,6 @@
-"""Frames that are almost black or overexposed are named in frames.csv; others, highlights and lit things in the dark, are not."""
+"""Frames that are almost black or overexposed are named in frames.csv; others, highlights and lit
+things in the dark, are not.
+"""
 
 import csv
 from collections.abc import Callable
@@ -29,7 +31,10 @@ def gray(value: int, patch: int, fraction: float) -> np.ndarray:
         (gray(6, 60, 0.05), (DARK,)),
         (gray(6, 60, 0.2), ()),
         (gray(90, 255, 0.05), ()),
-        (gray(90, 255, 0.5), ("overexposed: 50% of it is clipped by the camera, its color not recoverable",)),
+        (
+            gray(90, 255, 0.5),
+            ("overexposed: 50% of it is clipped by the camera, its color not recoverable",),
+        ),
     ],
 )
 def test_what_is_said_of_an_exposure(image: np.ndarray, said: tuple[str, ...]) -> None:

@@ -14,13 +14,31 @@ SHAPE = (192, 256)
 def turbid_frame(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """A picture of blocks of sand, rock and coral through green haze, and its range."""
     rng = np.random.default_rng(seed)
-    materials = np.array([[0.5, 0.43, 0.33], [0.25, 0.23, 0.2], [0.25, 0.17, 0.09], [0.45, 0.1, 0.06], [0.02, 0.02, 0.02]])
-    blocks = rng.choice(len(materials), (SHAPE[0] // 8, SHAPE[1] // 8), p=[0.35, 0.3, 0.15, 0.1, 0.1])
-    truth = np.kron(materials[blocks], np.ones((8, 8, 1))) * np.exp(0.3 * rng.standard_normal((*SHAPE, 1)))
-    range_m = np.broadcast_to(np.linspace(1.0, 3.0, SHAPE[0], dtype=np.float32)[:, None], SHAPE).copy()
+    materials = np.array(
+        [
+            [0.5, 0.43, 0.33],
+            [0.25, 0.23, 0.2],
+            [0.25, 0.17, 0.09],
+            [0.45, 0.1, 0.06],
+            [0.02, 0.02, 0.02],
+        ]
+    )
+    blocks = rng.choice(
+        len(materials), (SHAPE[0] // 8, SHAPE[1] // 8), p=[0.35, 0.3, 0.15, 0.1, 0.1]
+    )
+    truth = np.kron(materials[blocks], np.ones((8, 8, 1))) * np.exp(
+        0.3 * rng.standard_normal((*SHAPE, 1))
+    )
+    range_m = np.broadcast_to(
+        np.linspace(1.0, 3.0, SHAPE[0], dtype=np.float32)[:, None], SHAPE
+    ).copy()
     z = range_m[..., None]
-    light = truth * [0.5, 0.9, 0.6] * np.exp(-z * [0.6, 0.4, 0.5]) + np.array([0.1, 0.25, 0.18]) * -np.expm1(-z * [0.6, 0.4, 0.5])
-    return np.round(255 * np.clip(encode_srgb(light) + 0.004 * rng.standard_normal(light.shape), 0, 1)).astype(np.uint8), range_m
+    light = truth * [0.5, 0.9, 0.6] * np.exp(-z * [0.6, 0.4, 0.5]) + np.array(
+        [0.1, 0.25, 0.18]
+    ) * -np.expm1(-z * [0.6, 0.4, 0.5])
+    return np.round(
+        255 * np.clip(encode_srgb(light) + 0.004 * rng.standard_normal(light.shape), 0, 1)
+    ).astype(np.uint8), range_m
 
 
 def port(soft: float) -> np.ndarray:
@@ -35,14 +53,19 @@ def bars() -> np.ndarray:
     return light
 
 
-@pytest.mark.parametrize("rim", [port(0.06), port(0.01), bars()], ids=["soft port", "sharp port", "bars"])
+@pytest.mark.parametrize(
+    "rim", [port(0.06), port(0.01), bars()], ids=["soft port", "sharp port", "bars"]
+)
 @pytest.mark.parametrize("bits", [8, 16])
 def test_the_water_is_that_without_the_rim(rim: np.ndarray, bits: int) -> None:
     image, range_m = turbid_frame()
     kind = np.uint8 if bits == 8 else np.uint16
     shaded = np.round(encode_srgb(decode_srgb(image / 255) * rim) * (2**bits - 1)).astype(kind)
     corrector, seen = Corrector(), rim[..., 0] == 1
-    colors = [encode_srgb(corrector.apply_linear(image, range_m, corrector.fit_frame(by, range_m)))[seen] for by in (image, shaded)]
+    colors = [
+        encode_srgb(corrector.apply_linear(image, range_m, corrector.fit_frame(by, range_m)))[seen]
+        for by in (image, shaded)
+    ]
     assert np.median(angle_deg(*colors)) < 1.0
 
 

@@ -1,4 +1,6 @@
-"""Bundle adjustment: truer poses than the pose graph's, errors as large as they say, what the residuals teach of the ranges."""
+"""Bundle adjustment: truer poses than the pose graph's, errors as large as they say, what the
+residuals teach of the ranges.
+"""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +18,12 @@ from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transf
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import bundle_adjustment, bundle_problem, odometry
-from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, RefinementSettings, adjust, refined
+from stereo_seecolor.mapping.track.bundle_adjustment import (
+    Adjusted,
+    RefinementSettings,
+    adjust,
+    refined,
+)
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.frame_blocks import Relation, Sightings, sightings
 from stereo_seecolor.mapping.track.loops import Prior, solve
@@ -29,7 +36,9 @@ STATED = np.array([4e-4, 4e-4, 4e-3])
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line of frames over points on a rough bottom: each frame's features, and which points they are."""
+    """A straight line of frames over points on a rough bottom: each frame's features, and which
+    points they are.
+    """
 
     T: Array
     features: list[Features]
@@ -43,7 +52,10 @@ class Line:
     def relation(self, i: int, j: int) -> Relation:
         """Of two frames, fitted to what both see."""
         _, index_i, index_j = np.intersect1d(self.points[i], self.points[j], return_indices=True)
-        a, b = (Observed(self.features[k].points[index], self.features[k].std[index]) for k, index in ((i, index_i), (j, index_j)))
+        a, b = (
+            Observed(self.features[k].points[index], self.features[k].std[index])
+            for k, index in ((i, index_i), (j, index_j))
+        )
         T, covariance, _ = fit_pose(inverse(self.T[i]) @ self.T[j], a, b)
         return (i, j), RelativePose(T, covariance, index_i, index_j)
 
@@ -51,16 +63,33 @@ class Line:
 def line(true_std: Array, frames: int = 12, seed: int = 1) -> Line:
     """Features are off by ``true_std``, and state STATED."""
     rng = np.random.default_rng(seed)
-    places = np.column_stack([rng.uniform(-1.5, 0.4 * frames + 1.5, 900), rng.uniform(-1, 1, 900), rng.uniform(-0.2, 0.2, 900)])
+    places = np.column_stack(
+        [
+            rng.uniform(-1.5, 0.4 * frames + 1.5, 900),
+            rng.uniform(-1, 1, 900),
+            rng.uniform(-0.2, 0.2, 900),
+        ]
+    )
     down = rotation_from_vector(np.array([np.pi, 0, 0]))
-    T = np.stack([pose(down @ rotation_from_vector(rng.normal(0, 0.05, 3)), [0.4 * i, 0, 1.8]) for i in range(frames)])
+    T = np.stack(
+        [
+            pose(down @ rotation_from_vector(rng.normal(0, 0.05, 3)), [0.4 * i, 0, 1.8])
+            for i in range(frames)
+        ]
+    )
     features, points = [], []
     for own in T:
         local = transformed(inverse(own), places)
         seen = np.column_stack([local[:, :2], np.ones(len(local))]) / local[:, 2:]
         inside = np.flatnonzero((np.abs(seen[:, 0]) < 0.6) & (np.abs(seen[:, 1]) < 0.5))
         off = true_std * rng.standard_normal((len(inside), 3))
-        features.append(Features(seen[inside] + off, np.tile(STATED, (len(inside), 1)), np.zeros((len(inside), 128), np.uint8)))
+        features.append(
+            Features(
+                seen[inside] + off,
+                np.tile(STATED, (len(inside), 1)),
+                np.zeros((len(inside), 128), np.uint8),
+            )
+        )
         points.append(inside)
     return Line(T, features, points)
 
@@ -92,7 +121,9 @@ def test_exact_sightings_give_exact_poses() -> None:
     assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
 
 
-def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     scene, found = line(STATED), []
     start = by_pose_graph(scene, scene.relations)
     monkeypatch.setattr(bundle_problem, "POINTS_AT_ONCE", 50)
@@ -110,14 +141,18 @@ def test_a_track_is_truer_than_by_the_pose_graph_and_as_far_off_as_it_says() -> 
     for seed in range(8):
         scene = line(STATED, seed=seed)
         found, start = adjusted(scene)
-        ends.append((off_m(start, scene)[-1], off_m(found.T_world_camera, scene)[-1], found.std[-1, 0]))
+        ends.append(
+            (off_m(start, scene)[-1], off_m(found.T_world_camera, scene)[-1], found.std[-1, 0])
+        )
     graph, bundle, stated = np.sqrt((np.array(ends) ** 2).mean(axis=0))
     assert bundle < 0.9 * graph
     assert bundle == pytest.approx(stated, rel=0.5)
 
 
 def test_without_sightings_nothing_moves() -> None:
-    nothing = Sightings(np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3))))
+    nothing = Sightings(
+        np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3)))
+    )
     T = line(STATED, frames=3).T
     found = adjust(T, nothing)
     assert found.T_world_camera == pytest.approx(T)
@@ -150,9 +185,18 @@ def test_features_of_one_thing_are_one_point_and_contradictions_are_none() -> No
         return (a, b), RelativePose(np.eye(4), np.eye(6), index_a, index_b)
 
     features = [
-        Features(np.arange(30.0).reshape(10, 3) + 100 * k, np.ones((10, 3)), np.zeros((10, 128), np.uint8)) for k in range(3)
+        Features(
+            np.arange(30.0).reshape(10, 3) + 100 * k,
+            np.ones((10, 3)),
+            np.zeros((10, 128), np.uint8),
+        )
+        for k in range(3)
     ]
-    found = sightings(features, [relation(0, 1, (0, 5), (1, 6)), relation(1, 2, (5, 7), (6, 8)), relation(0, 2, (2, 8))], MOST)
+    found = sightings(
+        features,
+        [relation(0, 1, (0, 5), (1, 6)), relation(1, 2, (5, 7), (6, 8)), relation(0, 2, (2, 8))],
+        MOST,
+    )
     assert found.frame.tolist() == [0, 1, 2]  # 1-6-8-2: frame 0 shows it twice
     assert found.point.tolist() == [0, 0, 0]
     assert found.seen.points[:, 0].tolist() == [0, 115, 221]
@@ -179,7 +223,10 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
         survey = SimpleNamespace(index=index, progress=lambda *_: None)
         track = odometry.Track(survey, scene.features, edges, found=dict(relations))  # type: ignore[arg-type]
         placement, found = Placement(start, np.zeros(16, np.int64)), []
-        for settings in (RefinementSettings(), RefinementSettings(most_frames=10, window=8, overlap=4)):
+        for settings in (
+            RefinementSettings(),
+            RefinementSettings(most_frames=10, window=8, overlap=4),
+        ):
             monkeypatch.setattr(bundle_adjustment, "REFINEMENT_SETTINGS", settings)
             found.append(refined(track, placement).T_world_camera)
         ends.append([off_m(T, scene)[-1] for T in (start, *found)])
@@ -190,14 +237,20 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.slow
 def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
-    reef = ReefFrames(SurveySpec(pairs=8, lines=1, image_size=(320, 256), seed=3, pair_spacing_m=0.3), noise_px=0.1)
+    reef = ReefFrames(
+        SurveySpec(pairs=8, lines=1, image_size=(320, 256), seed=3, pair_spacing_m=0.3),
+        noise_px=0.1,
+    )
     frames = [reef[i] for i in range(len(reef))]
     track = odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair)))
     own = odometry.solve(track, MappingConfig(loop_closure=False).loop_closure)
     better = refined(track, own)
     truth = reef.trajectory.T_world_camera
     off = [
-        np.linalg.norm((inverse(truth[0]) @ truth[-1])[:3, 3] - (inverse(p.T_world_camera[0]) @ p.T_world_camera[-1])[:3, 3])
+        np.linalg.norm(
+            (inverse(truth[0]) @ truth[-1])[:3, 3]
+            - (inverse(p.T_world_camera[0]) @ p.T_world_camera[-1])[:3, 3]
+        )
         for p in (own, better)
     ]
     assert off[1] < 0.005

@@ -1,4 +1,6 @@
-"""Binary formats: the rays that went in come out, conventions and units are decided by evidence, nothing is run."""
+"""Binary formats: the rays that went in come out, conventions and units are decided by evidence,
+nothing is run.
+"""
 
 import pickle
 import struct
@@ -69,7 +71,8 @@ def test_the_views_in_the_file_decide_the_convention(transposed: bool, tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("unit", "scale", "doubt"), [("mm", 1000, ""), ("meters", 1, ""), ("mm", 1, "is taken as meters"), ("cm", 100, "")]
+    ("unit", "scale", "doubt"),
+    [("mm", 1000, ""), ("meters", 1, ""), ("mm", 1, "is taken as meters"), ("cm", 100, "")],
 )
 def test_matlab_units(unit: str, scale: float, doubt: str, tmp_path: Path) -> None:
     found = load_rig(write_mat5(tmp_path / "calib.mat", stereo_objects(RIG, unit, scale)))
@@ -81,7 +84,11 @@ def test_matlab_struct_and_its_size_from_the_images(tmp_path: Path) -> None:
     cameras = [camera_fields(camera, "mm", False) for camera in (RIG.left, RIG.right)]
     for camera in cameras:
         del camera["ImageSize"]
-    content = {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], **stereo_fields(RIG)}
+    content = {
+        "CameraParameters1": cameras[0],
+        "CameraParameters2": cameras[1],
+        **stereo_fields(RIG),
+    }
     savemat(tmp_path / "struct.mat", {"calibration": content})
     assert_same(load_rig(tmp_path / "struct.mat", SIZE))
     with pytest.raises(CalibrationError, match="stores no ImageSize"):
@@ -91,7 +98,11 @@ def test_matlab_struct_and_its_size_from_the_images(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["{}{}", "{}_{}", "Camera{1}_{0}", "cameraParameters{1}{0}"])
 def test_matlab_properties_saved_one_by_one(name: str, tmp_path: Path) -> None:
     cameras = [camera_fields(camera, "millimeters", False) for camera in (RIG.left, RIG.right)]
-    content = {name.format(key, i): value for i, camera in enumerate(cameras, 1) for key, value in camera.items()}
+    content = {
+        name.format(key, i): value
+        for i, camera in enumerate(cameras, 1)
+        for key, value in camera.items()
+    }
     savemat(tmp_path / "flat.mat", content | stereo_fields(RIG))
     assert_same(load_rig(tmp_path / "flat.mat"))
 
@@ -99,11 +110,17 @@ def test_matlab_properties_saved_one_by_one(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("between_rows", ["; ", ";\n    "])
 def test_matlab_properties_as_text(between_rows: str, tmp_path: Path) -> None:
     cameras = [camera_fields(camera, "centimeters", False) for camera in (RIG.left, RIG.right)]
-    content = {f"{key}{i}": value for i, camera in enumerate(cameras, 1) for key, value in camera.items()} | stereo_fields(RIG)
+    content = {
+        f"{key}{i}": value for i, camera in enumerate(cameras, 1) for key, value in camera.items()
+    } | stereo_fields(RIG)
     content["TranslationOfCamera2"] = np.asarray(content["TranslationOfCamera2"]) / 10
     lines = []
     for key, value in content.items():
-        rows = [] if isinstance(value, str) else [" ".join(map(repr, row)) for row in np.atleast_2d(value).tolist()]
+        rows = (
+            []
+            if isinstance(value, str)
+            else [" ".join(map(repr, row)) for row in np.atleast_2d(value).tolist()]
+        )
         lines.append(f"{key} = [{between_rows.join(rows)}];" if rows else f"{key} = '{value}';")
     (tmp_path / "flat.txt").write_text("\n".join(lines))
     assert_same(load_rig(tmp_path / "flat.txt"))
@@ -115,21 +132,38 @@ POSES = {
     "rigidtform3d": {"Dimensionality": 3.0, "R": RIG.R, "Translation": COLUMN_MM.T},
     "its matrix": {"A": HOMOGENEOUS},
     "rigid3d, for row vectors": {"T": HOMOGENEOUS.T, "Dimensionality": 3.0},
-    "other names": {"Dimensionality": 3.0, "RotationMatrix_": RIG.R, "Translation_": COLUMN_MM.T, "Version": 1.0},
+    "other names": {
+        "Dimensionality": 3.0,
+        "RotationMatrix_": RIG.R,
+        "Translation_": COLUMN_MM.T,
+        "Version": 1.0,
+    },
 }
 
 
 @pytest.mark.parametrize("pose", POSES)
 def test_poses_of_newer_matlab(pose: str, tmp_path: Path) -> None:
     cameras = [camera_fields(camera, "millimeters", True) for camera in (RIG.left, RIG.right)]
-    stereo = {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], "PoseCamera2": POSES[pose], "Version": 2.0}
-    savemat(tmp_path / "struct.mat", {"x": np.arange(5.0), "files": "left", "session": {"params": stereo}})
+    stereo = {
+        "CameraParameters1": cameras[0],
+        "CameraParameters2": cameras[1],
+        "PoseCamera2": POSES[pose],
+        "Version": 2.0,
+    }
+    savemat(
+        tmp_path / "struct.mat",
+        {"x": np.arange(5.0), "files": "left", "session": {"params": stereo}},
+    )
     assert_same(load_rig(tmp_path / "struct.mat"))
 
 
 def test_a_pose_of_matlab_without_a_rotation_is_refused(tmp_path: Path) -> None:
     cameras = [camera_fields(camera, "millimeters", True) for camera in (RIG.left, RIG.right)]
-    stereo = {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], "PoseCamera2": {"Dimensionality": 3.0}}
+    stereo = {
+        "CameraParameters1": cameras[0],
+        "CameraParameters2": cameras[1],
+        "PoseCamera2": {"Dimensionality": 3.0},
+    }
     savemat(tmp_path / "struct.mat", {"stereoParams": stereo})
     with pytest.raises(CalibrationError, match=r"PoseCamera2: holds no rotation and translation"):
         load_rig(tmp_path / "struct.mat")
@@ -137,29 +171,60 @@ def test_a_pose_of_matlab_without_a_rotation_is_refused(tmp_path: Path) -> None:
 
 def test_camera_intrinsics_of_matlab(tmp_path: Path) -> None:
     cameras = [
-        {"FocalLength": camera.K[[0, 1], [0, 1]], "PrincipalPoint": camera.K[:2, 2] + 1, "ImageSize": np.array([[480.0, 640.0]]),
-         "RadialDistortion": camera.distortion[[0, 1, 4]], "TangentialDistortion": camera.distortion[[2, 3]], "Skew": 0.0}
+        {"FocalLength": camera.K[[0, 1], [0, 1]], "PrincipalPoint": camera.K[:2, 2] + 1,
+        "ImageSize": np.array([[480.0, 640.0]]),
+         "RadialDistortion": camera.distortion[[0, 1, 4]],
+         "TangentialDistortion": camera.distortion[[2, 3]], "Skew": 0.0}
         for camera in (RIG.left, RIG.right)
     ]  # fmt: skip
-    savemat(tmp_path / "i.mat", {"s": {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], **stereo_fields(RIG)}})
+    savemat(
+        tmp_path / "i.mat",
+        {
+            "s": {
+                "CameraParameters1": cameras[0],
+                "CameraParameters2": cameras[1],
+                **stereo_fields(RIG),
+            }
+        },
+    )
     assert_same(load_rig(tmp_path / "i.mat"))
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
-@pytest.mark.parametrize("size", [{"nx": 640, "ny": 480}, {"image_size_left": [480, 640], "image_size_right": [480, 640]}])
+@pytest.mark.parametrize(
+    "size",
+    [{"nx": 640, "ny": 480}, {"image_size_left": [480, 640], "image_size_right": [480, 640]}],
+)
 def test_bouguet(wrapped: bool, size: dict[str, object], tmp_path: Path) -> None:
-    content: dict[str, object] = {"om": Rotation.from_matrix(RIG.R).as_rotvec(), "T": RIG.T_right_left[:3, 3] * 1000}
+    content: dict[str, object] = {
+        "om": Rotation.from_matrix(RIG.R).as_rotvec(),
+        "T": RIG.T_right_left[:3, 3] * 1000,
+    }
     for side, camera in (("left", RIG.left), ("right", RIG.right)):
-        content |= {f"fc_{side}": camera.K[[0, 1], [0, 1]], f"cc_{side}": camera.K[:2, 2], f"kc_{side}": camera.distortion}
+        content |= {
+            f"fc_{side}": camera.K[[0, 1], [0, 1]],
+            f"cc_{side}": camera.K[:2, 2],
+            f"kc_{side}": camera.distortion,
+        }
     content |= size
     savemat(tmp_path / "Calib_Results_stereo.mat", {"Cal": content} if wrapped else content)
     assert_same(load_rig(tmp_path / "Calib_Results_stereo.mat"))
 
 
 def test_bouguets_errors_are_three_standard_errors(tmp_path: Path) -> None:
-    content: dict[str, object] = {"om": np.zeros(3), "T": [-100.0, 0.0, 0.0], "nx": 640, "ny": 480, "T_error": [0.6, 5.0, 5.0]}
+    content: dict[str, object] = {
+        "om": np.zeros(3),
+        "T": [-100.0, 0.0, 0.0],
+        "nx": 640,
+        "ny": 480,
+        "T_error": [0.6, 5.0, 5.0],
+    }
     for side in ("left", "right"):
-        content |= {f"fc_{side}": [500.0, 500.0], f"cc_{side}": [320.0, 240.0], f"fc_{side}_error": [3.0, 3.0]}
+        content |= {
+            f"fc_{side}": [500.0, 500.0],
+            f"cc_{side}": [320.0, 240.0],
+            f"fc_{side}_error": [3.0, 3.0],
+        }
     savemat(tmp_path / "Calib_Results_stereo.mat", content)
     errors = load_rig(tmp_path / "Calib_Results_stereo.mat").errors
     assert errors is not None
@@ -167,7 +232,9 @@ def test_bouguets_errors_are_three_standard_errors(tmp_path: Path) -> None:
 
 
 def test_one_camera_of_bouguets_toolbox_is_refused(tmp_path: Path) -> None:
-    savemat(tmp_path / "Calib_Results_left.mat", {"fc": [1.0, 1.0], "cc": [1.0, 1.0], "kc": np.zeros(5)})
+    savemat(
+        tmp_path / "Calib_Results_left.mat", {"fc": [1.0, 1.0], "cc": [1.0, 1.0], "kc": np.zeros(5)}
+    )
     with pytest.raises(CalibrationError, match="one camera alone"):
         load_rig(tmp_path / "Calib_Results_left.mat")
 
@@ -185,7 +252,9 @@ def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
         def __reduce__(self) -> tuple[object, tuple[str]]:
             return (Path.touch, (Path(tmp_path / "touched"),))  # type: ignore[return-value]
 
-    (tmp_path / "calibration.npz").write_bytes(npz_bytes(RIG, extra=np.array([Bomb()], dtype=object)))
+    (tmp_path / "calibration.npz").write_bytes(
+        npz_bytes(RIG, extra=np.array([Bomb()], dtype=object))
+    )
     with pytest.raises(CalibrationError, match="Python objects instead of numbers"):
         load_rig(tmp_path / "calibration.npz", SIZE)
     (tmp_path / "calibration.pkl").write_bytes(pickle.dumps(Bomb()))
@@ -218,13 +287,17 @@ def seagis_numbers(x_mm: float, phi_deg: float, k3: float = 0.0) -> list[float]:
 
 
 def test_seagis_pair(tmp_path: Path) -> None:
-    """Cameras 120 mm apart, each turned inward by 3 degrees: a turn about photogrammetry's y (up) is against ours (down)."""
+    """Cameras 120 mm apart, each turned inward by 3 degrees: a turn about photogrammetry's y (up)
+    is against ours (down).
+    """
     (tmp_path / "left.cam").write_bytes(cam_bytes(seagis_numbers(-60, -3)))
     (tmp_path / "right.cam").write_bytes(cam_bytes(seagis_numbers(60, 3)))
     found = load_rig(tmp_path)
     assert found.baseline_m == pytest.approx(0.12)
     assert found.left.image_size == SIZE
-    np.testing.assert_allclose(found.left.K, [[500, 0, 319.5 + 2], [0, 500, 239.5 + 4], [0, 0, 1]], atol=1e-9)
+    np.testing.assert_allclose(
+        found.left.K, [[500, 0, 319.5 + 2], [0, 500, 239.5 + 4], [0, 0, 1]], atol=1e-9
+    )
     assert np.degrees(Rotation.from_matrix(found.R).magnitude()) == pytest.approx(6)
     assert found.T_right_left[0, 3] < 0
     assert len(found.alternatives) == 3
@@ -233,7 +306,9 @@ def test_seagis_pair(tmp_path: Path) -> None:
 def test_seagis_distortion_is_added_to_measured_points(tmp_path: Path) -> None:
     k3 = -0.002  # mm^-2: measured points are drawn inward to the ideal ones
     for side in ("left", "right"):
-        (tmp_path / f"{side}.cam").write_bytes(cam_bytes(seagis_numbers({"left": -60, "right": 60}[side], 0, k3)))
+        (tmp_path / f"{side}.cam").write_bytes(
+            cam_bytes(seagis_numbers({"left": -60, "right": 60}[side], 0, k3))
+        )
     camera = load_rig(f"{tmp_path}/left.cam,{tmp_path}/right.cam").left
     measured = np.array([[600.0, 400.0], [100.0, 30.0]])
     mm = (measured - camera.K[:2, 2]) * 0.005
@@ -249,7 +324,9 @@ def test_seagis_interior_orientation_alone_is_refused(tmp_path: Path) -> None:
 
 FILES = {
     "v5": lambda path: write_mat5(path, stereo_objects(RIG)),
-    "v5 uncompressed": lambda path: write_mat5(path, stereo_objects(RIG, modern=True), compress=False),
+    "v5 uncompressed": lambda path: write_mat5(
+        path, stereo_objects(RIG, modern=True), compress=False
+    ),
     "v7.3": lambda path: write_mat73(path, stereo_objects(RIG)),
     "npz": lambda path: path.write_bytes(npz_bytes(RIG)),
     "matlab struct": lambda path: write_rig(RIG, path, "matlab"),
@@ -259,7 +336,9 @@ FILES = {
 @pytest.mark.posix
 @pytest.mark.parametrize("name", FILES)
 def test_damaged_files_give_one_line_soon(name: str, tmp_path: Path) -> None:
-    """Cut off anywhere, bytes changed, filled with noise: a rig or one line, in time, memory and without code."""
+    """Cut off anywhere, bytes changed, filled with noise: a rig or one line, in time, memory and
+    without code.
+    """
     import resource
 
     file = tmp_path / "calib.bin"
@@ -284,7 +363,11 @@ def test_damaged_files_give_one_line_soon(name: str, tmp_path: Path) -> None:
             load_rig(file, SIZE)
         except CalibrationError as error:
             refused += 1
-            assert "\n" not in str(error) and len(str(error)) < 600 and str(error).startswith(str(file))
+            assert (
+                "\n" not in str(error)
+                and len(str(error)) < 600
+                and str(error).startswith(str(file))
+            )
         assert time.process_time() - begin < 1.0
     assert refused > 40
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_kb < 200_000
@@ -294,7 +377,9 @@ def test_what_a_damaged_file_claims_to_hold_is_not_allocated(tmp_path: Path) -> 
     mat = Mat5()
     huge = mat.head(1, (2**30, 2**30), "a")
     file = tmp_path / "calib.mat"
-    file.write_bytes(b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\0\1IM" + mat.element(14, huge))
+    file.write_bytes(
+        b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\0\1IM" + mat.element(14, huge)
+    )
     with pytest.raises(CalibrationError, match="is damaged: an array of shape"):
         load_rig(file)
 
@@ -317,5 +402,7 @@ def test_real_files(name: str, size: tuple[int, int], baseline_mm: float, real_d
 
 def test_a_mat_file_of_version_4_is_named(tmp_path: Path) -> None:
     savemat(tmp_path / "old.mat", {"R": np.eye(3), "T": np.array([-80.35, 0.1, 0.7])}, format="4")
-    with pytest.raises(CalibrationError, match="no MAT-file of MATLAB 5 or later: save it again, with -v7"):
+    with pytest.raises(
+        CalibrationError, match="no MAT-file of MATLAB 5 or later: save it again, with -v7"
+    ):
         load_rig(tmp_path / "old.mat")

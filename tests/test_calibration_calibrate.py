@@ -1,4 +1,6 @@
-"""Calibration from boards: known rigs are found again, bad views are named, and a real set keeps its published figures."""
+"""Calibration from boards: known rigs are found again, bad views are named, and a real set keeps
+its published figures.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,7 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from calibration_boards import SIZE, fisheye_rig, photograph_board, pinhole_rig, projected_views, rendered
+from calibration_boards import (
+    SIZE,
+    fisheye_rig,
+    photograph_board,
+    pinhole_rig,
+    projected_views,
+    rendered,
+)
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.aprilgrid import AprilGrid, marker
@@ -42,7 +51,11 @@ def test_known_rig_is_found_again(rig: StereoRig) -> None:
 def test_eight_coefficients_where_five_do_not_reach() -> None:
     rig = pinhole_rig()
     rational = np.array([0.9, 0.35, 0.0005, -0.0004, 0.02, 1.25, 0.45, 0.06])
-    rig = replace(rig, left=replace(rig.left, distortion=rational), right=replace(rig.right, distortion=rational))
+    rig = replace(
+        rig,
+        left=replace(rig.left, distortion=rational),
+        right=replace(rig.right, distortion=rational),
+    )
     views = projected_views(rig, BOARD, 14, 0.02, np.random.default_rng(0))
     found, report = calibrate(views, BOARD)
     assert report.lens.rms_px < 0.032
@@ -55,8 +68,12 @@ def test_bad_views_are_dropped_with_the_reason() -> None:
     views = projected_views(pinhole_rig(), BOARD, 12, 0.1, rng)
     late, blurred = views[4], views[9]
     assert late.right is not None and blurred.left is not None
-    views[4] = replace(late, right=Corners(late.right.ids, late.right.pixels + np.array([0.0, 9.0])))
-    views[9] = replace(blurred, left=Corners(blurred.left.ids, blurred.left.pixels + rng.normal(0, 3, (54, 2))))
+    views[4] = replace(
+        late, right=Corners(late.right.ids, late.right.pixels + np.array([0.0, 9.0]))
+    )
+    views[9] = replace(
+        blurred, left=Corners(blurred.left.ids, blurred.left.pixels + rng.normal(0, 3, (54, 2)))
+    )
     views.append(View("nothing", SIZE, None, None))
     views.append(replace(views[0], name="small", image_size=(640, 480)))
     found, report = calibrate(views, BOARD)
@@ -75,7 +92,9 @@ def test_many_wrong_pairs_are_dropped() -> None:
     for number, wrong in enumerate(other):
         views[2 * number] = replace(views[2 * number], right=wrong.right)
     found, report = calibrate(views, BOARD)
-    dropped = {view.name for view in report.views if view.reason and "paired wrongly" in view.reason}
+    dropped = {
+        view.name for view in report.views if view.reason and "paired wrongly" in view.reason
+    }
     assert dropped == {"view0", "view2", "view4", "view6"}
     assert found.baseline_m == pytest.approx(0.12, rel=0.005)
 
@@ -83,7 +102,9 @@ def test_many_wrong_pairs_are_dropped() -> None:
 @pytest.mark.slow
 def test_swapped_folders_are_suspicious() -> None:
     views = projected_views(pinhole_rig(), BOARD, 6, 0.1, np.random.default_rng(0))
-    _, report = calibrate([replace(view, left=view.right, right=view.left) for view in views], BOARD)
+    _, report = calibrate(
+        [replace(view, left=view.right, right=view.left) for view in views], BOARD
+    )
     assert any(line.startswith("suspicious") and "to the LEFT" in line for line in report.lines())
 
 
@@ -110,7 +131,9 @@ def test_few_views_in_one_corner_are_not_good() -> None:
 @pytest.mark.slow
 def test_empty_regions_are_named() -> None:
     views = projected_views(pinhole_rig(), BOARD, 24, 0.1, np.random.default_rng(0))
-    left_half = [view for view in views if view.left is not None and view.left.pixels[:, 0].max() < 840]
+    left_half = [
+        view for view in views if view.left is not None and view.left.pixels[:, 0].max() < 840
+    ]
     _, report = calibrate(left_half, BOARD)
     assert "left image, top right" in report.empty_regions
     assert "left image, middle middle" not in report.empty_regions
@@ -127,16 +150,25 @@ def test_square_board_is_numbered_alike_in_both_views(turns: int) -> None:
     (view,) = projected_views(pinhole_rig(), board, 1, 0.0, np.random.default_rng(0))
     assert view.left is not None and view.right is not None
     turned = np.rot90(view.right.pixels.reshape(6, 6, 2), turns).reshape(-1, 2)
-    np.testing.assert_allclose(board.same_labels(view.left, Corners(view.right.ids, turned)).pixels, view.right.pixels)
+    np.testing.assert_allclose(
+        board.same_labels(view.left, Corners(view.right.ids, turned)).pixels, view.right.pixels
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", ["chessboard:9x6:30mm", "charuco:5X5_100:11x8:30mm:22mm", "charuco:DICT_4X4_50:8x6:3cm:0.02m"])
+@pytest.mark.parametrize(
+    "target",
+    ["chessboard:9x6:30mm", "charuco:5X5_100:11x8:30mm:22mm", "charuco:DICT_4X4_50:8x6:3cm:0.02m"],
+)
 def test_printed_board_is_detected_in_rendered_images(target: str, tmp_path: Path) -> None:
     board = parse_target(target)
     print_target(board, tmp_path / "board.png", dpi=300)
     picture = cv2.imread(str(tmp_path / "board.png"), cv2.IMREAD_GRAYSCALE)
-    camera = Camera(np.array([[700.0, 0, 325], [0, 700, 236], [0, 0, 1]]), np.array([-0.2, 0.05, 0, 0, 0]), (640, 480))
+    camera = Camera(
+        np.array([[700.0, 0, 325], [0, 700, 236], [0, 0, 1]]),
+        np.array([-0.2, 0.05, 0, 0, 0]),
+        (640, 480),
+    )
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(np.array([0.3, -0.2, 0.1]))[0]
     T[:3, 3] = [-0.12, -0.09, 0.6]
@@ -162,7 +194,9 @@ def test_pdf_holds_the_same_rectangles_as_the_png(tmp_path: Path) -> None:
     image = np.full((1700, 1300), 255, np.uint8)
     scale = 150 / 72
     for line in zlib.decompress(stream).decode().splitlines()[1:]:
-        gray, x, y, w, h = (float(word) for word in re.match(r"(\S+) g (\S+) (\S+) (\S+) (\S+) re f", line).groups())  # type: ignore[union-attr]
+        gray, x, y, w, h = (
+            float(word) for word in re.match(r"(\S+) g (\S+) (\S+) (\S+) (\S+) re f", line).groups()
+        )  # type: ignore[union-attr]
         top, bottom = (round((height_pt - edge) * scale) for edge in (y + h, y))
         image[top:bottom, round(x * scale) : round((x + w) * scale)] = gray * 255
     found = board.detect(image)
@@ -178,17 +212,28 @@ def test_pdf_holds_the_same_rectangles_as_the_png(tmp_path: Path) -> None:
 GRID = "aprilgrid:6x5:30mm:9mm"
 
 
-def photographed(target: AprilGrid, folder: Path, tilt: tuple[float, float, float], upside_down: bool = False) -> tuple:
-    """A rendered image of a printed grid, and where its corners truly are. upside_down: tags count from the upper row on."""
+def photographed(
+    target: AprilGrid, folder: Path, tilt: tuple[float, float, float], upside_down: bool = False
+) -> tuple:
+    """A rendered image of a printed grid, and where its corners truly are. upside_down: tags count
+    from the upper row on.
+    """
     print_target(target, folder / "grid.png", dpi=600)
     picture = cv2.imread(str(folder / "grid.png"), cv2.IMREAD_GRAYSCALE)
     px_per_m, pitch = 600 / 0.0254, target.tag_m + target.space_m
     if upside_down:
         top = round((target.tag_m + target.space_m / 2) * px_per_m)
-        rows = [picture[top + round(j * pitch * px_per_m) : top + round((j + 1) * pitch * px_per_m)] for j in range(target.rows)]
+        rows = [
+            picture[top + round(j * pitch * px_per_m) : top + round((j + 1) * pitch * px_per_m)]
+            for j in range(target.rows)
+        ]
         size = min(len(row) for row in rows)
         picture = np.concatenate([picture[:top], *(row[:size] for row in rows[::-1])])
-    camera = Camera(np.array([[700.0, 0, 325], [0, 700, 236], [0, 0, 1]]), np.array([-0.2, 0.05, 0, 0, 0]), (640, 480))
+    camera = Camera(
+        np.array([[700.0, 0, 325], [0, 700, 236], [0, 0, 1]]),
+        np.array([-0.2, 0.05, 0, 0, 0]),
+        (640, 480),
+    )
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(np.array(tilt))[0]
     T[:3, 3] = T[:3, :3] @ [-3 * pitch, -2.5 * pitch, 0] + [0, 0, 0.45]
@@ -207,11 +252,15 @@ def test_grids_of_apriltags_are_found_at_any_turn(tilt, tmp_path: Path) -> None:
     assert np.sqrt(((corners.pixels - truth[corners.ids]) ** 2).sum(axis=1).mean()) < 0.1
 
 
-def test_grids_of_apriltags_are_found_in_haze_and_where_rows_count_downwards(tmp_path: Path) -> None:
+def test_grids_of_apriltags_are_found_in_haze_and_where_rows_count_downwards(
+    tmp_path: Path,
+) -> None:
     board = parse_target(GRID)
     assert isinstance(board, AprilGrid)
     image, truth = photographed(board, tmp_path, (0.3, -0.2, 0.1), upside_down=True)
-    hazy = (100 + 0.12 * image + np.random.default_rng(0).normal(0, 2, image.shape)).astype(np.uint8)
+    hazy = (100 + 0.12 * image + np.random.default_rng(0).normal(0, 2, image.shape)).astype(
+        np.uint8
+    )
     for seen, error_px in ((image, 0.5), (hazy, 0.7)):
         corners = board.detect(seen)
         assert corners is not None
@@ -221,39 +270,65 @@ def test_grids_of_apriltags_are_found_in_haze_and_where_rows_count_downwards(tmp
 
 
 def test_a_printed_tag_is_the_one_that_kalibr_prints() -> None:
-    """Code 0 of the family 36h11 is 0xd5d628584, read row by row from the upper left; Kalibr's border has two cells."""
+    """Code 0 of the family 36h11 is 0xd5d628584, read row by row from the upper left; Kalibr's
+    border has two cells.
+    """
     code = np.array([int(bit) for bit in f"{0xD5D628584:036b}"]).reshape(6, 6)
     np.testing.assert_array_equal(~marker(0), np.pad(code, 2).astype(bool))
     points = AprilGrid(3, 2, 0.1, 0.03).points_m.reshape(-1, 4, 3)
-    np.testing.assert_allclose(points[0, 0], [0, 0.13, 0])  # tag 0 at the lower left, then to the right, then up
+    np.testing.assert_allclose(
+        points[0, 0], [0, 0.13, 0]
+    )  # tag 0 at the lower left, then to the right, then up
     np.testing.assert_allclose(points[[1, 3], 0], [[0.13, 0.13, 0], [0, 0, 0]])
 
 
 @pytest.mark.slow
 def test_a_rig_is_calibrated_by_a_grid_of_apriltags(tmp_path: Path, cli) -> None:
     (tmp_path / "april.yaml").write_text(
-        "target_type: 'aprilgrid' #gridtype\ntagCols: 6\ntagRows: 5\ntagSize: 0.03 #m\ntagSpacing: 0.3\ncodeOffset: 0\n"
+        "target_type: 'aprilgrid' #gridtype\ntagCols: 6\ntagRows: 5\ntagSize: 0.03 "
+        "#m\ntagSpacing: 0.3\ncodeOffset: 0\n"
     )
     truth = photograph_board(tmp_path, str(tmp_path / "april.yaml"))
     sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
-    code, _, said = cli("calibrate", "--target", tmp_path / "april.yaml", *sides, "--out", tmp_path / "rig.yaml")
+    code, _, said = cli(
+        "calibrate", "--target", tmp_path / "april.yaml", *sides, "--out", tmp_path / "rig.yaml"
+    )
     assert code == 0, said
     found = load_rig(str(tmp_path / "rig.yaml"))
     assert found.baseline_m == pytest.approx(truth.baseline_m, rel=0.01)
     assert found.left.K[0, 0] == pytest.approx(truth.left.K[0, 0], rel=0.01)
     again = cli("calibrate", "--target", GRID, *sides, "--out", tmp_path / "again.yaml")
-    assert (again[0], (tmp_path / "again.yaml").read_bytes()) == (0, (tmp_path / "rig.yaml").read_bytes())
+    assert (again[0], (tmp_path / "again.yaml").read_bytes()) == (
+        0,
+        (tmp_path / "rig.yaml").read_bytes(),
+    )
 
 
 def test_target_files_of_kalibr(tmp_path: Path) -> None:
     file = tmp_path / "target.yaml"
-    file.write_text("target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.06\ncolSpacingMeters: 0.06\n")
+    file.write_text(
+        "target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: "
+        "0.06\ncolSpacingMeters: 0.06\n"
+    )
     assert parse_target(str(file)) == Chessboard(6, 7, 0.06)
     for text, message in (
-        ("target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.05\ncolSpacingMeters: 0.06", "not square"),
-        ("target_type: circlegrid\ntargetCols: 6\ntargetRows: 7\nspacingMeters: 0.02", "aprilgrid and checkerboard are read"),
-        ("target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 88\ntagSpacing: 0.3", "cannot be a target's"),
-        ("target_type: aprilgrid\ntagCols: 6.5\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3", "whole number"),
+        (
+            "target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: "
+            "0.05\ncolSpacingMeters: 0.06",
+            "not square",
+        ),
+        (
+            "target_type: circlegrid\ntargetCols: 6\ntargetRows: 7\nspacingMeters: 0.02",
+            "aprilgrid and checkerboard are read",
+        ),
+        (
+            "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 88\ntagSpacing: 0.3",
+            "cannot be a target's",
+        ),
+        (
+            "target_type: aprilgrid\ntagCols: 6.5\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3",
+            "whole number",
+        ),
         ("tagCols: 6", "no 'target_type'"),
     ):
         file.write_text(text + "\n")
@@ -270,14 +345,17 @@ def test_sides_out_of_step_are_named_and_no_rig_is_made(drop: tuple[int, ...], p
         assert view.left is not None and right is not None
         shifted.append(replace(view, right=BOARD.same_labels(view.left, right)))
     with pytest.raises(
-        CalibrationError, match=rf"out of step: {place} the right image 1 pair earlier fits.*right side lacks images"
+        CalibrationError,
+        match=rf"out of step: {place} the right image 1 pair earlier fits.*right side lacks images",
     ):
         calibrate(shifted, BOARD)
 
 
 def test_a_rig_that_its_views_contradict_is_refused() -> None:
     views = projected_views(pinhole_rig(), BOARD, 12, 0.1, np.random.default_rng(2))
-    mixed = [replace(view, right=views[(5 * number + 3) % 12].right) for number, view in enumerate(views)]
+    mixed = [
+        replace(view, right=views[(5 * number + 3) % 12].right) for number, view in enumerate(views)
+    ]
     with pytest.raises(CalibrationError):
         calibrate(mixed, BOARD)
 
@@ -307,7 +385,10 @@ def test_real_chessboards(real_data: Path) -> None:
     board = parse_target("chessboard:9x6:24.23mm")
 
     def detect(number: int) -> View:
-        left, right = (cv2.imread(str(real_data / "chessboard" / f"{side}{number}.jpg")) for side in ("left", "right"))
+        left, right = (
+            cv2.imread(str(real_data / "chessboard" / f"{side}{number}.jpg"))
+            for side in ("left", "right")
+        )
         return detect_view(str(number), left, right, board)
 
     views = list(Threads(2).each(detect, range(1, 30)))

@@ -1,4 +1,6 @@
-"""Checks of a calibration: each names what is wrong with its evidence, and none cries wolf over a good one."""
+"""Checks of a calibration: each names what is wrong with its evidence, and none cries wolf over a
+good one.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +24,12 @@ REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]
 
 
-def matches_of(truth: StereoRig, seen_as: StereoRig, noise_px: float = 0.1, seed: int = 0) -> Matches:
-    """Random points 0.6 to 4 m before the rig, a tenth of them mismatched, as rectified with ``seen_as``."""
+def matches_of(
+    truth: StereoRig, seen_as: StereoRig, noise_px: float = 0.1, seed: int = 0
+) -> Matches:
+    """Random points 0.6 to 4 m before the rig, a tenth of them mismatched, as rectified with
+    ``seen_as``.
+    """
     rng = np.random.default_rng(seed)
     left, right = seen_by(truth, 600, noise_px, rng)
     return Matches(*rectified_points(seen_as, left, mismatched(right, rng)))
@@ -57,34 +63,61 @@ def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None
 
 
 def test_a_small_cut_that_looks_like_a_moved_camera_is_said_with_what_it_does_to_ranges() -> None:
-    """A lens that is mounted higher than the other is so by more in the enlarged images: an offset of the rows."""
+    """A lens that is mounted higher than the other is so by more in the enlarged images: an offset
+    of the rows.
+    """
     rig = pinhole_rig()
     check = judge_matches(rig, [matches_of(enlarged(rig, 1.03), rig)])
     assert check.enlargement.alone == pytest.approx(1.03, abs=0.015)
-    assert "enlarged 1.03 times to their size" in check.advice[0] and "ranges would be 0.97 of the true ones" in check.advice[0]
+    assert (
+        "enlarged 1.03 times to their size" in check.advice[0]
+        and "ranges would be 0.97 of the true ones" in check.advice[0]
+    )
     rolled = judge_matches(rig, [matches_of(moved_rig(rig, np.array([0, 0.003, 0, 0])), rig)])
     assert "a camera has moved since; calibrate again" in rolled.advice[0]
 
 
 @pytest.mark.parametrize(("row_px", "said"), [(0.2, False), (0.3, True)])
-def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(row_px: float, said: bool) -> None:
-    """Of small images a focal length that is 1.33 times off leaves rows within half a pixel, and ranges 0.75 of the true ones."""
-    check = RowCheck(3, 500, row_px, 0.0, 1.0, 0.0, row_px, 0.0, 1.0, row_px, Enlargement(1.33, 0.3 * row_px))
+def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(
+    row_px: float, said: bool
+) -> None:
+    """Of small images a focal length that is 1.33 times off leaves rows within half a pixel, and
+    ranges 0.75 of the true ones.
+    """
+    check = RowCheck(
+        3, 500, row_px, 0.0, 1.0, 0.0, row_px, 0.0, 1.0, row_px, Enlargement(1.33, 0.3 * row_px)
+    )
     assert (not check.acceptable) == said
     if said:
-        assert "ranges would be 0.75 of the true ones" in check.advice[0] and "measured in air" in check.advice[0]
+        assert (
+            "ranges would be 0.75 of the true ones" in check.advice[0]
+            and "measured in air" in check.advice[0]
+        )
 
 
 def test_rectified_images_given_with_the_raw_calibration_are_named() -> None:
     rig = pinhole_rig()
     rectified = Rectification.from_rig(rig).rectified_rig()
-    turned = replace(rectified, T_right_left=rig.T_right_left)  # the mixture: rectified lenses, and the raw cameras' rotation
-    for given in (rig, turned, replace(rig, left=replace(rig.left, distortion=-rig.left.distortion))):
+    turned = replace(
+        rectified, T_right_left=rig.T_right_left
+    )  # the mixture: rectified lenses, and the raw cameras' rotation
+    for given in (
+        rig,
+        turned,
+        replace(rig, left=replace(rig.left, distortion=-rig.left.distortion)),
+    ):
         check = judge_matches(given, [matches_of(rectified, given)])
         assert check.rectified_already and not check.acceptable
         assert not (check.has_moved or check.air_in_water or check.cut_out)
-        assert check.advice[0].startswith("the images are rectified already: ") and "or the raw images" in check.advice[0]
-    for truth, given in ((rig, rig), (rectified, rectified), (moved_rig(rig, np.array([0.003, 0, 0, 0])), rig)):
+        assert (
+            check.advice[0].startswith("the images are rectified already: ")
+            and "or the raw images" in check.advice[0]
+        )
+    for truth, given in (
+        (rig, rig),
+        (rectified, rectified),
+        (moved_rig(rig, np.array([0.003, 0, 0, 0])), rig),
+    ):
         assert not judge_matches(given, [matches_of(truth, given)]).rectified_already
 
 
@@ -93,7 +126,9 @@ def test_one_camera_on_both_sides_is_named(lower_px: float) -> None:
     """Also of a rig whose rectification moves both images alike, or apart."""
     for rig in (pinhole_rig(), Rectification.from_rig(pinhole_rig()).rectified_rig()):
         left, _ = seen_by(rig, 400, 0.1, np.random.default_rng(0))
-        check = judge_matches(rig, [Matches(*rectified_points(rig, left, left + np.array([0, lower_px])))])
+        check = judge_matches(
+            rig, [Matches(*rectified_points(rig, left, left + np.array([0, lower_px])))]
+        )
         assert check.one_picture and not check.acceptable and not check.has_moved
         assert check.advice[0].startswith("both sides show one camera's picture")
 
@@ -101,7 +136,9 @@ def test_one_camera_on_both_sides_is_named(lower_px: float) -> None:
 def test_pairs_of_a_moving_camera_are_no_rig_that_has_moved() -> None:
     rig, rng = pinhole_rig(), np.random.default_rng(5)
     poses = [rng.normal(0, 0.006, 4) for _ in range(6)]
-    check = judge_matches(rig, [matches_of(moved_rig(rig, pose), rig, seed=i) for i, pose in enumerate(poses)])
+    check = judge_matches(
+        rig, [matches_of(moved_rig(rig, pose), rig, seed=i) for i, pose in enumerate(poses)]
+    )
     assert check.no_rig and not check.has_moved
     assert "as pictures of one moving camera do" in check.advice[0]
     drifted = [matches_of(moved_rig(rig, poses[0]), rig, seed=seed) for seed in range(6)]
@@ -112,7 +149,9 @@ def test_camera_turned_since_is_explained() -> None:
     rig = pinhole_rig()
     turn = np.eye(4)
     turn[:3, :3] = cv2.Rodrigues(np.array([0.002, 0.0, 0.004]))[0]
-    check = judge_matches(rig, [matches_of(replace(rig, T_right_left=turn @ rig.T_right_left), rig)])
+    check = judge_matches(
+        rig, [matches_of(replace(rig, T_right_left=turn @ rig.T_right_left), rig)]
+    )
     assert not check.acceptable and not check.air_in_water and not check.cut_out
     assert check.offset_px == pytest.approx(-0.002 * 1100, abs=0.5)
     assert check.roll_deg == pytest.approx(np.degrees(0.004), abs=0.05)
@@ -130,7 +169,10 @@ def test_a_yaw_is_told_by_the_keystone_with_its_error_of_ranges(rig: StereoRig) 
     found = check.keystone
     assert found.yaw_rad == pytest.approx(0.006, abs=2 * found.std_rad)
     assert found.is_found and not found.is_lens and check.has_moved and not check.acceptable
-    assert f"may be off by {100 * found.range_error:+.0f} +- {100 * found.range_std:.0f} %" in "; ".join(check.advice)
+    assert (
+        f"may be off by {100 * found.range_error:+.0f} +- {100 * found.range_std:.0f} %"
+        in "; ".join(check.advice)
+    )
 
 
 def test_ranges_are_too_long_after_a_yaw_outward() -> None:
@@ -138,10 +180,15 @@ def test_ranges_are_too_long_after_a_yaw_outward() -> None:
     turned, at = moved_rig(rig, np.array([0, 0, 0, 0.005])), np.array([[600.0, 500.0]])
     point = rig.left.rays(at) * 2.0
     seen = judge_matches(rig, three(turned, rig)).keystone
-    left, right = rectified_points(rig, at, turned.right.project(point @ turned.R.T + turned.T_right_left[:3, 3]))
+    left, right = rectified_points(
+        rig, at, turned.right.project(point @ turned.R.T + turned.T_right_left[:3, 3])
+    )
     pair = plan_rectification(rig).matching_pair
     too_long = (
-        pair.focal_px * pair.baseline_m / (left - right)[0, 0] / (rig.left.rays(at) @ plan_rectification(rig).R_left.T * 2.0)[0, 2]
+        pair.focal_px
+        * pair.baseline_m
+        / (left - right)[0, 0]
+        / (rig.left.rays(at) @ plan_rectification(rig).R_left.T * 2.0)[0, 2]
     )
     assert (too_long - 1) * seen.range_error > 0
 
@@ -196,9 +243,15 @@ def _changed(**camera: object) -> StereoRig:
 
 K = pinhole_rig().left.K
 SUSPECT = {
-    "another resolution": (_changed(K=K * [[0.5], [0.5], [1]]), "is K of another resolution (about 652x470)"),
+    "another resolution": (
+        _changed(K=K * [[0.5], [0.5], [1]]),
+        "is K of another resolution (about 652x470)",
+    ),
     "not square": (_changed(K=K * [[1.2], [1], [1]]), "pixels are square"),
-    "focal length": (_changed(K=K * [[0.1, 1, 1], [1, 0.1, 1], [1, 1, 1]]), "focal length of 110 px"),
+    "focal length": (
+        _changed(K=K * [[0.1, 1, 1], [1, 0.1, 1], [1, 1, 1]]),
+        "focal length of 110 px",
+    ),
     "fold": (_changed(distortion=np.array([-0.9, 0.0, 0, 0, 0])), "turns back"),
     "rms": (replace(pinhole_rig(), rms_px=2.5), "own error is 2.50 px"),
     "air": (replace(pinhole_rig(), medium="air"), "calibrated in air"),
@@ -240,7 +293,9 @@ def test_cameras_without_a_common_view() -> None:
 
 
 def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> None:
-    left, right = (cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right"))
+    left, right = (
+        cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right")
+    )
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
     look = quick_look(rectification, (left, right))
     assert look.rows_agree
@@ -253,9 +308,16 @@ def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> N
 
 
 def test_images_of_many_pixels_are_matched_at_a_coarser_step_and_as_exactly() -> None:
-    left, right = (cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right"))
+    left, right = (
+        cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right")
+    )
     rig = load_rig(REEF / "cam.yaml")
-    found = find_matches(Rectification.from_rig(rig), left, right, MatchLimits(most_pixels=left.shape[0] * left.shape[1] / 3))
+    found = find_matches(
+        Rectification.from_rig(rig),
+        left,
+        right,
+        MatchLimits(most_pixels=left.shape[0] * left.shape[1] / 3),
+    )
     rows = judge_matches(rig, [found])
     assert rows.matches > 200
     assert rows.row_error_px < 0.1
@@ -265,10 +327,16 @@ def test_images_of_many_pixels_are_matched_at_a_coarser_step_and_as_exactly() ->
 @pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", ["aloe", "teddy"])
-def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(name: str, real_data: Path) -> None:
+def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(
+    name: str, real_data: Path
+) -> None:
     left, right = (cv2.imread(str(real_data / name / f"{side}.png")) for side in ("left", "right"))
     height, width = left.shape[:2]
-    camera = Camera(np.array([[1.2 * width, 0, width / 2], [0, 1.2 * width, height / 2], [0, 0, 1]]), np.zeros(0), (width, height))
+    camera = Camera(
+        np.array([[1.2 * width, 0, width / 2], [0, 1.2 * width, height / 2], [0, 0, 1]]),
+        np.zeros(0),
+        (width, height),
+    )
     T = np.eye(4)
     T[0, 3] = -0.1
     rig = StereoRig(camera, camera, T)
@@ -280,7 +348,9 @@ def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(name: str, re
 
 @pytest.mark.parametrize(("row_px", "moved"), [(0.6, True), (58.0, False)])
 def test_only_what_a_camera_can_move_by_is_refined(row_px: float, moved: bool) -> None:
-    """Neighboring frames taken for a pair have rows that an offset explains too, of tens of pixels."""
+    """Neighboring frames taken for a pair have rows that an offset explains too, of tens of
+    pixels.
+    """
     check = RowCheck(3, 500, row_px, row_px, 1.0, 0.0, 0.1 * row_px, 0.0, 1.0, 0.1 * row_px)
     assert check.has_moved == moved
     assert ("a camera has moved" in check.advice[0]) == moved

@@ -18,19 +18,26 @@ TARGET = "chessboard:7x5:40mm"
 
 @pytest.fixture(scope="module")
 def board_pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StereoRig]:
-    """A folder of six rendered pairs of a board, in left/ and right/, and the rig that took them."""
+    """A folder of six rendered pairs of a board, in left/ and right/, and the rig that took
+    them.
+    """
     folder = tmp_path_factory.mktemp("boards")
     rig = photograph_board(folder, TARGET)
     return folder, rig
 
 
 @pytest.mark.slow
-def test_check_and_calibrate_take_videos(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+def test_check_and_calibrate_take_videos(
+    cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
+) -> None:
     folder, rig = board_pairs
     write_rig(rig, tmp_path / "true.yaml")
     both = tmp_path / "both.mkv"
     names = sorted(path.name for path in (folder / "left").iterdir())
-    images = [np.hstack([cv2.imread(str(folder / side / name)) for side in ("left", "right")]) for name in names]
+    images = [
+        np.hstack([cv2.imread(str(folder / side / name)) for side in ("left", "right")])
+        for name in names
+    ]
     with av.open(str(both), "w") as video:
         stream = video.add_stream("ffv1", rate=5)
         stream.pix_fmt = "bgr0"
@@ -40,16 +47,38 @@ def test_check_and_calibrate_take_videos(cli: Cli, board_pairs: tuple[Path, Ster
         video.mux(stream.encode())
     _, _, said = cli("check", "--left", both, "--right", both, "--calib", tmp_path / "true.yaml")
     assert "points were found in both images of 6 pairs" in said  # of a board few features are
-    code, _, said = cli("calibrate", "--left", both, "--right", both, "--target", TARGET, "--out", tmp_path / "cam.yaml")
+    code, _, said = cli(
+        "calibrate",
+        "--left",
+        both,
+        "--right",
+        both,
+        "--target",
+        TARGET,
+        "--out",
+        tmp_path / "cam.yaml",
+    )
     assert code == 0, said
     assert load_rig(tmp_path / "cam.yaml").baseline_m == pytest.approx(rig.baseline_m, rel=0.01)
 
 
 @pytest.mark.slow
-def test_calibrate_from_folders(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+def test_calibrate_from_folders(
+    cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
+) -> None:
     folder, rig = board_pairs
     out = tmp_path / "cam.yaml"
-    code, printed, said = cli("calibrate", "--left", folder / "left", "--right", folder / "right", "--target", TARGET, "--out", out)
+    code, printed, said = cli(
+        "calibrate",
+        "--left",
+        folder / "left",
+        "--right",
+        folder / "right",
+        "--target",
+        TARGET,
+        "--out",
+        out,
+    )
     assert code == 0, said
     found = load_rig(out)
     assert found.baseline_m == pytest.approx(rig.baseline_m, rel=0.01)
@@ -61,7 +90,9 @@ def test_calibrate_from_folders(cli: Cli, board_pairs: tuple[Path, StereoRig], t
 
 
 def test_calibrate_prints_the_target(cli: Cli, tmp_path: Path) -> None:
-    code, printed, _ = cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "board.pdf")
+    code, printed, _ = cli(
+        "calibrate", "--target", TARGET, "--print-target", tmp_path / "board.pdf"
+    )
     assert code == 0
     assert "print it at 100 %" in printed
     assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
@@ -74,7 +105,9 @@ def test_calibrate_without_folders_is_wrong_usage(cli: Cli) -> None:
 
 
 @pytest.mark.slow
-def test_target_that_is_not_there(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+def test_target_that_is_not_there(
+    cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
+) -> None:
     folder, _ = board_pairs
     words = (
         "--left",
@@ -93,17 +126,27 @@ def test_target_that_is_not_there(cli: Cli, board_pairs: tuple[Path, StereoRig],
 
 
 @pytest.mark.slow
-def test_check_tells_a_good_calibration_from_a_bad_one(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+def test_check_tells_a_good_calibration_from_a_bad_one(
+    cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
+) -> None:
     _, rig = board_pairs
     write_rig(rig, tmp_path / "cam.yaml")
     folders = ("--left", tmp_path / "left", "--right", tmp_path / "right")
-    sand = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5)
+    sand = cv2.GaussianBlur(
+        np.random.default_rng(0).integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5
+    )
     sand = cv2.normalize(sand, None, 0, 255, cv2.NORM_MINMAX)
     pose = np.eye(4)
     pose[2, 3] = 0.7
-    for side, camera, extrinsic in (("left", rig.left, np.eye(4)), ("right", rig.right, rig.T_right_left)):
+    for side, camera, extrinsic in (
+        ("left", rig.left, np.eye(4)),
+        ("right", rig.right, rig.T_right_left),
+    ):
         (tmp_path / side).mkdir()
-        cv2.imwrite(str(tmp_path / side / "0.png"), rendered(camera, extrinsic @ pose, sand, 700, np.array([-0.5, -0.36])))
+        cv2.imwrite(
+            str(tmp_path / side / "0.png"),
+            rendered(camera, extrinsic @ pose, sand, 700, np.array([-0.5, -0.36])),
+        )
     code, printed, _ = cli("check", *folders, "--calib", tmp_path / "cam.yaml")
     assert code == 0
     assert "baseline 100.0 mm" in printed
@@ -121,7 +164,14 @@ def test_check_reads_images_as_the_settings_say(cli: Cli, tmp_path: Path) -> Non
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
         cv2.imwrite(str(tmp_path / side / "0.png"), np.full((40, 60), 60_000, np.uint16))
-    folders = ("--left", tmp_path / "left", "--right", tmp_path / "right", "--calib", tmp_path / "cam.yaml")
+    folders = (
+        "--left",
+        tmp_path / "left",
+        "--right",
+        tmp_path / "right",
+        "--calib",
+        tmp_path / "cam.yaml",
+    )
     code, _, said = cli("check", *folders, "--set", "input.significant_bits=12")
     assert code == 1
     assert "12" in said and "0.png" in said
@@ -133,7 +183,9 @@ def test_convert(cli: Cli, tmp_path: Path) -> None:
     assert cli("convert-calib", tmp_path, tmp_path / "stereo.yml", "--to", "opencv")[0] == 0
     assert cli("convert-calib", tmp_path / "stereo.yml", tmp_path / "again", "--to", "ros")[0] == 0
     np.testing.assert_allclose(
-        load_rig(tmp_path / "again").T_right_left, load_rig(tmp_path / "stereo.yml").T_right_left, atol=1e-12
+        load_rig(tmp_path / "again").T_right_left,
+        load_rig(tmp_path / "stereo.yml").T_right_left,
+        atol=1e-12,
     )
 
 
@@ -147,8 +199,12 @@ def test_a_calibration_goes_into_a_new_folder_and_not_onto_one(cli: Cli, tmp_pat
 
 
 def test_a_target_goes_into_a_new_folder_and_not_below_a_file(cli: Cli, tmp_path: Path) -> None:
-    assert cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "new/target.pdf")[0] == 0
-    code, _, said = cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "new/target.pdf/again.pdf")
+    assert (
+        cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "new/target.pdf")[0] == 0
+    )
+    code, _, said = cli(
+        "calibrate", "--target", TARGET, "--print-target", tmp_path / "new/target.pdf/again.pdf"
+    )
     assert code == 1
     assert "again.pdf: cannot be written: " in said
     assert said.count("\n") == 1
@@ -162,14 +218,21 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "640x480")[0] == 0
     four = OPENCV.replace(", 1.6e-01 ]", " ]").replace(", -7e-3 ]", " ]")
     (tmp_path / "four.yml").write_text(four)
-    printed = cli("convert-calib", tmp_path / "four.yml", tmp_path / "from_four.yaml", "--size", "640x480")[1]
-    assert "note: 4 coefficients as OpenCV's k1 k2 p1 p2: taken, but the file can be read in 2 ways" in printed
+    printed = cli(
+        "convert-calib", tmp_path / "four.yml", tmp_path / "from_four.yaml", "--size", "640x480"
+    )[1]
+    assert (
+        "note: 4 coefficients as OpenCV's k1 k2 p1 p2: taken, but the file can be read in 2 ways"
+        in printed
+    )
     code, _, said = cli("convert-calib", source, tmp_path / "wide.yaml", "--size", "wide")
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 
 
 @pytest.mark.slow
-def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+def test_check_refines_a_rig_that_has_moved(
+    cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
+) -> None:
     _, rig = board_pairs
     rng = np.random.default_rng(0)
     for number in range(3):
@@ -177,7 +240,10 @@ def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, S
         sand = cv2.normalize(sand, None, 0, 255, cv2.NORM_MINMAX)
         pose = np.eye(4)
         pose[2, 3] = 0.65 + 0.05 * number
-        for side, camera, extrinsic in (("left", rig.left, np.eye(4)), ("right", rig.right, rig.T_right_left)):
+        for side, camera, extrinsic in (
+            ("left", rig.left, np.eye(4)),
+            ("right", rig.right, rig.T_right_left),
+        ):
             (tmp_path / side).mkdir(exist_ok=True)
             picture = rendered(camera, extrinsic @ pose, sand, 700, np.array([-0.5, -0.36]))
             cv2.imwrite(str(tmp_path / side / f"{number}.png"), picture)
@@ -185,7 +251,9 @@ def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, S
     turned[:3, :3] = cv2.Rodrigues(np.array([0.002, 0.0, 0.0]))[0]
     write_rig(StereoRig(rig.left, rig.right, turned @ rig.T_right_left), tmp_path / "cam.yaml")
     folders = ("--left", tmp_path / "left", "--right", tmp_path / "right")
-    code, printed, _ = cli("check", *folders, "--calib", tmp_path / "cam.yaml", "--refine", tmp_path / "refined.yaml")
+    code, printed, _ = cli(
+        "check", *folders, "--calib", tmp_path / "cam.yaml", "--refine", tmp_path / "refined.yaml"
+    )
     assert code == 0
     assert "NOT acceptable" in printed and "refined.yaml: the refined calibration" in printed
     code, printed, _ = cli("check", *folders, "--calib", tmp_path / "refined.yaml", "--json")
@@ -204,11 +272,17 @@ def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, S
         (("evaluate", "--chart", "--images", "l", "--range", "r", "--sheet"), "charts.png"),
     ],
 )
-def test_a_file_of_the_user_is_not_written_over(cli: Cli, tmp_path: Path, monkeypatch, words: tuple[str, ...], file: str) -> None:
+def test_a_file_of_the_user_is_not_written_over(
+    cli: Cli, tmp_path: Path, monkeypatch, words: tuple[str, ...], file: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     theirs = tmp_path / file.split(",")[-1]
     theirs.write_bytes(b"the only calibration of a rig that is lost")
     code, _, said = cli(*words, file)
-    assert code == 1 and f"{theirs.name}: is there already, and is not written over" in said and said.count("\n") == 1
+    assert (
+        code == 1
+        and f"{theirs.name}: is there already, and is not written over" in said
+        and said.count("\n") == 1
+    )
     assert [path.name for path in tmp_path.iterdir()] == [theirs.name]
     assert theirs.read_bytes() == b"the only calibration of a rig that is lost"

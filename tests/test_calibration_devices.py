@@ -1,4 +1,6 @@
-"""Calibrations that come with stereo cameras, and Basalt's: written here as the devices write them, read back to the same rig."""
+"""Calibrations that come with stereo cameras, and Basalt's: written here as the devices write them,
+read back to the same rig.
+"""
 
 import json
 from pathlib import Path
@@ -29,9 +31,16 @@ def zed(rig: StereoRig) -> str:
     lines = []
     for name, factor in (("HD", 1.0), ("FHD", 1.5)):
         for side, camera in (("LEFT", rig.left), ("RIGHT", rig.right)):
-            numbers = zip(("fx", "fy", "cx", "cy"), factor * camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True)
-            distortion = zip(("k1", "k2", "p1", "p2", "k3"), np.pad(camera.distortion, (0, 5))[:5], strict=True)
-            lines += [f"[{side}_CAM_{name}]", *(f"{key}={float(value)!r}" for key, value in (*numbers, *distortion))]
+            numbers = zip(
+                ("fx", "fy", "cx", "cy"), factor * camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True
+            )
+            distortion = zip(
+                ("k1", "k2", "p1", "p2", "k3"), np.pad(camera.distortion, (0, 5))[:5], strict=True
+            )
+            lines += [
+                f"[{side}_CAM_{name}]",
+                *(f"{key}={float(value)!r}" for key, value in (*numbers, *distortion)),
+            ]
     rx, ry, rz = map(float, cv2.Rodrigues(rig.R)[0].ravel())
     x, y, z = (-1000 * rig.T_right_left[:3, 3]).tolist()
     lines += [
@@ -53,7 +62,10 @@ def test_zed(tmp_path: Path) -> None:
     file = tmp_path / "SN1234.conf"
     file.write_text(zed(rig))
     assert format_name(file) == "zed"
-    with pytest.raises(CalibrationError, match=r"holds calibrations for images of 1920x1080, 1280x720: give the size"):
+    with pytest.raises(
+        CalibrationError,
+        match=r"holds calibrations for images of 1920x1080, 1280x720: give the size",
+    ):
         load_rig(file)
     read = load_rig(file, (1280, 720))
     assert read.medium == "air"
@@ -65,11 +77,23 @@ def test_zed(tmp_path: Path) -> None:
 
 def oak(rig: StereoRig, right_to_left: bool = False) -> dict[str, Any]:
     T = inverse_transform(rig.T_right_left) if right_to_left else rig.T_right_left
-    there = {"rotationMatrix": T[:3, :3].tolist(), "translation": dict(zip("xyz", (100 * T[:3, 3]).tolist(), strict=True))}
-    nowhere = {"rotationMatrix": np.zeros((3, 3)).tolist(), "translation": dict.fromkeys("xyz", 0.0), "toCameraSocket": -1}
+    there = {
+        "rotationMatrix": T[:3, :3].tolist(),
+        "translation": dict(zip("xyz", (100 * T[:3, 3]).tolist(), strict=True)),
+    }
+    nowhere = {
+        "rotationMatrix": np.zeros((3, 3)).tolist(),
+        "translation": dict.fromkeys("xyz", 0.0),
+        "toCameraSocket": -1,
+    }
     extrinsics = [there | {"toCameraSocket": 1 if right_to_left else 2}, nowhere]
     cameras = []
-    for socket, camera, its in zip((1, 2), (rig.left, rig.right), extrinsics[::-1] if right_to_left else extrinsics, strict=True):
+    for socket, camera, its in zip(
+        (1, 2),
+        (rig.left, rig.right),
+        extrinsics[::-1] if right_to_left else extrinsics,
+        strict=True,
+    ):
         width, height = camera.image_size
         length = 4 if camera.model == "fisheye" else 14
         lens = {
@@ -80,7 +104,11 @@ def oak(rig: StereoRig, right_to_left: bool = False) -> dict[str, Any]:
             "distortionCoeff": np.pad(camera.distortion, (0, 14))[:length].tolist(),
         }
         cameras.append([socket, lens | {"extrinsics": its}])
-    return {"batchName": "", "cameraData": cameras, "stereoRectificationData": {"leftCameraSocket": 1, "rightCameraSocket": 2}}
+    return {
+        "batchName": "",
+        "cameraData": cameras,
+        "stereoRectificationData": {"leftCameraSocket": 1, "rightCameraSocket": 2},
+    }
 
 
 @pytest.mark.parametrize("right_to_left", [False, True])
@@ -95,18 +123,46 @@ def test_oak(rig: StereoRig, right_to_left: bool, tmp_path: Path) -> None:
 def basalt(rig: StereoRig) -> dict[str, Any]:
     from scipy.spatial.transform import Rotation
 
-    T_imu_left = pose(Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix(), np.array([0.1, -0.02, 0.05]))
+    T_imu_left = pose(
+        Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix(), np.array([0.1, -0.02, 0.05])
+    )
     T_imu_right = T_imu_left @ inverse_transform(rig.T_right_left)
     poses, lenses = [], []
     for T, camera in ((T_imu_left, rig.left), (T_imu_right, rig.right)):
         quaternion = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
-        poses.append(dict(zip(("px", "py", "pz", "qx", "qy", "qz", "qw"), [*T[:3, 3].tolist(), *quaternion], strict=True)))
-        names = ("k1", "k2", "k3", "k4") if camera.model == "fisheye" else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-        numbers = np.concatenate([camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], np.pad(camera.distortion, (0, 8))[: len(names)]]).tolist()
+        poses.append(
+            dict(
+                zip(
+                    ("px", "py", "pz", "qx", "qy", "qz", "qw"),
+                    [*T[:3, 3].tolist(), *quaternion],
+                    strict=True,
+                )
+            )
+        )
+        names = (
+            ("k1", "k2", "k3", "k4")
+            if camera.model == "fisheye"
+            else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+        )
+        numbers = np.concatenate(
+            [camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], np.pad(camera.distortion, (0, 8))[: len(names)]]
+        ).tolist()
         kind = "kb4" if camera.model == "fisheye" else "pinhole-radtan8"
-        lenses.append({"camera_type": kind, "intrinsics": dict(zip(("fx", "fy", "cx", "cy", *names), numbers, strict=True))})
+        lenses.append(
+            {
+                "camera_type": kind,
+                "intrinsics": dict(zip(("fx", "fy", "cx", "cy", *names), numbers, strict=True)),
+            }
+        )
     sizes = [list(camera.image_size) for camera in (rig.left, rig.right)]
-    return {"value0": {"T_imu_cam": poses, "intrinsics": lenses, "resolution": sizes, "imu_update_rate": 200.0}}
+    return {
+        "value0": {
+            "T_imu_cam": poses,
+            "intrinsics": lenses,
+            "resolution": sizes,
+            "imu_update_rate": 200.0,
+        }
+    }
 
 
 @pytest.mark.parametrize("rig", [pinhole_rig(), fisheye_rig()])
@@ -150,9 +206,11 @@ def test_oak_without_a_pair(tmp_path: Path) -> None:
 
 
 FOREIGN = {
-    "one lens of Metashape": "<?xml version='1.0'?>\n<calibration>\n  <projection>frame</projection><f>1700</f></calibration>",
+    "one lens of Metashape": "<?xml version='1.0'?>\n<calibration>\n  "
+    "<projection>frame</projection><f>1700</f></calibration>",
     "a lens of Pix4D": "Pix4D camera calibration file 1.0\nF 8.8\n",
-    "what MATLAB's window shows of a calibration": "stereoParams =\n  stereoParameters with properties:\n",
+    "what MATLAB's window shows of a calibration": "stereoParams =\n  stereoParameters with "
+    "properties:\n",
     "the lenses of a RealSense camera": '{"left": {"width": 1280, "ppx": 640.1, "fx": 640.2}}',
     "settings of a RealSense camera": '{"device": {"name": "Intel RealSense D435"}}',
 }
@@ -161,5 +219,7 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_formats_that_are_not_read_are_named(name: str, tmp_path: Path) -> None:
     (tmp_path / "calib").write_text(FOREIGN[name])
-    with pytest.raises(CalibrationError, match=rf"holds {name}, which is not read here: write both cameras"):
+    with pytest.raises(
+        CalibrationError, match=rf"holds {name}, which is not read here: write both cameras"
+    ):
         load_rig(tmp_path / "calib")

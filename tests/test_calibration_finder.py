@@ -1,4 +1,6 @@
-"""Calibrations whose matrices are found by form and words, at any nesting and in every notation; what is no rig is named."""
+"""Calibrations whose matrices are found by form and words, at any nesting and in every notation;
+what is no rig is named.
+"""
 
 import json
 import zipfile
@@ -30,7 +32,14 @@ def rectified(unit: float) -> dict[str, Any]:
     """R1 R2 P1 P2 of stereoRectify."""
     names = ("R1", "R2", "P1", "P2", "Q")
     matrices = cv2.stereoRectify(
-        RIG.left.K, RIG.left.distortion, RIG.right.K, RIG.right.distortion, SIZE, R, T[:, None] * unit, alpha=0
+        RIG.left.K,
+        RIG.left.distortion,
+        RIG.right.K,
+        RIG.right.distortion,
+        SIZE,
+        R,
+        T[:, None] * unit,
+        alpha=0,
     )
     return dict(zip(names, matrices, strict=False))
 
@@ -46,7 +55,15 @@ def four(camera: Any) -> list[float]:
 def lens(camera: Any, **more: Any) -> dict[str, Any]:
     """An OKVIS-like lens: pairs of numbers instead of a matrix."""
     (fx, fy, cx, cy), size = four(camera), {"image_dimension": list(SIZE)}
-    return {"focal_length": [fx, fy], "principal_point": [cx, cy], "distortion_coeffs": camera.distortion} | size | more
+    return (
+        {
+            "focal_length": [fx, fy],
+            "principal_point": [cx, cy],
+            "distortion_coeffs": camera.distortion,
+        }
+        | size
+        | more
+    )
 
 
 NESTED: dict[str, dict[str, Any]] = {
@@ -54,19 +71,23 @@ NESTED: dict[str, dict[str, Any]] = {
         "image": {"width_px": 640, "height_px": 480}, "left_camera": LEFT, "right_camera": RIGHT,
         "stereo": {"rms_px": 0.4, "rectification": rectified(1000)},
     },
-    "a rectification at the top": {"image_width": 640, "image_height": 480, "left": LEFT, "right": RIGHT} | rectified(1),
+    "a rectification at the top": {"image_width": 640, "image_height": 480, "left": LEFT,
+    "right": RIGHT} | rectified(1),
     "the unit in the translation's key": {
         "size": [640, 480], "left_camera": LEFT, "right_camera": RIGHT,
         "stereo": {"rotation_matrix": R, "translation_vector_mm": T * 1000},
     },
     "a transform whose key names both sides": {
-        "imageSizeL": [640, 480], "imageSizeR": [640, 480], "cam_l": LEFT, "cam_r": RIGHT, "T_left_to_right": RIG.T_right_left,
+        "imageSizeL": [640, 480], "imageSizeR": [640, 480], "cam_l": LEFT, "cam_r": RIGHT,
+        "T_left_to_right": RIG.T_right_left,
     },
     "a transform the other way": {
-        "imgSize_left": [640, 480], "left": LEFT, "right": RIGHT, "T_right_to_left": inverse_transform(RIG.T_right_left),
+        "imgSize_left": [640, 480], "left": LEFT, "right": RIGHT,
+        "T_right_to_left": inverse_transform(RIG.T_right_left),
     },
     "poses of cameras on a body": {
-        "left_params": lens(RIG.left, T_SC=np.eye(4)), "right_params": lens(RIG.right, T_SC=inverse_transform(RIG.T_right_left)),
+        "left_params": lens(RIG.left, T_SC=np.eye(4)), "right_params": lens(RIG.right,
+        T_SC=inverse_transform(RIG.T_right_left)),
     },
     "a pose for each camera": {
         "cam_1": {"matrix": RIG.left.K, "distortions": RIG.left.distortion, "size": [640, 480],
@@ -75,8 +96,10 @@ NESTED: dict[str, dict[str, Any]] = {
                   "rotation": ROTATION_VECTOR, "translation": T * 1000},
     },
     "a board and its views, which are no part of the rig": {
-        "board": {"size": [9, 6], "square": 0.03, "R": np.eye(3), "T": [0, 0, 1.0]}, "resolution": [640, 480],
-        "calibration": {"result": {"K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K, "D2": RIG.right.distortion,
+        "board": {"size": [9, 6], "square": 0.03, "R": np.eye(3), "T": [0, 0, 1.0]},
+        "resolution": [640, 480],
+        "calibration": {"result": {"K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K,
+        "D2": RIG.right.distortion,
                                    "R": R, "T": T}},
         "views": [{"R": np.eye(3), "T": [0, 0, 1.0]}, {"R": np.eye(3), "T": [0, 0, 2.0]}],
     },
@@ -91,28 +114,35 @@ NESTED: dict[str, dict[str, Any]] = {
                       "rotation": dict(zip("xyzw", QUATERNION, strict=True))},
     },
     "both cameras' matrices in one array": {
-        "K": np.stack([RIG.left.K, RIG.right.K]), "D": np.stack([RIG.left.distortion, RIG.right.distortion]), "R": R, "T": T,
+        "K": np.stack([RIG.left.K, RIG.right.K]), "D": np.stack([RIG.left.distortion,
+        RIG.right.distortion]), "R": R, "T": T,
         "shape": [480, 640, 3],
     },
     "radial and tangential apart": {
         "im_w": 640, "im_h": 480, "R": R, "T": T,
-        **{side: {"K": camera.K, "radial": camera.distortion[[0, 1, 4]], "tangential": camera.distortion[2:4]}
+        **{side: {"K": camera.K, "radial": camera.distortion[[0, 1, 4]],
+        "tangential": camera.distortion[2:4]}
            for side, camera in (("left", RIG.left), ("right", RIG.right))},
     },
     "names in a list, the right camera first": {
-        "cameras": [{"name": "right", "K": RIG.right.K, "dist": RIG.right.distortion, "R": R, "t": T, "size": "640x480"},
-                    {"name": "left", "K": RIG.left.K, "dist": RIG.left.distortion, "R": np.eye(3), "t": [0] * 3,
+        "cameras": [{"name": "right", "K": RIG.right.K, "dist": RIG.right.distortion, "R": R,
+        "t": T, "size": "640x480"},
+                    {"name": "left", "K": RIG.left.K, "dist": RIG.left.distortion, "R": np.eye(3),
+                    "t": [0] * 3,
                      "size": [640, 480]}],
     },
     "rectification beside it, as the tutorials save all": {
-        "mtxL": RIG.left.K, "distL": RIG.left.distortion, "mtxR": RIG.right.K, "distR": RIG.right.distortion, "rot": R, "trans": T,
-        "newCameraMatrixL": 1.1 * RIG.left.K, "newCameraMatrixR": 1.1 * RIG.right.K, "roi_L": [1, 2, 630, 470],
+        "mtxL": RIG.left.K, "distL": RIG.left.distortion, "mtxR": RIG.right.K,
+        "distR": RIG.right.distortion, "rot": R, "trans": T,
+        "newCameraMatrixL": 1.1 * RIG.left.K, "newCameraMatrixR": 1.1 * RIG.right.K, "roi_L": [1, 2,
+        630, 470],
         "imgSizeL": [640, 480],
         **{key.replace("1", "L").replace("2", "R"): value for key, value in rectified(1).items()},
         "E": skew(T) @ R, "F": RIG.left.K.T,
     },
     "rows before columns, as arrays have them": {
-        "image_shape": [480, 640], "K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K, "D2": RIG.right.distortion,
+        "image_shape": [480, 640], "K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K,
+        "D2": RIG.right.distortion,
         "R": R, "T": T,
     },
 }  # fmt: skip
@@ -170,7 +200,8 @@ def assert_same(found: StereoRig, atol: float = 1e-9) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "suffix"), [(name, suffix) for name in NESTED for suffix in WRITERS if (name, suffix) != IN_A_LIST]
+    ("name", "suffix"),
+    [(name, suffix) for name in NESTED for suffix in WRITERS if (name, suffix) != IN_A_LIST],
 )
 def test_any_nesting_in_any_notation(name: str, suffix: str, tmp_path: Path) -> None:
     WRITERS[suffix](tmp_path / f"rig{suffix}", NESTED[name])
@@ -179,7 +210,9 @@ def test_any_nesting_in_any_notation(name: str, suffix: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("deep", [1, 4])
 @pytest.mark.parametrize("write", [write_json, write_yaml])
-def test_more_mappings_around_change_nothing(write: Callable[[Path, dict[str, Any]], None], deep: int, tmp_path: Path) -> None:
+def test_more_mappings_around_change_nothing(
+    write: Callable[[Path, dict[str, Any]], None], deep: int, tmp_path: Path
+) -> None:
     for name, content in NESTED.items():
         for i in range(deep):
             content = {f"layer {'abcd'[i]}": content, "made": "2026-05-01"}
@@ -189,7 +222,12 @@ def test_more_mappings_around_change_nothing(write: Callable[[Path, dict[str, An
 
 @pytest.mark.parametrize("unit", [1, 1000])
 def test_projections_in_block_yaml_are_not_kittis(unit: float, tmp_path: Path) -> None:
-    content = {"K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K, "D2": RIG.right.distortion} | rectified(unit)
+    content = {
+        "K1": RIG.left.K,
+        "D1": RIG.left.distortion,
+        "K2": RIG.right.K,
+        "D2": RIG.right.distortion,
+    } | rectified(unit)
     write_yaml(tmp_path / "rig.yaml", content)
     found = load_rig(tmp_path / "rig.yaml", SIZE)
     assert_same(found)
@@ -199,8 +237,15 @@ def test_projections_in_block_yaml_are_not_kittis(unit: float, tmp_path: Path) -
 @pytest.mark.parametrize("inverse", [False, True])
 def test_a_transform_of_open_sense_carries_both_readings(inverse: bool, tmp_path: Path) -> None:
     transform = inverse_transform(RIG.T_right_left) if inverse else RIG.T_right_left
-    matrices = {"LEFT.K": RIG.left.K, "LEFT.D": RIG.left.distortion, "RIGHT.K": RIG.right.K, "RIGHT.D": RIG.right.distortion}
-    writer = cv2.FileStorage(str(tmp_path / "settings.yaml"), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_FORMAT_YAML)
+    matrices = {
+        "LEFT.K": RIG.left.K,
+        "LEFT.D": RIG.left.distortion,
+        "RIGHT.K": RIG.right.K,
+        "RIGHT.D": RIG.right.distortion,
+    }
+    writer = cv2.FileStorage(
+        str(tmp_path / "settings.yaml"), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_FORMAT_YAML
+    )
     for key, matrix in (matrices | {"LEFT.RIGHT": transform}).items():
         writer.write(key.replace(".", "_"), matrix)
     writer.release()
@@ -221,7 +266,14 @@ def test_two_baselines_in_a_file_are_named(tmp_path: Path) -> None:
     assert any("two baselines" in doubt and "stereo.T is taken" in doubt for doubt in found.doubts)
 
 
-MATRICES = {"K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K, "D2": RIG.right.distortion, "R": R, "T": T * 1000}
+MATRICES = {
+    "K1": RIG.left.K,
+    "D1": RIG.left.distortion,
+    "K2": RIG.right.K,
+    "D2": RIG.right.distortion,
+    "R": R,
+    "T": T * 1000,
+}
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".csv", ".txt"])
@@ -230,7 +282,11 @@ def test_a_matrix_a_file_as_numpy_saves_them(suffix: str, tmp_path: Path) -> Non
         if suffix == ".npy":
             np.save(tmp_path / f"{name}.npy", matrix)
         else:
-            np.savetxt(tmp_path / f"{name}{suffix}", np.atleast_2d(matrix), delimiter="," if suffix == ".csv" else " ")
+            np.savetxt(
+                tmp_path / f"{name}{suffix}",
+                np.atleast_2d(matrix),
+                delimiter="," if suffix == ".csv" else " ",
+            )
     assert_same(load_rig(tmp_path, SIZE))
 
 
@@ -238,7 +294,9 @@ def test_a_folder_a_camera(tmp_path: Path) -> None:
     for side, camera in (("camera1", RIG.left), ("camera2", RIG.right)):
         (tmp_path / side).mkdir()
         np.savetxt(tmp_path / side / "intrinsic_matrix.csv", camera.K, delimiter=",")
-        np.savetxt(tmp_path / side / "distortion_coeffs.csv", camera.distortion[None], delimiter=",")
+        np.savetxt(
+            tmp_path / side / "distortion_coeffs.csv", camera.distortion[None], delimiter=","
+        )
     for name, numbers in (("R", R), ("t", T), ("im_size", np.array(SIZE))):
         np.savetxt(tmp_path / f"{name}.csv", numbers, delimiter=",", fmt="%.9g")
     assert_same(load_rig(tmp_path), 1e-8)
@@ -255,8 +313,15 @@ def test_a_rotation_of_three_decimals_is_taken_for_the_nearest_one(tmp_path: Pat
 
 def test_anipose_toml_and_krtd(tmp_path: Path) -> None:
     tables = ""
-    for i, (camera, vector, shift) in enumerate(((RIG.left, np.zeros(3), np.zeros(3)), (RIG.right, ROTATION_VECTOR, T * 1000))):
-        numbers = {"matrix": camera.K, "distortions": camera.distortion, "rotation": vector, "translation": shift}
+    for i, (camera, vector, shift) in enumerate(
+        ((RIG.left, np.zeros(3), np.zeros(3)), (RIG.right, ROTATION_VECTOR, T * 1000))
+    ):
+        numbers = {
+            "matrix": camera.K,
+            "distortions": camera.distortion,
+            "rotation": vector,
+            "translation": shift,
+        }
         tables += f'[cam_{i}]\nname = "{"AB"[i]}"\nsize = [ 640, 480,]\n' + "".join(
             f"{k} = {v.tolist()}\n" for k, v in numbers.items()
         )
@@ -274,20 +339,26 @@ def test_a_report_for_people(tmp_path: Path) -> None:
     for side, camera in (("LEFT", RIG.left), ("RIGHT", RIG.right)):
         matrices |= {f"{side} CAMERA MATRIX": camera.K, f"{side} DISTORTION": camera.distortion}
     with np.printoptions(precision=12):
-        text = "STEREO REPORT\n=====\nSquare size: 30 mm\n\n" + "".join(f"{name}:\n{M}\n\n" for name, M in matrices.items())
+        text = "STEREO REPORT\n=====\nSquare size: 30 mm\n\n" + "".join(
+            f"{name}:\n{M}\n\n" for name, M in matrices.items()
+        )
     (tmp_path / "report.txt").write_text(text)
     assert_same(load_rig(tmp_path / "report.txt", SIZE), 1e-9)
 
 
 def one_lens(path: Path, camera: Any) -> None:
-    write_json(path, {"camera_matrix": camera.K, "dist_coeff": camera.distortion, "image_size": list(SIZE)})
+    write_json(
+        path, {"camera_matrix": camera.K, "dist_coeff": camera.distortion, "image_size": list(SIZE)}
+    )
 
 
 def test_one_lens_each(tmp_path: Path) -> None:
     one_lens(tmp_path / "left.json", RIG.left)
     one_lens(tmp_path / "right.json", RIG.right)
     with pytest.raises(
-        CalibrationError, match=r"left.json: holds one lens, and so does .*right.json: R and T between them are missing"
+        CalibrationError,
+        match=r"left.json: holds one lens, and so does .*right.json: R and T between them are "
+        r"missing",
     ):
         load_rig(f"{tmp_path}/left.json,{tmp_path}/right.json")
     with pytest.raises(CalibrationError, match="holds one lens"):
@@ -297,22 +368,41 @@ def test_one_lens_each(tmp_path: Path) -> None:
 
 
 def content_of(**other: Any) -> dict[str, Any]:
-    return {"K1": RIG.left.K, "D1": RIG.left.distortion, "K2": RIG.right.K, "D2": RIG.right.distortion, "R": R, "T": T} | other
+    return {
+        "K1": RIG.left.K,
+        "D1": RIG.left.distortion,
+        "K2": RIG.right.K,
+        "D2": RIG.right.distortion,
+        "R": R,
+        "T": T,
+    } | other
 
 
 WRONG = {
     "the size of the images": (content_of(), r"\(--size WIDTHxHEIGHT\)"),
-    "one camera matrix": ({k: v for k, v in content_of().items() if k != "K2"}, "one camera matrix alone, K1"),
-    "one distortion": ({k: v for k, v in content_of().items() if k != "D1"}, "one distortion alone, D2"),
+    "one camera matrix": (
+        {k: v for k, v in content_of().items() if k != "K2"},
+        "one camera matrix alone, K1",
+    ),
+    "one distortion": (
+        {k: v for k, v in content_of().items() if k != "D1"},
+        "one distortion alone, D2",
+    ),
     "R without T": ({k: v for k, v in content_of().items() if k != "T"}, "holds R and no T"),
     "a NaN": (content_of(T=[float("nan"), 0, 0]), "T: nan is not a finite number"),
     "a negative focal length": (
         content_of(K2=RIG.right.K * [[1], [-1], [1]], size=[640, 480]),
         "K2: focal lengths must be positive",
     ),
-    "a lens that OpenCV has not": (content_of(distortion_model="omni", size=[640, 480]), "'omni' is not supported"),
+    "a lens that OpenCV has not": (
+        content_of(distortion_model="omni", size=[640, 480]),
+        "'omni' is not supported",
+    ),
     "half pixels": (content_of(size=[640.5, 480]), "whole numbers"),
-    "three cameras": (content_of(K3=1) | {f"cam_{i}": LEFT for i in range(3)} | {"K1": 0, "K2": 0}, "holds 3 cameras"),
+    "three cameras": (
+        content_of(K3=1) | {f"cam_{i}": LEFT for i in range(3)} | {"K1": 0, "K2": 0},
+        "holds 3 cameras",
+    ),
 }
 
 
@@ -325,9 +415,11 @@ def test_what_is_wrong_is_named(name: str, tmp_path: Path) -> None:
 
 
 FOREIGN = {
-    "XMP": '<x:xmpmeta xmlns:x="adobe:ns:meta/"><a xmlns:xcr="http://www.capturingreality.com/ns/xcr/1.1#"/></x:xmpmeta>',
+    "XMP": '<x:xmpmeta xmlns:x="adobe:ns:meta/"><a '
+    'xmlns:xcr="http://www.capturingreality.com/ns/xcr/1.1#"/></x:xmpmeta>',
     "Meshroom": '{"version": ["1"], "intrinsics": [{"intrinsicId": "1", "width": "640"}]}',
-    "OpenSfM": '{"left": {"rotation": [0, 0, 0], "translation": [0, 0, 0]}, "right": {"rotation": [0, 0, 0]}}',
+    "OpenSfM": '{"left": {"rotation": [0, 0, 0], "translation": [0, 0, 0]}, "right": '
+    '{"rotation": [0, 0, 0]}}',
     "Gyroflow": '{"calibrated_by": "a", "calib_dimension": {"w": 640, "h": 480}}',
     "oplab": "version: 1\norigin:\n  latitude: 50.8\n  longitude: -1.4\n",
 }
@@ -348,10 +440,17 @@ def test_an_archive_names_what_it_holds(tmp_path: Path) -> None:
 
 
 def test_the_rig_of_a_colmap_model_has_the_models_scale(tmp_path: Path) -> None:
-    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n")
+    (tmp_path / "cameras.txt").write_text(
+        "1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n"
+    )
     (tmp_path / "rigs.txt").write_text("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.162 0 0\n")
     for path in (f"{tmp_path}/rigs.txt,{tmp_path}/cameras.txt", str(tmp_path)):
-        assert any("has the scale of the model" in doubt and "162.0 mm" in doubt for doubt in load_rig(path).doubts)
+        assert any(
+            "has the scale of the model" in doubt and "162.0 mm" in doubt
+            for doubt in load_rig(path).doubts
+        )
     (tmp_path / "rigs.txt").write_text("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.0016 0 0\n")
-    with pytest.raises(CalibrationError, match=r"has the scale of the model.*a baseline of 0.0016 m cannot be"):
+    with pytest.raises(
+        CalibrationError, match=r"has the scale of the model.*a baseline of 0.0016 m cannot be"
+    ):
         load_rig(tmp_path)

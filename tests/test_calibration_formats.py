@@ -30,7 +30,12 @@ from calibration.formats import WritableFormat, load_rig, write_rig
 from calibration.geometry import rigid
 from calibration.rig import RigErrors
 
-FORMATS: dict[WritableFormat, str] = {"native": "cam.yaml", "ros": "pair", "kalibr": "camchain.yaml", "opencv": "stereo.xml"}
+FORMATS: dict[WritableFormat, str] = {
+    "native": "cam.yaml",
+    "ros": "pair",
+    "kalibr": "camchain.yaml",
+    "opencv": "stereo.xml",
+}
 
 
 @st.composite
@@ -41,14 +46,22 @@ def rigs(draw: DrawFn, representable: bool = True) -> StereoRig:
     cameras = [_camera(draw, size, fisheye) for _ in range(2)]
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(np.array([draw(floats(-0.3, 0.3)) for _ in range(3)]))[0]
-    center = np.array([draw(floats(0.02, 1.5)), draw(floats(-0.01, 0.01)), draw(floats(-0.01, 0.01))])
+    center = np.array(
+        [draw(floats(0.02, 1.5)), draw(floats(-0.01, 0.01)), draw(floats(-0.01, 0.01))]
+    )
     T[:3, 3] = -T[:3, :3] @ center
     return StereoRig(cameras[0], cameras[1], T)
 
 
 def _camera(draw: DrawFn, size: tuple[int, int], fisheye: bool) -> Camera:
     fx = draw(floats(0.3, 3)) * size[0]
-    K = np.array([[fx, 0, draw(floats(0.4, 0.6)) * size[0]], [0, fx * draw(floats(0.95, 1.05)), size[1] / 2], [0, 0, 1]])
+    K = np.array(
+        [
+            [fx, 0, draw(floats(0.4, 0.6)) * size[0]],
+            [0, fx * draw(floats(0.95, 1.05)), size[1] / 2],
+            [0, 0, 1],
+        ]
+    )
     limits = [0.05, 0.02, 0.01, 0.005] if fisheye else [0.4, 0.2, 0.01, 0.01]
     distortion = np.array([draw(floats(-limit, limit)) for limit in limits])
     if not fisheye:
@@ -57,14 +70,19 @@ def _camera(draw: DrawFn, size: tuple[int, int], fisheye: bool) -> Camera:
 
 
 def seen(rig: StereoRig) -> np.ndarray:
-    """Where both cameras see points scattered before them, in focal lengths; ties down every ray and the transform."""
+    """Where both cameras see points scattered before them, in focal lengths; ties down every ray
+    and the transform.
+    """
     x, y, z = np.meshgrid([-0.4, 0.0, 0.3], [-0.3, 0.1, 0.3], [0.5, 2.0, 8.0])
     points = np.stack([x * z, y * z, z], axis=-1).reshape(-1, 1, 3)
     poses = [(np.zeros(3), np.zeros(3)), (cv2.Rodrigues(rig.R)[0], rig.T_right_left[:3, 3])]
     pixels = []
     for camera, (rvec, tvec) in zip((rig.left, rig.right), poses, strict=True):
         project = cv2.fisheye.projectPoints if camera.model == "fisheye" else cv2.projectPoints
-        pixels.append(project(points, rvec, tvec, camera.K, camera.distortion)[0].reshape(-1, 2) / camera.K[0, 0])
+        pixels.append(
+            project(points, rvec, tvec, camera.K, camera.distortion)[0].reshape(-1, 2)
+            / camera.K[0, 0]
+        )
     return np.array(pixels)
 
 
@@ -89,8 +107,12 @@ def test_format_is_found_by_content(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", WHOLE_RIGS)
-@pytest.mark.parametrize("encode", [lambda t: b"\xef\xbb\xbf" + t.encode(), lambda t: t.replace("\n", "\r\n").encode()])
-def test_byte_order_mark_and_crlf_are_harmless(name: str, encode: Callable[[str], bytes], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "encode", [lambda t: b"\xef\xbb\xbf" + t.encode(), lambda t: t.replace("\n", "\r\n").encode()]
+)
+def test_byte_order_mark_and_crlf_are_harmless(
+    name: str, encode: Callable[[str], bytes], tmp_path: Path
+) -> None:
     file = tmp_path / "cam"
     file.write_bytes(encode(WHOLE_RIGS[name]))
     assert load_rig(file).baseline_m == pytest.approx(0.1, abs=1e-7)
@@ -110,10 +132,14 @@ def test_ros_pair_as_folder_and_as_two_files(tmp_path: Path) -> None:
 
 def test_ros_rotations_become_extrinsics(tmp_path: Path) -> None:
     """R = R_r^T R_l and T = R_r^T [-B, 0, 0]: the rectifying rotations must be undone."""
-    R_left, R_right = (cv2.Rodrigues(np.array(v))[0] for v in ([0.01, 0.05, -0.02], [0.0, -0.03, 0.01]))
+    R_left, R_right = (
+        cv2.Rodrigues(np.array(v))[0] for v in ([0.01, 0.05, -0.02], [0.0, -0.03, 0.01])
+    )
     unit = "[1, 0, 0, 0, 1, 0, 0, 0, 1]"
     write_ros(
-        tmp_path, ROS_LEFT.replace(unit, str(R_left.ravel().tolist())), ROS_RIGHT.replace(unit, str(R_right.ravel().tolist()))
+        tmp_path,
+        ROS_LEFT.replace(unit, str(R_left.ravel().tolist())),
+        ROS_RIGHT.replace(unit, str(R_right.ravel().tolist())),
     )
     rig = load_rig(tmp_path)
     np.testing.assert_allclose(rig.R, R_right.T @ R_left, atol=1e-12)
@@ -122,7 +148,9 @@ def test_ros_rotations_become_extrinsics(tmp_path: Path) -> None:
 
 def test_ros_rectified_topics_are_a_rectified_rig(tmp_path: Path) -> None:
     def rectified(text: str) -> str:
-        text = text.replace("[1000, 0, 640, 0, 1000, 512, 0, 0, 1]", "[980, 0, 640, 0, 980, 512, 0, 0, 1]")
+        text = text.replace(
+            "[1000, 0, 640, 0, 1000, 512, 0, 0, 1]", "[980, 0, 640, 0, 980, 512, 0, 0, 1]"
+        )
         return text.replace("[-0.2, 0.05, 0, 0, 0]", "[0, 0, 0, 0, 0]")
 
     assert load_rig(write_ros(tmp_path, rectified(ROS_LEFT), rectified(ROS_RIGHT))).is_rectified
@@ -130,11 +158,19 @@ def test_ros_rectified_topics_are_a_rectified_rig(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("model", "coefficients", "expected"),
-    [("rational_polynomial", 8, "pinhole"), ("equidistant", 4, "fisheye"), ("plumb_bob", 5, "pinhole")],
+    [
+        ("rational_polynomial", 8, "pinhole"),
+        ("equidistant", 4, "fisheye"),
+        ("plumb_bob", 5, "pinhole"),
+    ],
 )
-def test_ros_distortion_models(model: str, coefficients: int, expected: str, tmp_path: Path) -> None:
+def test_ros_distortion_models(
+    model: str, coefficients: int, expected: str, tmp_path: Path
+) -> None:
     def change(text: str) -> str:
-        return text.replace("plumb_bob", model).replace("[-0.2, 0.05, 0, 0, 0]", str([0.01] * coefficients))
+        return text.replace("plumb_bob", model).replace(
+            "[-0.2, 0.05, 0, 0, 0]", str([0.01] * coefficients)
+        )
 
     rig = load_rig(write_ros(tmp_path, change(ROS_LEFT), change(ROS_RIGHT)))
     assert (rig.left.model, rig.left.distortion.size) == (expected, coefficients)
@@ -172,12 +208,20 @@ def test_kalibr_poses_to_an_imu(key: str, inverse: bool, tmp_path: Path) -> None
         content[camera][key] = (np.linalg.inv(pose) if inverse else pose).tolist()
     (tmp_path / "camchain.yaml").write_text(yaml.safe_dump(content))
     (tmp_path / "plain.yaml").write_text(KALIBR)
-    np.testing.assert_allclose(seen(load_rig(tmp_path / "camchain.yaml")), seen(load_rig(tmp_path / "plain.yaml")), atol=1e-9)
+    np.testing.assert_allclose(
+        seen(load_rig(tmp_path / "camchain.yaml")),
+        seen(load_rig(tmp_path / "plain.yaml")),
+        atol=1e-9,
+    )
 
 
 def test_middlebury_without_the_size_of_the_images(tmp_path: Path) -> None:
     file = tmp_path / "calib.txt"
-    file.write_text("".join(line for line in MIDDLEBURY.splitlines(True) if not line.startswith(("width", "height"))))
+    file.write_text(
+        "".join(
+            line for line in MIDDLEBURY.splitlines(True) if not line.startswith(("width", "height"))
+        )
+    )
     assert load_rig(file, (2400, 2000)).left.image_size == (2400, 2000)
 
 
@@ -258,7 +302,9 @@ def test_oplab_trusts_the_length_of_the_data(tmp_path: Path) -> None:
 
 def test_oplab_invalid_line_is_tolerated(tmp_path: Path) -> None:
     file = tmp_path / "stereo_LC_RC.yaml"
-    file.write_text(OPLAB.replace("extrinsics:\n   rotation_matrix", "extrinsics:  rotation_matrix"))
+    file.write_text(
+        OPLAB.replace("extrinsics:\n   rotation_matrix", "extrinsics:  rotation_matrix")
+    )
     assert load_rig(file).baseline_m == pytest.approx(0.1)
 
 
@@ -275,20 +321,34 @@ def test_middlebury_doffs_and_millimeters(tmp_path: Path) -> None:
     assert rig.is_rectified
     pair = Rectification.from_rig(rig).pair
     disparity = np.full((1988, 2964), 100.0, dtype=np.float32)
-    assert pair.depth_from_disparity(disparity)[0, 0] == pytest.approx(3997.684 * 0.1 / (100 + 131.111), rel=1e-6)
+    assert pair.depth_from_disparity(disparity)[0, 0] == pytest.approx(
+        3997.684 * 0.1 / (100 + 131.111), rel=1e-6
+    )
 
 
 REFUSED = {
-    "a lens not known": (KALIBR.replace("camera_model: pinhole", "camera_model: bal"), "'bal' with 'radtan' is not supported"),
-    "omni without xi": (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "expected 5 numbers, got 4"),
+    "a lens not known": (
+        KALIBR.replace("camera_model: pinhole", "camera_model: bal"),
+        "'bal' with 'radtan' is not supported",
+    ),
+    "omni without xi": (
+        KALIBR.replace("camera_model: pinhole", "camera_model: omni"),
+        "expected 5 numbers, got 4",
+    ),
     "millimeters": (KALIBR.replace("-0.1]", "-94.0]"), "millimeters it is 0.094 m"),
     "squares": (KALIBR.replace("-0.1]", "-3.88]"), "in board squares"),
     "swapped by topic": (
         KALIBR.replace("-0.1]", "0.1]").replace("/cam0/", "/left/").replace("/cam1/", "/right/"),
         "left and right are swapped",
     ),
-    "one behind the other": (NATIVE.replace("-0.1]", "0.0]").replace("1.0, 0.0],", "1.0, 0.1],"), "along the optical axis"),
-    "rotation": (NATIVE.replace("[[1.0, 0.0, 0.0, -0.1]", "[[1.1, 0.0, 0.0, -0.1]"), "the rotation is not one"),
+    "one behind the other": (
+        NATIVE.replace("-0.1]", "0.0]").replace("1.0, 0.0],", "1.0, 0.1],"),
+        "along the optical axis",
+    ),
+    "rotation": (
+        NATIVE.replace("[[1.0, 0.0, 0.0, -0.1]", "[[1.1, 0.0, 0.0, -0.1]"),
+        "the rotation is not one",
+    ),
     "mono": (ROS_LEFT, "one camera of a ROS pair"),
     "intrinsics alone": (OPENCV_INTRINSICS, "extrinsics file too"),
     "extrinsics alone": (OPENCV_EXTRINSICS, "intrinsics file too"),

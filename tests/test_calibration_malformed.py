@@ -36,12 +36,17 @@ def _corpus() -> dict[str, bytes]:
         "tabs": KALIBR.replace("  ", "\t"),
         "tab in native": NATIVE.replace("  model", "\tmodel"),
         "code by tag": f"!!python/object/apply:os.system ['touch {CANARY}']",
-        "code in a value": NATIVE.replace("water", f"!!python/object/apply:os.system ['touch {CANARY}']"),
+        "code in a value": NATIVE.replace(
+            "water", f"!!python/object/apply:os.system ['touch {CANARY}']"
+        ),
         "code by module": NATIVE.replace("water", "!!python/module:antigravity"),
         "unknown tag": NATIVE.replace("left:", "left: !camera"),
         "alias bomb": "a: &a [1,1,1,1,1,1,1,1,1]\n"
-        + "".join(f"{c}: &{c} [{','.join(['*' + chr(ord(c) - 1)] * 9)}]\n" for c in "bcdefghijklmn"),
-        "alias bomb in native": "a: &a [1,1,1,1,1,1,1,1,1]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a]\nc: &c [*b,*b,*b,*b,*b,*b]\n"
+        + "".join(
+            f"{c}: &{c} [{','.join(['*' + chr(ord(c) - 1)] * 9)}]\n" for c in "bcdefghijklmn"
+        ),
+        "alias bomb in native": "a: &a [1,1,1,1,1,1,1,1,1]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a]\nc: "
+        "&c [*b,*b,*b,*b,*b,*b]\n"
         "d: &d [*c,*c,*c,*c,*c]\nformat: stereo-seecolor/rig\nversion: [*d,*d,*d,*d,*d,*d,*d]\n",
         "recursive alias": "format: stereo-seecolor/rig\nversion: &a [*a]\n",
         "undefined alias": "a: *nowhere\n",
@@ -50,8 +55,10 @@ def _corpus() -> dict[str, bytes]:
         "deep blocks": "- " * 100_000,
         "deep XML": "<a>" * 50_000 + "</a>" * 20_000,
         "nested XML": "<a>" * 5_000 + "</a>" * 5_000,
-        "XML entities": '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]><K1>&b;</K1>',
-        "XML external entity": '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]><opencv_storage><K1>&a;</K1></opencv_storage>',
+        "XML entities": '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b '
+        '"&a;&a;&a;">]><K1>&b;</K1>',
+        "XML external entity": "<!DOCTYPE x [<!ENTITY a SYSTEM "
+        '"file:///etc/passwd">]><opencv_storage><K1>&a;</K1></opencv_storage>',
         "XML cut": "<?xml version='1.0'?><opencv_storage><K1>",
         "JSON cut": '{"K1": [1, 2',
         "many values": "a: [" + "1," * 100_000 + "1]",
@@ -74,7 +81,9 @@ def _corpus() -> dict[str, bytes]:
         "three coefficients": NATIVE.replace("[-0.1, 0.01, 0.0, 0.0, 0.0]", "[-0.1, 0.01, 0.0]"),
         "infinite coefficient": NATIVE.replace("[-0.1, 0.01", "[.inf, 0.01"),
         "overflowing baseline": NATIVE.replace("-0.1]", "-1.0e+300]"),
-        "overflowing rotation": NATIVE.replace("[[1.0, 0.0, 0.0, -0.1]", "[[1.0e+300, 0.0, 0.0, -0.1]"),
+        "overflowing rotation": NATIVE.replace(
+            "[[1.0, 0.0, 0.0, -0.1]", "[[1.0e+300, 0.0, 0.0, -0.1]"
+        ),
         "last row": NATIVE.replace("0.0, 0.0, 0.0, 1.0]]", "0.0, 0.0, 0.0, 2.0]]"),
         "a picture": "\x89PNG\r\n\x1a\n",
         "true for a number": KALIBR.replace("461.6", "true"),
@@ -133,10 +142,13 @@ def test_missing_file_and_empty_folder(tmp_path: Path) -> None:
     text=st.sampled_from(sorted(WHOLE_RIGS.values())),
     cut=st.tuples(st.floats(0, 1), st.integers(0, 60)),
     put=st.one_of(
-        st.text(max_size=12), st.sampled_from([": ", "\n", "[", "- ", "!!", "*a", "&a ", "1e999", "-", "{", "'", "\x00"])
+        st.text(max_size=12),
+        st.sampled_from([": ", "\n", "[", "- ", "!!", "*a", "&a ", "1e999", "-", "{", "'", "\x00"]),
     ),
 )
-def test_any_edit_gives_a_rig_or_one_line(text: str, cut: tuple[float, int], put: str, tmp_path: Path) -> None:
+def test_any_edit_gives_a_rig_or_one_line(
+    text: str, cut: tuple[float, int], put: str, tmp_path: Path
+) -> None:
     start = int(cut[0] * len(text))
     file = tmp_path / "cam.yaml"
     file.write_bytes((text[:start] + put + text[start + cut[1] :]).encode("utf-8", "surrogatepass"))
@@ -146,10 +158,14 @@ def test_any_edit_gives_a_rig_or_one_line(text: str, cut: tuple[float, int], put
 
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(start=st.floats(0, 1), cut=st.integers(0, 60), put=st.text(max_size=12))
-def test_any_edit_of_a_ros_pair_gives_a_rig_or_one_line(start: float, cut: int, put: str, tmp_path: Path) -> None:
+def test_any_edit_of_a_ros_pair_gives_a_rig_or_one_line(
+    start: float, cut: int, put: str, tmp_path: Path
+) -> None:
     at = int(start * len(ROS_RIGHT))
     (tmp_path / "left.yaml").write_text(ROS_LEFT)
-    (tmp_path / "right.yaml").write_bytes((ROS_RIGHT[:at] + put + ROS_RIGHT[at + cut :]).encode("utf-8", "surrogatepass"))
+    (tmp_path / "right.yaml").write_bytes(
+        (ROS_RIGHT[:at] + put + ROS_RIGHT[at + cut :]).encode("utf-8", "surrogatepass")
+    )
     try:
         load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml")
     except CalibrationError as error:

@@ -1,4 +1,6 @@
-"""Usual mistakes with a calibration: each is named by points of both images, and none where the rig is right or has moved."""
+"""Usual mistakes with a calibration: each is named by points of both images, and none where the rig
+is right or has moved.
+"""
 
 from dataclasses import replace
 
@@ -31,9 +33,14 @@ def points_of(rig: StereoRig, noise_px: float = 0.5) -> Matches:
     rng = np.random.default_rng(1)
     size = np.array(rig.left.image_size)
     points = rig.left.rays(rng.uniform([0, 0], size - 1, (500, 2))) * rng.uniform(0.8, 4, (500, 1))
-    left, right = rig.left.project(points), rig.right.project(points @ rig.R.T + rig.T_right_left[:3, 3])
+    left, right = (
+        rig.left.project(points),
+        rig.right.project(points @ rig.R.T + rig.T_right_left[:3, 3]),
+    )
     right[::10] += rng.normal(0, 60, right[::10].shape)
-    return Matches(left + rng.normal(0, noise_px, left.shape), right + rng.normal(0, noise_px, right.shape))
+    return Matches(
+        left + rng.normal(0, noise_px, left.shape), right + rng.normal(0, noise_px, right.shape)
+    )
 
 
 def changed(rig: StereoRig, R: np.ndarray, t: np.ndarray) -> StereoRig:
@@ -53,10 +60,16 @@ def exchanged(rig: StereoRig) -> StereoRig:
 MISTAKES = {
     "left and right look swapped": exchanged,
     "the inverse one": inverse,
-    "rotation between the cameras is transposed": lambda rig: changed(rig, rig.R.T, rig.T_right_left[:3, 3]),
+    "rotation between the cameras is transposed": lambda rig: changed(
+        rig, rig.R.T, rig.T_right_left[:3, 3]
+    ),
     "points the wrong way": lambda rig: changed(rig, rig.R, -rig.T_right_left[:3, 3]),
-    "-R T if it is the place of the right camera": lambda rig: changed(rig, rig.R, -rig.R.T @ rig.T_right_left[:3, 3]),
-    "lenses of left and right are exchanged": lambda rig: replace(rig, left=rig.right, right=rig.left),
+    "-R T if it is the place of the right camera": lambda rig: changed(
+        rig, rig.R, -rig.R.T @ rig.T_right_left[:3, 3]
+    ),
+    "lenses of left and right are exchanged": lambda rig: replace(
+        rig, left=rig.right, right=rig.left
+    ),
 }
 
 
@@ -78,14 +91,24 @@ def test_images_that_are_rectified_already_are_named(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points)
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
-    assert "the images are rectified already" in found.line and "give the calibration of the rectified images" in found.line
+    assert (
+        "the images are rectified already" in found.line
+        and "give the calibration of the rectified images" in found.line
+    )
 
 
 @pytest.mark.parametrize("sides", [("left",), ("right",), ("left", "right")])
-def test_images_that_were_turned_are_named(sides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_that_were_turned_are_named(
+    sides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = verged_rig()
     points = points_of(rig)
-    turned = Matches(*(np.array([1279, 959]) - getattr(points, s) if s in sides else getattr(points, s) for s in ("left", "right")))
+    turned = Matches(
+        *(
+            np.array([1279, 959]) - getattr(points, s) if s in sides else getattr(points, s)
+            for s in ("left", "right")
+        )
+    )
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: turned)
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
@@ -94,7 +117,9 @@ def test_images_that_were_turned_are_named(sides: tuple[str, ...], monkeypatch: 
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("sides", [("left",), ("right",), ("left", "right")])
-def test_images_that_were_mirrored_are_named(axis: int, sides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_that_were_mirrored_are_named(
+    axis: int, sides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of one side alone mirrored nothing looks alike, until the right images are."""
     rig = verged_rig()
     rig = changed(rig, cv2.Rodrigues(np.array([0.02, 0.01, -0.003]))[0], rig.T_right_left[:3, 3])
@@ -114,27 +139,44 @@ def test_images_that_were_mirrored_are_named(axis: int, sides: tuple[str, ...], 
     monkeypatch.setattr(hypotheses, "look_alikes", look_alikes)
     found = likely_mistake(rig, [images])
     assert found is not None
-    assert f"the {' and '.join(sides)} images are mirrored, {('left to right', 'top to bottom')[axis]}," in found.line
+    assert (
+        f"the {' and '.join(sides)} images are mirrored, "
+        f"{('left to right', 'top to bottom')[axis]}," in found.line
+    )
 
 
-@pytest.mark.parametrize("rig", [pinhole_rig(), verged_rig(), fisheye_rig(), exchanged(verged_rig())])
-def test_a_rig_that_is_right_is_not_accused(rig: StereoRig, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "rig", [pinhole_rig(), verged_rig(), fisheye_rig(), exchanged(verged_rig())]
+)
+def test_a_rig_that_is_right_is_not_accused(
+    rig: StereoRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     size = rig.left.image_size[::-1]
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
     assert likely_mistake(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
 
 
 @pytest.mark.parametrize("turn_px", [1.0, 4.0, 15.0])
-def test_a_camera_that_has_moved_is_no_mistake(turn_px: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_that_has_moved_is_no_mistake(
+    turn_px: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = verged_rig()
     turned = cv2.Rodrigues(np.array([turn_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
     assert likely_mistake(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
 
 
-def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(monkeypatch: pytest.MonkeyPatch) -> None:
-    camera = replace(pinhole_rig().left, K=np.array([[900.0, 0, 639.5], [0, 900, 479.5], [0, 0, 1]]), distortion=np.zeros(5))
-    rig = changed(replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0]))
+def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    camera = replace(
+        pinhole_rig().left,
+        K=np.array([[900.0, 0, 639.5], [0, 900, 479.5], [0, 0, 1]]),
+        distortion=np.zeros(5),
+    )
+    rig = changed(
+        replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0])
+    )
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(exchanged(rig)))
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
@@ -147,7 +189,9 @@ def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyP
     strewn = Matches(rng.uniform(0, 960, (200, 2)), rng.uniform(0, 960, (200, 2)))
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: strewn)
     assert likely_mistake(inverse(verged_rig()), [IMAGES]) is None
-    assert likely_mistake(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None  # another size: what is wrong is said elsewhere
+    assert (
+        likely_mistake(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
+    )  # another size: what is wrong is said elsewhere
 
 
 @pytest.mark.parametrize(

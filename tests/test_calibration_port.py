@@ -20,7 +20,12 @@ SIZE = (640, 480)
 AHEAD = np.array([0.0, 0.0, 1.0])
 
 
-def port_rig(distance_m: float = 0.03, working_range_m: float = 1.5, toe_in: float = 0.0, normal: np.ndarray = AHEAD) -> StereoRig:
+def port_rig(
+    distance_m: float = 0.03,
+    working_range_m: float = 1.5,
+    toe_in: float = 0.0,
+    normal: np.ndarray = AHEAD,
+) -> StereoRig:
     K = np.array([[520.0, 0, 322.4], [0, 519.0, 238.1], [0, 0, 1]])
     camera = Camera(K, np.array([-0.2, 0.05, 0.0004, -0.0003, 0.0]), SIZE)
     T = np.eye(4)
@@ -33,11 +38,22 @@ def port_rig(distance_m: float = 0.03, working_range_m: float = 1.5, toe_in: flo
 
 @pytest.mark.parametrize(
     ("temperature_c", "salinity_psu", "wavelength_nm", "index"),
-    # Austin and Halikas 1976, The index of refraction of seawater, tables as in Mobley 1994, Light and Water, table 3.8
-    [(0, 0, 400, 1.344186), (20, 0, 589.3, 1.33299), (30, 35, 700, 1.335316), (0, 35, 400, 1.351415), (0, 35, 700, 1.337906)],
+    # Austin and Halikas 1976, The index of refraction of seawater, tables as in Mobley 1994, Light
+    # and Water, table 3.8
+    [
+        (0, 0, 400, 1.344186),
+        (20, 0, 589.3, 1.33299),
+        (30, 35, 700, 1.335316),
+        (0, 35, 400, 1.351415),
+        (0, 35, 700, 1.337906),
+    ],
 )
-def test_index_of_water_against_tables(temperature_c: float, salinity_psu: float, wavelength_nm: float, index: float) -> None:
-    assert seawater_index(temperature_c, salinity_psu, 0, wavelength_nm) == pytest.approx(index, abs=4e-4)
+def test_index_of_water_against_tables(
+    temperature_c: float, salinity_psu: float, wavelength_nm: float, index: float
+) -> None:
+    assert seawater_index(temperature_c, salinity_psu, 0, wavelength_nm) == pytest.approx(
+        index, abs=4e-4
+    )
 
 
 def test_index_outside_its_range_is_refused() -> None:
@@ -46,7 +62,9 @@ def test_index_outside_its_range_is_refused() -> None:
 
 
 def test_paraxial_crossing_is_the_apparent_depth() -> None:
-    """Seen from the water on the axis, the camera stands n_w (d / n_a + t / n_g) behind the outside of the glass."""
+    """Seen from the water on the axis, the camera stands n_w (d / n_a + t / n_g) behind the outside
+    of the glass.
+    """
     camera = Camera(np.array([[520.0, 0, 320], [0, 520, 240], [0, 0, 1]]), np.zeros(5), SIZE)
     window = FlatWindow(0.05, 0.01, AHEAD)
     water = CameraInWater(camera, window, FlatPort(window, window, 1.0, 1.34, 1.5))
@@ -64,7 +82,9 @@ def test_tracing_and_projecting_are_inverse(tilt: float, distance: float, depth:
     x, y = np.meshgrid(np.linspace(20, 620, 7), np.linspace(20, 460, 5))
     pixels = np.column_stack([x.ravel(), y.ravel()])
     points, directions = camera.trace(pixels)
-    np.testing.assert_allclose(camera.project_points(points + directions * depth), pixels, atol=1e-5)
+    np.testing.assert_allclose(
+        camera.project_points(points + directions * depth), pixels, atol=1e-5
+    )
     np.testing.assert_allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-5)
 
 
@@ -76,7 +96,9 @@ def test_snell_holds_at_both_surfaces() -> None:
     in_air = rig.left.rays(pixels)
     sine_air = np.linalg.norm(in_air[:, :2], axis=1) / np.linalg.norm(in_air, axis=1)
     _, in_water = camera.trace(pixels)
-    np.testing.assert_allclose(np.linalg.norm(in_water[:, :2], axis=1) * rig.port.water_index, sine_air, atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(in_water[:, :2], axis=1) * rig.port.water_index, sine_air, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("toe_in", [0.0, 0.05])
@@ -100,7 +122,9 @@ def test_ignoring_the_port_costs_a_quarter() -> None:
 
 @pytest.mark.slow
 def test_a_picture_seen_through_the_port_is_rectified_exactly() -> None:
-    """Rectification.apply on images of a dotted plane at the working range puts each dot where the geometry says."""
+    """Rectification.apply on images of a dotted plane at the working range puts each dot where the
+    geometry says.
+    """
     rig = port_rig(0.05, working_range_m=1.0, toe_in=0.02)
     assert isinstance(rig.port, FlatPort)
     rectification = Rectification.from_rig(rig)
@@ -172,7 +196,9 @@ def test_water_by_temperature_and_salinity(tmp_path: Path) -> None:
     write_rig(port_rig(), file)
     text = file.read_text()
     line = next(line for line in text.splitlines() if "water_index" in line)
-    file.write_text(text.replace(line, "  water: {temperature_c: 15, salinity_psu: 35, depth_m: 20}"))
+    file.write_text(
+        text.replace(line, "  water: {temperature_c: 15, salinity_psu: 35, depth_m: 20}")
+    )
     port = load_rig(file).port
     assert isinstance(port, FlatPort)
     assert port.water_index == seawater_index(15, 35, 20)
@@ -190,8 +216,13 @@ def test_one_setting_describes_a_port(tmp_path: Path) -> None:
 
     bare = replace(port_rig(), port=None, medium="water")
     rig = behind_port(bare.with_alternatives([bare]), InputConfig(flat_port="3cm:10mm:2m"))
-    described = replace(port_rig(), port=replace(port_rig().port, working_range_m=2.0, water_index=seawater_index(15, 35)))
-    seen, expected = (port_error(port_rig(), np.array([1.0, 3.0]), seen_as=one) for one in (rig, described))
+    described = replace(
+        port_rig(),
+        port=replace(port_rig().port, working_range_m=2.0, water_index=seawater_index(15, 35)),
+    )
+    seen, expected = (
+        port_error(port_rig(), np.array([1.0, 3.0]), seen_as=one) for one in (rig, described)
+    )
     np.testing.assert_allclose(seen.range_error, expected.range_error)
     assert rig.medium == rig.alternatives[0].medium == "air"
     assert isinstance(rig.alternatives[0].port, FlatPort)
@@ -207,7 +238,9 @@ def test_the_proposed_port_is_near_enough_to_others(distance_m: float) -> None:
     assert error.range_error.max() < 0.03
 
 
-@pytest.mark.parametrize("text", ["30mm", "30:10", "30mm:10mm:1.5m:2", "900mm:10mm", "30mm:10mm:1mm"])
+@pytest.mark.parametrize(
+    "text", ["30mm", "30:10", "30mm:10mm:1.5m:2", "900mm:10mm", "30mm:10mm:1mm"]
+)
 def test_ports_that_cannot_be_are_refused(text: str) -> None:
     with pytest.raises(CalibrationError, match="port"):
         flat_port(text)

@@ -1,4 +1,6 @@
-"""Rigs of every placement: rows agree, ranges are right, and products are upright as the left camera saw the scene."""
+"""Rigs of every placement: rows agree, ranges are right, and products are upright as the left
+camera saw the scene.
+"""
 
 from dataclasses import replace
 
@@ -25,8 +27,12 @@ def camera(fx: float = 250.0, fy: float = 250.0, skew: float = 0.0) -> Camera:
     return Camera(K, np.array([-0.15, 0.04, 0.0005, -0.0003, 0.0]), SIZE)
 
 
-def rig_at(angle_deg: float, right_turns: int = 0, tilt: tuple[float, float, float] = (0.01, -0.02, 0.015)) -> StereoRig:
-    """The right camera stands at this angle from +x towards +y, tilted a little, and itself turned by quarters."""
+def rig_at(
+    angle_deg: float, right_turns: int = 0, tilt: tuple[float, float, float] = (0.01, -0.02, 0.015)
+) -> StereoRig:
+    """The right camera stands at this angle from +x towards +y, tilted a little, and itself turned
+    by quarters.
+    """
     angle = np.radians(angle_deg)
     center_m = BASELINE_M * np.array([np.cos(angle), np.sin(angle), 0.02])
     T = np.eye(4)
@@ -38,7 +44,9 @@ def rig_at(angle_deg: float, right_turns: int = 0, tilt: tuple[float, float, flo
 def scene(rig: StereoRig, seed: int = 0) -> tuple[Array, Array, Array]:
     """Points (n, 3) that both cameras see, in left axes, and their raw pixels."""
     rng = np.random.default_rng(seed)
-    points = rig.left.rays(rng.uniform([0, 0], np.array(SIZE) - 1, (500, 2))) * rng.uniform(0.7, 3, (500, 1))
+    points = rig.left.rays(rng.uniform([0, 0], np.array(SIZE) - 1, (500, 2))) * rng.uniform(
+        0.7, 3, (500, 1)
+    )
     right = rig.right.project(points @ rig.R.T + rig.T_right_left[:3, 3])
     inside = ((right > 0) & (right < np.array(SIZE) - 1)).all(axis=1)
     return points[inside], rig.left.project(points[inside]), right[inside]
@@ -48,7 +56,9 @@ def upright_pixels(rectification: Rectification, points: Array) -> Array:
     """Where the product geometry puts points (n, 3) of left axes."""
     T, pair = rectification.T_rectified_left, rectification.pair
     x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
-    return np.column_stack([x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px])
+    return np.column_stack(
+        [x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px]
+    )
 
 
 @pytest.mark.slow
@@ -59,7 +69,9 @@ def upright_pixels(rectification: Rectification, points: Array) -> Array:
     right_turns=st.integers(0, 3),
     tilt=st.tuples(*[st.floats(-0.05, 0.05)] * 3),
 )
-def test_rows_agree_and_ranges_are_right(quarter: int, off_deg: float, right_turns: int, tilt: tuple[float, float, float]) -> None:
+def test_rows_agree_and_ranges_are_right(
+    quarter: int, off_deg: float, right_turns: int, tilt: tuple[float, float, float]
+) -> None:
     rig = rig_at(90 * quarter + off_deg, right_turns, tilt)
     points, raw_left, raw_right = scene(rig)
     left, right = rectified_points(rig, raw_left, raw_right)
@@ -76,9 +88,13 @@ def test_products_are_upright_as_the_left_camera_saw_them(angle_deg: float) -> N
     rectification = Rectification.from_rig(rig)
     points, raw_left, _ = scene(rig)
     pixels = upright_pixels(rectification, points)
-    turn, _, _, _ = np.linalg.lstsq(raw_left - raw_left.mean(axis=0), pixels - pixels.mean(axis=0), rcond=None)
+    turn, _, _, _ = np.linalg.lstsq(
+        raw_left - raw_left.mean(axis=0), pixels - pixels.mean(axis=0), rcond=None
+    )
     nearest = round(angle_deg / 90) * 90
-    assert np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], np.trace(turn))) == pytest.approx(angle_deg - nearest, abs=2.0)
+    assert np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], np.trace(turn))) == pytest.approx(
+        angle_deg - nearest, abs=2.0
+    )
     width, height = rectification.pair.image_size
     assert (width, height) == SIZE or abs(angle_deg - nearest) > 10
     matching = rectification.apply_left(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
@@ -89,15 +105,21 @@ def test_products_are_upright_as_the_left_camera_saw_them(angle_deg: float) -> N
 @pytest.mark.parametrize("angle_deg", [0, 3, 88, 180, -90, 40])
 @pytest.mark.parametrize("skew", [0.0, 6.0])
 def test_pictures_follow_the_geometry(angle_deg: float, skew: float) -> None:
-    """A pattern that depends on the direction alone is found where the upright geometry and the matching geometry say."""
+    """A pattern that depends on the direction alone is found where the upright geometry and the
+    matching geometry say.
+    """
     rig = rig_at(angle_deg)
     rig = replace(rig, left=camera(250.0, 245.0, skew), right=camera(250.0, 245.0, skew))
     x, y = np.meshgrid(np.arange(SIZE[0], dtype=np.float64), np.arange(SIZE[1]))
     raw = _pattern(rig.left.rays(np.column_stack([x.ravel(), y.ravel()]))).reshape(SIZE[::-1])
     rectification = Rectification.from_rig(rig)
     matched = rectification.apply_left(raw.astype(np.uint8))
-    seen = rectification.upright(cv2.erode(rectification.seen_left().astype(np.uint8), np.ones((5, 5))) > 0)
-    wanted = _pattern(rectification.pair.rays.reshape(-1, 3) @ rectification.R_left).reshape(seen.shape)
+    seen = rectification.upright(
+        cv2.erode(rectification.seen_left().astype(np.uint8), np.ones((5, 5))) > 0
+    )
+    wanted = _pattern(rectification.pair.rays.reshape(-1, 3) @ rectification.R_left).reshape(
+        seen.shape
+    )
     upright = rectification.upright(matched)
     assert seen.mean() > (0.35 if angle_deg == 40 else 0.9)
     np.testing.assert_allclose(upright[seen].astype(float), wanted[seen], atol=3)
@@ -118,7 +140,9 @@ def test_a_pair_side_by_side_is_not_turned() -> None:
 
 @pytest.mark.parametrize("angle_deg", [0, 90, 180, 270, 91.5])
 def test_rectified_rig_rectifies_to_itself(angle_deg: float) -> None:
-    """The calibration written beside rectified images describes them: read back, they are matched as before."""
+    """The calibration written beside rectified images describes them: read back, they are matched
+    as before.
+    """
     rig = rig_at(angle_deg)
     first = Rectification.from_rig(rig)
     again = Rectification.from_rig(first.rectified_rig())
@@ -149,7 +173,9 @@ def test_a_rectified_rig_of_pixels_that_are_not_square_is_resampled(fx: float, s
     rig = StereoRig(Camera(K, np.zeros(0), SIZE), Camera(K, np.zeros(0), SIZE), T)
     assert not rig.is_rectified
     point = np.array([[0.1, 0.15, 1.2]])
-    left, right = rectified_points(rig, rig.left.project(point), rig.right.project(point + T[:3, 3]))
+    left, right = rectified_points(
+        rig, rig.left.project(point), rig.right.project(point + T[:3, 3])
+    )
     pair = plan_rectification(rig).matching_pair
     assert left[0, 0] - right[0, 0] == pytest.approx(pair.focal_px * BASELINE_M / 1.2, rel=1e-5)
     np.testing.assert_allclose(left[0], pair.P_left[:2] @ (point[0] / 1.2), atol=1e-3)

@@ -1,4 +1,6 @@
-"""Refining a rig with matches of a dive: what has moved comes back with honest errors, and nothing moves by chance."""
+"""Refining a rig with matches of a dive: what has moved comes back with honest errors, and nothing
+moves by chance.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +19,18 @@ from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig
 from calibration.refine import PARAMETERS, moved_rig, refine_matches
 
-RIGS = {"pinhole": pinhole_rig(), "fisheye": fisheye_rig(), "flat port": port_rig(), "vertical": rig_at(91.0)}
+RIGS = {
+    "pinhole": pinhole_rig(),
+    "fisheye": fisheye_rig(),
+    "flat port": port_rig(),
+    "vertical": rig_at(91.0),
+}
 
 
 def dive(truth: StereoRig, pairs: int = 8, noise_px: float = 0.1) -> list[Matches]:
-    """Raw matches of points 0.6 to 4 m before the rig; a tenth of them mismatched, and each pair with an error of its own."""
+    """Raw matches of points 0.6 to 4 m before the rig; a tenth of them mismatched, and each pair
+    with an error of its own.
+    """
     rng = np.random.default_rng(3)
     found = []
     for _ in range(pairs):
@@ -50,7 +59,9 @@ def test_what_has_moved_comes_back(name: str) -> None:
 @pytest.mark.slow
 def test_the_simplest_explanation_is_taken() -> None:
     calibrated = pinhole_rig()
-    found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0, 0, 0])))).refinement
+    found = refine_matches(
+        calibrated, dive(moved_rig(calibrated, np.array([0.001, 0, 0, 0])))
+    ).refinement
     assert found
     assert [movement.name for movement in found.movements] == ["pitch"]
     text = "\n".join(found.lines())
@@ -61,7 +72,9 @@ def test_the_simplest_explanation_is_taken() -> None:
 @pytest.mark.slow
 def test_yaw_comes_with_a_warning() -> None:
     calibrated = pinhole_rig()
-    found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0.001, 0.001, 0.02])))).refinement
+    found = refine_matches(
+        calibrated, dive(moved_rig(calibrated, np.array([0.001, 0.001, 0.001, 0.02])))
+    ).refinement
     assert found
     assert found.movements[-1].name == "yaw"
     assert found.movements[-1].value == pytest.approx(0.02, abs=0.002)
@@ -73,7 +86,9 @@ def test_yaw_comes_with_a_warning() -> None:
 def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
     calibrated = RIGS[name]
     rig = refine_matches(calibrated, dive(calibrated))
-    assert rig.right is calibrated.right and np.array_equal(rig.T_right_left, calibrated.T_right_left)
+    assert rig.right is calibrated.right and np.array_equal(
+        rig.T_right_left, calibrated.T_right_left
+    )
     found = rig.refinement
     assert found and not found.better
     assert found.movements == ()
@@ -89,12 +104,16 @@ def test_a_calibration_made_in_air_is_not_refined() -> None:
 
 
 def in_air(camera: Camera, index: float = 1.34) -> Camera:
-    """The calibration in air of a camera behind a flat window on its center, whose calibration in water is ``camera``."""
+    """The calibration in air of a camera behind a flat window on its center, whose calibration in
+    water is ``camera``.
+    """
     u, v = np.meshgrid(*(np.linspace(0, size - 1, 21) for size in camera.image_size))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     in_water = camera.rays(pixels)
     sines = in_water[:, :2] / np.linalg.norm(in_water, axis=1, keepdims=True) * index
-    points = np.column_stack([sines / np.sqrt(1 - (sines**2).sum(axis=1))[:, None], np.ones(len(sines))])
+    points = np.column_stack(
+        [sines / np.sqrt(1 - (sines**2).sum(axis=1))[:, None], np.ones(len(sines))]
+    )
     K = camera.K / [[index], [index], [1]]
     K[:2, 2] = camera.K[:2, 2]
 
@@ -102,13 +121,17 @@ def in_air(camera: Camera, index: float = 1.34) -> Camera:
         return Camera(K, distortion, camera.image_size)
 
     start = np.zeros(5)
-    return fitted(least_squares(lambda d: (fitted(d).project(points) - pixels).ravel(), start, x_scale=0.1).x)
+    return fitted(
+        least_squares(lambda d: (fitted(d).project(points) - pixels).ravel(), start, x_scale=0.1).x
+    )
 
 
 def test_too_few_pairs() -> None:
     calibrated = pinhole_rig()
     with pytest.raises(CalibrationError, match="2 of 3 pairs"):
-        refine_matches(calibrated, [*dive(calibrated, 2), Matches(np.zeros((0, 2)), np.zeros((0, 2)))])
+        refine_matches(
+            calibrated, [*dive(calibrated, 2), Matches(np.zeros((0, 2)), np.zeros((0, 2)))]
+        )
 
 
 @pytest.mark.slow

@@ -28,7 +28,9 @@ def test_the_rays_of_resized_images_are_the_same(factor: float) -> None:
     pixels = np.array([[10.0, 20.0], [300.0, 200.0]])
     for before, after in ((RIG.left, resized.left), (RIG.right, resized.right)):
         assert after.image_size == (width, height)
-        np.testing.assert_allclose(after.rays((pixels + 0.5) * factor - 0.5), before.rays(pixels), atol=1e-7)
+        np.testing.assert_allclose(
+            after.rays((pixels + 0.5) * factor - 0.5), before.rays(pixels), atol=1e-7
+        )
     np.testing.assert_array_equal(resized.T_right_left, RIG.T_right_left)
 
 
@@ -42,13 +44,17 @@ def odd(camera: Camera) -> Camera:
 
 
 def test_a_cut_out_is_no_resizing() -> None:
-    with pytest.raises(CalibrationError, match=r"640x480 px cannot be resized to 640x400: .*\(1 and 0.8333\)"):
+    with pytest.raises(
+        CalibrationError, match=r"640x480 px cannot be resized to 640x400: .*\(1 and 0.8333\)"
+    ):
         resized_rig(RIG, (640, 400))
     assert "a cut-out or another camera" in wrong_size("left", (640, 400), (640, 480))
 
 
 def test_a_right_image_alone_of_another_size_is_not_mended_by_the_calibration() -> None:
-    assert "the left image fits it: give images of the sizes" in wrong_size("right", (320, 240), (640, 480))
+    assert "the left image fits it: give images of the sizes" in wrong_size(
+        "right", (320, 240), (640, 480)
+    )
 
 
 def test_a_right_camera_whose_images_are_turned(scene: Scene) -> None:
@@ -59,7 +65,8 @@ def test_a_right_camera_whose_images_are_turned(scene: Scene) -> None:
     turned = StereoRig(rig.left, right, rigid(turn @ rig.R, turn @ rig.T_right_left[:3, 3]))
     turned_frame = StereoFrame("turned", frame.left, np.ascontiguousarray(np.rot90(frame.right)))
     straight, found = (
-        Pipeline(one, RunConfig()).process(images).range_map.range_m for one, images in ((rig, frame), (turned, turned_frame))
+        Pipeline(one, RunConfig()).process(images).range_map.range_m
+        for one, images in ((rig, frame), (turned, turned_frame))
     )
     both = np.isfinite(straight) & np.isfinite(found)
     assert both.mean() > 0.6
@@ -72,13 +79,24 @@ def scene() -> Scene:
 
 
 @pytest.mark.parametrize(("size", "made"), [((320, 240), "644x476"), ((1280, 960), "644x476")])
-def test_a_file_without_a_size_that_was_made_at_another_is_refused(size: tuple[int, int], made: str, tmp_path: Path) -> None:
+def test_a_file_without_a_size_that_was_made_at_another_is_refused(
+    size: tuple[int, int], made: str, tmp_path: Path
+) -> None:
     content = {f"K{n}": camera.K.tolist() for n, camera in ((1, RIG.left), (2, RIG.right))}
-    content |= {f"D{n}": camera.distortion.tolist() for n, camera in ((1, RIG.left), (2, RIG.right))}
+    content |= {
+        f"D{n}": camera.distortion.tolist() for n, camera in ((1, RIG.left), (2, RIG.right))
+    }
     file = tmp_path / "stereo.json"
-    file.write_text(json.dumps(content | {"R": RIG.R.tolist(), "T": RIG.T_right_left[:3, 3].tolist()}))
+    file.write_text(
+        json.dumps(content | {"R": RIG.R.tolist(), "T": RIG.T_right_left[:3, 3].tolist()})
+    )
     assert load_rig_of_images(file, (640, 480)).left.image_size == (640, 480)
-    with pytest.raises(CalibrationError, match=f"in the middle of images of about {made} px, and these are of {size[0]}x{size[1]}"):
+    with pytest.raises(
+        CalibrationError,
+        match=f"in the middle of images of about {made} px, and these are of {size[0]}x{size[1]}",
+    ):
         load_rig_of_images(file, size)
     convert_calib(file, tmp_path / "resized.yaml", "native", "640x480", f"{size[0]}x{size[1]}")
-    assert load_rig(tmp_path / "resized.yaml", size).left.K[0, 0] == pytest.approx(RIG.left.K[0, 0] * size[0] / 640)
+    assert load_rig(tmp_path / "resized.yaml", size).left.K[0, 0] == pytest.approx(
+        RIG.left.K[0, 0] * size[0] / 640
+    )

@@ -1,4 +1,6 @@
-"""OpenCV's matrices by the names that tools give them, in one file or in several; VIAME's JSON; settling an open convention."""
+"""OpenCV's matrices by the names that tools give them, in one file or in several; VIAME's JSON;
+settling an open convention.
+"""
 
 import json
 from dataclasses import replace
@@ -41,23 +43,38 @@ def assert_same(found: StereoRig) -> None:
         (("M1", "M2"), ("D1", "D2")),
         (("cameraMatrixL", "cameraMatrixR"), ("distCoeffsL", "distCoeffsR")),
         (("camera_matrix_left", "camera_matrix_right"), ("dist_coeffs_left", "dist_coeffs_right")),
-        (("left_camera_matrix", "right_camera_matrix"), ("left_distortion_coefficients", "right_distortion_coefficients")),
+        (
+            ("left_camera_matrix", "right_camera_matrix"),
+            ("left_distortion_coefficients", "right_distortion_coefficients"),
+        ),
         (("K_l", "K_r"), ("D_l", "D_r")),
     ],
 )
 @pytest.mark.parametrize("vector", [False, True])
 def test_spellings(K: tuple[str, str], D: tuple[str, str], vector: bool, tmp_path: Path) -> None:
     R = cv2.Rodrigues(RIG.R)[0] if vector else RIG.R
-    matrices = {K[0]: RIG.left.K, K[1]: RIG.right.K, D[0]: RIG.left.distortion[None], D[1]: RIG.right.distortion[None]}
+    matrices = {
+        K[0]: RIG.left.K,
+        K[1]: RIG.right.K,
+        D[0]: RIG.left.distortion[None],
+        D[1]: RIG.right.distortion[None],
+    }
     storage(tmp_path / "stereo.yml", **matrices, R=R, T=RIG.T_right_left[:3, 3:])
     assert_same(load_rig(tmp_path / "stereo.yml", SIZE))
 
 
 @pytest.mark.parametrize("key", ["T", "transform", "extrinsics"])
 def test_rotation_and_translation_in_one_matrix(key: str, tmp_path: Path) -> None:
-    cameras = {"K1": RIG.left.K, "K2": RIG.right.K, "D1": RIG.left.distortion, "D2": RIG.right.distortion}
+    cameras = {
+        "K1": RIG.left.K,
+        "K2": RIG.right.K,
+        "D1": RIG.left.distortion,
+        "D2": RIG.right.distortion,
+    }
     np.savez(tmp_path / "stereo.npz", **cameras, **{key: RIG.T_right_left})
-    (tmp_path / "stereo.json").write_text(json.dumps({name: M.tolist() for name, M in (cameras | {key: RIG.T_right_left}).items()}))
+    (tmp_path / "stereo.json").write_text(
+        json.dumps({name: M.tolist() for name, M in (cameras | {key: RIG.T_right_left}).items()})
+    )
     for name in ("stereo.npz", "stereo.json"):
         assert_same(load_rig(tmp_path / name, SIZE))
 
@@ -65,10 +82,23 @@ def test_rotation_and_translation_in_one_matrix(key: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize("fisheye", [False, True])
 def test_zed_custom_calibration(fisheye: bool, tmp_path: Path) -> None:
     words = ("D_LEFT_FE", "D_RIGHT_FE") if fisheye else ("D_LEFT", "D_RIGHT")
-    distortion = {word: camera.distortion[: 4 if fisheye else 5] for word, camera in zip(words, (RIG.left, RIG.right), strict=True)}
+    distortion = {
+        word: camera.distortion[: 4 if fisheye else 5]
+        for word, camera in zip(words, (RIG.left, RIG.right), strict=True)
+    }
     pose = {"R": cv2.Rodrigues(RIG.R)[0], "T": RIG.T_right_left[:3, 3:] * 1000}
-    storage(tmp_path / "zed_calibration_1.yml", K_LEFT=RIG.left.K, K_RIGHT=RIG.right.K, **distortion, **pose)
-    text = (tmp_path / "zed_calibration_1.yml").read_text().replace("---\n", "---\nSize: [ 640, 480 ]\n")
+    storage(
+        tmp_path / "zed_calibration_1.yml",
+        K_LEFT=RIG.left.K,
+        K_RIGHT=RIG.right.K,
+        **distortion,
+        **pose,
+    )
+    text = (
+        (tmp_path / "zed_calibration_1.yml")
+        .read_text()
+        .replace("---\n", "---\nSize: [ 640, 480 ]\n")
+    )
     (tmp_path / "zed_calibration_1.yml").write_text(text)
     found = load_rig(tmp_path / "zed_calibration_1.yml")
     assert found.left.model == ("fisheye" if fisheye else "pinhole")
@@ -79,15 +109,31 @@ def test_zed_custom_calibration(fisheye: bool, tmp_path: Path) -> None:
 def test_four_coefficients_are_opencvs_unless_images_say_fisheye(tmp_path: Path) -> None:
     distortion = RIG.left.distortion[:4]
     pose = {"R": RIG.R, "T": RIG.T_right_left[:3, 3:]}
-    storage(tmp_path / "stereo.yml", K1=RIG.left.K, K2=RIG.right.K, D1=distortion[:, None], D2=distortion[:, None], **pose)
+    storage(
+        tmp_path / "stereo.yml",
+        K1=RIG.left.K,
+        K2=RIG.right.K,
+        D1=distortion[:, None],
+        D2=distortion[:, None],
+        **pose,
+    )
     found = load_rig(tmp_path / "stereo.yml", SIZE)
     assert (found.left.model, found.alternatives[0].left.model) == ("pinhole", "fisheye")
     np.testing.assert_array_equal(found.left.distortion, distortion)
-    storage(tmp_path / "none.yml", K1=RIG.left.K, K2=RIG.right.K, D1=np.zeros((1, 4)), D2=np.zeros((1, 4)), **pose)
+    storage(
+        tmp_path / "none.yml",
+        K1=RIG.left.K,
+        K2=RIG.right.K,
+        D1=np.zeros((1, 4)),
+        D2=np.zeros((1, 4)),
+        **pose,
+    )
     assert load_rig(tmp_path / "none.yml", SIZE).alternatives == ()
 
 
-@pytest.mark.parametrize("words", [("rotation_matrix", "translation_vector"), ("rotation", "translation"), ("R", "T")])
+@pytest.mark.parametrize(
+    "words", [("rotation_matrix", "translation_vector"), ("rotation", "translation"), ("R", "T")]
+)
 def test_plain_lists_and_a_mapping_a_camera(words: tuple[str, str], tmp_path: Path) -> None:
     cameras = {
         side: {"K": camera.K.tolist(), "dist": camera.distortion.tolist()}
@@ -113,7 +159,12 @@ def test_rectified_images_need_no_distortion(tmp_path: Path) -> None:
 
 
 def test_millimeters_are_taken_as_such_and_named(tmp_path: Path) -> None:
-    matrices = {"M1": RIG.left.K, "M2": RIG.right.K, "D1": RIG.left.distortion[None], "D2": RIG.right.distortion[None]}
+    matrices = {
+        "M1": RIG.left.K,
+        "M2": RIG.right.K,
+        "D1": RIG.left.distortion[None],
+        "D2": RIG.right.distortion[None],
+    }
     storage(tmp_path / "stereo.yml", **matrices, R=RIG.R, T=RIG.T_right_left[:3, 3:] * 1000)
     found = load_rig(tmp_path / "stereo.yml", SIZE)
     np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
@@ -121,7 +172,12 @@ def test_millimeters_are_taken_as_such_and_named(tmp_path: Path) -> None:
 
 
 def test_a_matrix_a_file(tmp_path: Path) -> None:
-    parts = {"M1": RIG.left.K, "D1": RIG.left.distortion[None], "M2": RIG.right.K, "D2": RIG.right.distortion[None]}
+    parts = {
+        "M1": RIG.left.K,
+        "D1": RIG.left.distortion[None],
+        "M2": RIG.right.K,
+        "D2": RIG.right.distortion[None],
+    }
     for name, matrix in (parts | {"R": RIG.R, "T": RIG.T_right_left[:3, 3:]}).items():
         storage(tmp_path / f"{name}.xml", **{"matrix" if name == "R" else name: matrix})
     assert_same(load_rig(tmp_path, SIZE))
@@ -129,7 +185,11 @@ def test_a_matrix_a_file(tmp_path: Path) -> None:
 
 def test_a_camera_a_file_and_extrinsics(tmp_path: Path) -> None:
     for side, camera in (("left", RIG.left), ("right", RIG.right)):
-        storage(tmp_path / f"intrinsics_{side}.xml", camera_matrix=camera.K, distortion_coefficients=camera.distortion[None])
+        storage(
+            tmp_path / f"intrinsics_{side}.xml",
+            camera_matrix=camera.K,
+            distortion_coefficients=camera.distortion[None],
+        )
     storage(tmp_path / "extrinsics.xml", R=RIG.R, T=RIG.T_right_left[:3, 3:])
     assert_same(load_rig(tmp_path, SIZE))
 
@@ -156,7 +216,9 @@ def test_viame_json(scale: float, more: dict[str, float], tmp_path: Path) -> Non
 @pytest.mark.parametrize("transposed", [True, False])
 def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path) -> None:
     rig = load_rig(write_mat5(tmp_path / "calib.mat", stereo_objects(RIG, transposed=transposed)))
-    sand = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5)
+    sand = cv2.GaussianBlur(
+        np.random.default_rng(0).integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5
+    )
     sand = cv2.normalize(sand, None, 0, 255, cv2.NORM_MINMAX)
     pose = np.eye(4)
     pose[2, 3] = 0.9
@@ -176,20 +238,26 @@ LEFT = {"camera_matrix": RIG.left.K.tolist(), "dist_coeffs": RIG.left.distortion
 RIGHT = {"camera_matrix": RIG.right.K.tolist(), "dist_coeffs": RIG.right.distortion.tolist()}
 POSE = {"R": RIG.R.tolist(), "T": RIG.T_right_left[:3, 3:].tolist()}
 SHAPES = {
-    "a mapping around all": {"stereo": {"rig": {f"{key}_{side}": value for side, camera in (("l", LEFT), ("r", RIGHT))
+    "a mapping around all": {"stereo": {"rig": {f"{key}_{side}": value for side, camera in (("l",
+    LEFT), ("r", RIGHT))
                                                 for key, value in camera.items()} | POSE}},
     "extrinsics apart": {"left": LEFT, "right": RIGHT, "extrinsics": POSE},
     "the pose in the right camera": {"camera_left": LEFT, "camera_right": RIGHT | POSE},
     "words in capitals": {
-        "Left_Camera_Matrix": LEFT["camera_matrix"], "Left_Distortion_Coefficients": LEFT["dist_coeffs"],
-        "Right_Camera_Matrix": RIGHT["camera_matrix"], "Right_Distortion_Coefficients": RIGHT["dist_coeffs"],
+        "Left_Camera_Matrix": LEFT["camera_matrix"],
+        "Left_Distortion_Coefficients": LEFT["dist_coeffs"],
+        "Right_Camera_Matrix": RIGHT["camera_matrix"],
+        "Right_Distortion_Coefficients": RIGHT["dist_coeffs"],
         "Rotation_Matrix": POSE["R"], "Translation_Vector": POSE["T"],
     },
-    "counted from 0": {"K0": LEFT["camera_matrix"], "D0": LEFT["dist_coeffs"], "K1": RIGHT["camera_matrix"],
+    "counted from 0": {"K0": LEFT["camera_matrix"], "D0": LEFT["dist_coeffs"],
+    "K1": RIGHT["camera_matrix"],
                        "D1": RIGHT["dist_coeffs"], **POSE},
-    "centimeters that are named": {"cam1": LEFT, "cam2": RIGHT, "R": POSE["R"], "T": (RIG.T_right_left[:3, 3] * 100).tolist(),
+    "centimeters that are named": {"cam1": LEFT, "cam2": RIGHT, "R": POSE["R"],
+    "T": (RIG.T_right_left[:3, 3] * 100).tolist(),
                                    "units": "cm"},
-    "coefficients k1 and k2 of another lens": {"k1": 0.1, "k2": 0.2, "left": LEFT, "right": RIGHT, **POSE},
+    "coefficients k1 and k2 of another lens": {"k1": 0.1, "k2": 0.2, "left": LEFT, "right": RIGHT,
+    **POSE},
 }  # fmt: skip
 
 
@@ -205,8 +273,14 @@ def test_what_matlab_converts_to_opencv(tmp_path: Path) -> None:
     from scipy.io import savemat
 
     content = {f"intrinsicMatrix{n}": camera.K for n, camera in ((1, RIG.left), (2, RIG.right))}
-    content |= {f"distortionCoefficients{n}": camera.distortion[None] for n, camera in ((1, RIG.left), (2, RIG.right))}
-    content |= {"rotationOfCamera2": RIG.R, "translationOfCamera2": RIG.T_right_left[:3, 3][None] * 1000}
+    content |= {
+        f"distortionCoefficients{n}": camera.distortion[None]
+        for n, camera in ((1, RIG.left), (2, RIG.right))
+    }
+    content |= {
+        "rotationOfCamera2": RIG.R,
+        "translationOfCamera2": RIG.T_right_left[:3, 3][None] * 1000,
+    }
     savemat(tmp_path / "cv.mat", content | {"imageSize": [[480.0, 640.0]]})
     found = load_rig(tmp_path / "cv.mat")
     assert_same(found)
@@ -242,29 +316,46 @@ def test_ros_in_one_file(tmp_path: Path) -> None:
 
 def test_ros_with_namespaces(tmp_path: Path) -> None:
     for side, info in zip(("left", "right"), ros_infos(), strict=True):
-        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump({f"/stereo/{side}": {"ros__parameters": info}}))
+        (tmp_path / f"{side}.yaml").write_text(
+            yaml.safe_dump({f"/stereo/{side}": {"ros__parameters": info}})
+        )
     assert_same(load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml"))
 
 
 def test_ros_message_without_a_header_first(tmp_path: Path) -> None:
-    short = {"camera_matrix": "k", "distortion_coefficients": "d", "rectification_matrix": "r", "projection_matrix": "p"}
+    short = {
+        "camera_matrix": "k",
+        "distortion_coefficients": "d",
+        "rectification_matrix": "r",
+        "projection_matrix": "p",
+    }
     for side, info in zip(("left", "right"), ros_infos(), strict=True):
         message = {short[key]: value["data"] for key, value in info.items() if key in short}  # type: ignore[index]
-        message |= {"height": 480, "width": 640, "distortion_model": "plumb_bob", "roi": {"x_offset": 0}}
+        message |= {
+            "height": 480,
+            "width": 640,
+            "distortion_model": "plumb_bob",
+            "roi": {"x_offset": 0},
+        }
         (tmp_path / f"{side}.yaml").write_text(2 * (yaml.safe_dump(message) + "---\n"))
     assert_same(load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml"))
 
 
 def test_ost_of_the_calibrator_of_ros(tmp_path: Path) -> None:
     def rows(matrix: dict[str, object], count: int) -> str:
-        return "\n".join(" ".join(map(repr, row)) for row in np.reshape(matrix["data"], (count, -1)).tolist())
+        return "\n".join(
+            " ".join(map(repr, row)) for row in np.reshape(matrix["data"], (count, -1)).tolist()
+        )
 
     names = {"camera matrix": 3, "distortion": 1, "rectification": 3, "projection": 3}
     keys = ("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix")
     text = "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n"
     for info in ros_infos():
         text += f"[{info['camera_name']}]\n\n"
-        text += "".join(f"{name}\n{rows(info[key], count)}\n\n" for (name, count), key in zip(names.items(), keys, strict=True))  # type: ignore[arg-type]
+        text += "".join(
+            f"{name}\n{rows(info[key], count)}\n\n"
+            for (name, count), key in zip(names.items(), keys, strict=True)
+        )  # type: ignore[arg-type]
     (tmp_path / "ost.txt").write_text(text)
     assert_same(load_rig(tmp_path / "ost.txt"))
 
@@ -276,18 +367,29 @@ def test_an_archive_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("turned", [(True, True), (True, False), (False, True)])
-def test_negative_focal_lengths_in_axes_turned_by_180_degrees_are_the_same_rig(turned: tuple[bool, bool]) -> None:
+def test_negative_focal_lengths_in_axes_turned_by_180_degrees_are_the_same_rig(
+    turned: tuple[bool, bool],
+) -> None:
     """As stereoRectify writes them for some rigs: the same pixels of the same rays."""
-    rotations = [Rotation.from_rotvec(v).as_matrix() for v in ([0.01, -0.02, 0.03], [-0.01, 0.02, 0.01])]
-    projections = [np.array([[500.0, 0, 320, t], [0, 500, 240, 0], [0, 0, 1, 0]]) for t in (0.0, -60.0)]
+    rotations = [
+        Rotation.from_rotvec(v).as_matrix() for v in ([0.01, -0.02, 0.03], [-0.01, 0.02, 0.01])
+    ]
+    projections = [
+        np.array([[500.0, 0, 320, t], [0, 500, 240, 0], [0, 0, 1, 0]]) for t in (0.0, -60.0)
+    ]
     given = transform_of_projections(rotations, projections)
     flip = np.diag([-1.0, -1.0, 1.0])
     for i in np.flatnonzero(turned):
-        rotations[i], projections[i] = flip @ rotations[i], np.column_stack([projections[i][:, :3] @ flip, projections[i][:, 3]])
+        rotations[i], projections[i] = (
+            flip @ rotations[i],
+            np.column_stack([projections[i][:, :3] @ flip, projections[i][:, 3]]),
+        )
     np.testing.assert_allclose(transform_of_projections(rotations, projections), given, atol=1e-12)
     if all(turned):
         T = rectified_rig("file", projections, (640, 480)).T_right_left
-        np.testing.assert_allclose(T[:3], [[1, 0, 0, -0.12], [0, 1, 0, 0], [0, 0, 1, 0]], atol=1e-12)
+        np.testing.assert_allclose(
+            T[:3], [[1, 0, 0, -0.12], [0, 1, 0, 0], [0, 0, 1, 0]], atol=1e-12
+        )
 
 
 def test_a_focal_length_that_is_negative_across_alone_is_no_camera() -> None:

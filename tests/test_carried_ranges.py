@@ -1,4 +1,6 @@
-"""Color where no range was measured: carried over from neighbors, from behind and not from in front, and marked."""
+"""Color where no range was measured: carried over from neighbors, from behind and not from in
+front, and marked.
+"""
 
 from pathlib import Path
 
@@ -42,7 +44,9 @@ def test_measured_ranges_stay_and_all_others_are_within_them() -> None:
 
 
 def test_scattered_ranges_give_those_between_them() -> None:
-    """A slope of one color, of which a fiftieth is measured: the range beside a pixel says more than those of the whole slope."""
+    """A slope of one color, of which a fiftieth is measured: the range beside a pixel says more
+    than those of the whole slope.
+    """
     true_m = np.linspace(2.0, 4.0, 192, dtype=np.float32)[:, None] * np.ones((1, 256), np.float32)
     image = np.full((192, 256, 3), 40, np.uint8)
     known_m = np.where(RNG.uniform(size=true_m.shape) < 0.02, true_m, np.float32(np.nan))
@@ -64,7 +68,9 @@ def test_what_the_camera_did_not_see_and_frames_without_any_range_stay_unknown()
 def test_sixteen_bits_give_the_same_ranges_as_eight() -> None:
     image, range_m = coral_before_sand()
     range_m[30:60, 20:60] = np.nan
-    np.testing.assert_array_equal(carry_ranges(image, range_m), carry_ranges(image.astype(np.uint16) * 257, range_m))
+    np.testing.assert_array_equal(
+        carry_ranges(image, range_m), carry_ranges(image.astype(np.uint16) * 257, range_m)
+    )
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (1, 40), (40, 2), (3, 1)])
@@ -78,8 +84,12 @@ def test_pictures_narrower_than_a_step_are_filled_too(shape: tuple[int, int]) ->
 
 
 @pytest.mark.slow
-def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(sample_run: SampleRun) -> None:
-    """Angular error to the true color, after one gain a channel, of pixels that are neither dark nor clipped."""
+def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(
+    sample_run: SampleRun,
+) -> None:
+    """Angular error to the true color, after one gain a channel, of pixels that are neither dark
+    nor clipped.
+    """
     measured, filled = [], []
     for path in sorted((sample_run.out / "corrected").glob("*.png")):
         mask = cv2.imread(str(sample_run.out / "mask" / path.name), cv2.IMREAD_UNCHANGED)
@@ -106,7 +116,9 @@ def angular_error(path: Path) -> tuple[np.ndarray, np.ndarray]:
     found = linear(cv2.imread(str(path))[..., ::-1])
     true = linear(cv2.imread(str(REEF / "truth" / "color" / path.name))[..., ::-1])
     usable = (true.max(axis=2) < 0.98) & (true.min(axis=2) > 0.005) & (found.max(axis=2) < 0.98)
-    cosine = (found * true).sum(axis=2) / np.maximum(np.linalg.norm(found, axis=2) * np.linalg.norm(true, axis=2), 1e-9)
+    cosine = (found * true).sum(axis=2) / np.maximum(
+        np.linalg.norm(found, axis=2) * np.linalg.norm(true, axis=2), 1e-9
+    )
     return np.degrees(np.arccos(np.clip(cosine, -1, 1))), usable
 
 
@@ -115,18 +127,29 @@ def linear(srgb: np.ndarray) -> np.ndarray:
 
 
 def test_a_few_wrong_matches_far_away_are_not_carried() -> None:
-    image, true_m = (cv2.resize(part, None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST) for part in coral_before_sand())
+    image, true_m = (
+        cv2.resize(part, None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
+        for part in coral_before_sand()
+    )
     known_m = true_m.copy()
     known_m[:96] = np.nan
-    known_m[88:96, 200:220] = 9.0  # the nearest to what is to be carried, and weighed by the square of its range
+    known_m[88:96, 200:220] = (
+        9.0  # the nearest to what is to be carried, and weighed by the square of its range
+    )
     found_m = carry_ranges(image, known_m)
     assert carry_ranges(image, known_m, smoother=Smoother(strays=0.0))[60:86, 205:215].mean() > 4
     np.testing.assert_allclose(found_m[60:86, 205:215], 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize(("dtype", "full"), [(np.uint8, 255), (np.uint16, 65535), (np.float32, 1.0)])
-def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(dtype: type, full: float) -> None:
-    colors = np.array([0.5, 0.4, 0.3]) * RNG.uniform(0.9, 1.1, (96, 128, 3))  # within 1.7 and 2.1 times as red
+@pytest.mark.parametrize(
+    ("dtype", "full"), [(np.uint8, 255), (np.uint16, 65535), (np.float32, 1.0)]
+)
+def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(
+    dtype: type, full: float
+) -> None:
+    colors = np.array([0.5, 0.4, 0.3]) * RNG.uniform(
+        0.9, 1.1, (96, 128, 3)
+    )  # within 1.7 and 2.1 times as red
     carried = np.zeros((96, 128), bool)
     carried[:, 100:] = True
     colors[:40, 100:] = (0.6, 0.1, 0.1)  # a rim before open water
@@ -136,21 +159,33 @@ def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(dtype: 
     np.testing.assert_array_equal(held[~carried], image[~carried])
     np.testing.assert_array_equal(held[:40, 100:, 1:], image[:40, 100:, 1:])
     assert held[:40, 100:, 0].max() < 0.25 * full
-    assert (held[40:60, 100:] == image[40:60, 100:]).all(axis=-1).mean() > 0.8  # what is as red as the reef stays
+    assert (held[40:60, 100:] == image[40:60, 100:]).all(
+        axis=-1
+    ).mean() > 0.8  # what is as red as the reef stays
     np.testing.assert_array_equal(held[60:], image[60:])
-    np.testing.assert_array_equal(within_measured(image, carried, np.zeros_like(carried)), image)  # nothing measured, nothing known
+    np.testing.assert_array_equal(
+        within_measured(image, carried, np.zeros_like(carried)), image
+    )  # nothing measured, nothing known
     no_carried = np.zeros_like(carried)
     assert within_measured(image, no_carried, ~carried) is image
 
 
-@pytest.mark.parametrize("water", [(0.1, 0.5, 0.5), (0.2, 0.3, 0.8), (0.4, 0.4, 0.8), (0.3, 0.7, 0.3)])
-def test_open_water_is_hardly_more_colored_than_the_measured_reef(water: tuple[float, float, float]) -> None:
-    """Cyan, blue, violet, green: of no range at all, what water scatters would be shown as a surface of its color."""
+@pytest.mark.parametrize(
+    "water", [(0.1, 0.5, 0.5), (0.2, 0.3, 0.8), (0.4, 0.4, 0.8), (0.3, 0.7, 0.3)]
+)
+def test_open_water_is_hardly_more_colored_than_the_measured_reef(
+    water: tuple[float, float, float],
+) -> None:
+    """Cyan, blue, violet, green: of no range at all, what water scatters would be shown as a
+    surface of its color.
+    """
     colors = np.array([0.45, 0.4, 0.35]) * RNG.uniform(0.9, 1.1, (160, 160, 3))
     carried = np.zeros((160, 160), bool)
     carried[:80] = True
     colors[:80] = water
-    held = within_measured(np.round(colors * 255).astype(np.uint8), carried, ~carried)[0, 0].astype(float)
+    held = within_measured(np.round(colors * 255).astype(np.uint8), carried, ~carried)[0, 0].astype(
+        float
+    )
     reef = colors[80:].reshape(-1, 3)
     assert max(water) / min(water) > 1.9
     assert held.max() / held.min() < (reef.max(axis=1) / reef.min(axis=1)).max()
@@ -164,7 +199,9 @@ def test_open_water_is_not_violet_or_pink(water: tuple[float, float, float]) -> 
     carried = np.zeros((160, 160), bool)
     carried[:80] = True
     colors[:80] = water
-    red, green, blue = within_measured(np.round(colors * 255).astype(np.uint8), carried, ~carried)[0, 0].astype(int)
+    red, green, blue = within_measured(np.round(colors * 255).astype(np.uint8), carried, ~carried)[
+        0, 0
+    ].astype(int)
     assert green >= min(red, blue) - 1  # of 255
 
 
@@ -177,12 +214,16 @@ def test_a_hole_in_a_rare_color_keeps_it() -> None:
     carried[70:80, 70:80] = True
     assert (within_measured(image, carried, ~carried) == image).all()
     carried[65:85, 65:85] = True
-    assert (within_measured(image, carried, ~carried)[75, 75] < image[75, 75]).any()  # a wide area is limited
+    assert (
+        within_measured(image, carried, ~carried)[75, 75] < image[75, 75]
+    ).any()  # a wide area is limited
 
 
 def test_white_at_a_carried_range_stays_at_full_scale() -> None:
     """Where all that is measured is redder than white, red cannot be raised any more."""
-    image = np.round(np.array([0.5, 0.45, 0.4]) * RNG.uniform(0.9, 1.1, (96, 128, 1)) * 255).astype(np.uint8)
+    image = np.round(np.array([0.5, 0.45, 0.4]) * RNG.uniform(0.9, 1.1, (96, 128, 1)) * 255).astype(
+        np.uint8
+    )
     carried = np.zeros((96, 128), bool)
     carried[:8, :8] = True
     image[carried] = 255

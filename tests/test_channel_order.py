@@ -34,4 +34,6 @@ def test_exchanged_channels_are_named(name: str) -> None:
 def test_channels_are_read_as_the_settings_say(tmp_path: Path, suffix: str) -> None:
     image = np.random.default_rng(0).integers(0, 60000, (20, 30, 3)).astype(np.uint16)
     cv2.imwrite(str(tmp_path / f"a{suffix}"), image)
-    np.testing.assert_array_equal(read_image(tmp_path / f"a{suffix}", InputConfig(channels="bgr")), image)
+    np.testing.assert_array_equal(
+        read_image(tmp_path / f"a{suffix}", InputConfig(channels="bgr")), image
+    )

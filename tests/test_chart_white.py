@@ -1,5 +1,6 @@
-"""White point and color matrix from charts and cards: the true ones come back from any range, a wrong water shows in what charts
-are off."""
+"""White point and color matrix from charts and cards: the true ones come back from any range, a
+wrong water shows in what charts are off.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +12,11 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.extras.evaluation.charts.camera_matrix import CameraMatrix, camera_matrix
-from stereo_seecolor.extras.evaluation.charts.chart_white import ChartWhite, seen_whites, survey_white
+from stereo_seecolor.extras.evaluation.charts.chart_white import (
+    ChartWhite,
+    seen_whites,
+    survey_white,
+)
 from stereo_seecolor.extras.evaluation.charts.reading import CHART_TYPES, CLASSIC, ChartType
 from stereo_seecolor.extras.evaluation.charts.targets import Target, chart
 from stereo_seecolor.files.srgb import decode_srgb
@@ -25,7 +30,16 @@ def some_water(red_per_m: float = 0.4) -> Water:
     zero, one = np.zeros(3), np.ones(3)
     y = np.array([red_per_m, 0.1, 0.08])
     return Water(
-        np.array([0.01, 0.03, 0.04]), 0.3 * one, zero, one, w=zero, v=zero, y=y, x=zero, white=WHITE, input_encoding="linear"
+        np.array([0.01, 0.03, 0.04]),
+        0.3 * one,
+        zero,
+        one,
+        w=zero,
+        v=zero,
+        y=y,
+        x=zero,
+        white=WHITE,
+        input_encoding="linear",
     )
 
 
@@ -34,19 +48,28 @@ CAMERA = np.array([[1.3, -0.25, -0.05], [-0.1, 1.3, -0.2], [0.02, -0.32, 1.3]])
 
 
 def pictured(
-    range_m: float, brightness: float = 1.0, camera: NDArray[np.float64] | None = None, type: ChartType = CLASSIC
+    range_m: float,
+    brightness: float = 1.0,
+    camera: NDArray[np.float64] | None = None,
+    type: ChartType = CLASSIC,
 ) -> tuple[Target, NDArray[np.uint16], NDArray[np.float32]]:
-    """A chart that fills a frame of 16 bits, at one range in ``some_water``; camera: (3, 3) of its colors to sRGB's."""
+    """A chart that fills a frame of 16 bits, at one range in ``some_water``; camera: (3, 3) of its
+    colors to sRGB's.
+    """
     water, corners = some_water(), np.array([[10, 10], [118, 10], [118, 86], [10, 86]], float)
     target, z = chart("chart", corners, SIZE, type), np.array(range_m)
     color = np.zeros((*SIZE, 3))
     for patch, srgb in zip(target.patches, type.srgb, strict=True):
-        color[patch] = decode_srgb(srgb) if camera is None else np.linalg.solve(camera, decode_srgb(srgb))
+        color[patch] = (
+            decode_srgb(srgb) if camera is None else np.linalg.solve(camera, decode_srgb(srgb))
+        )
     light = brightness * color * WHITE * water.attenuation(z) + water.backscatter(z)
     return target, np.round(light * 65535).astype(np.uint16), np.full(SIZE, range_m, np.float32)
 
 
-def white_of(ranges_m: Sequence[float], water: Water, camera: NDArray[np.float64] | None = None) -> ChartWhite:
+def white_of(
+    ranges_m: Sequence[float], water: Water, camera: NDArray[np.float64] | None = None
+) -> ChartWhite:
     seen = []
     for number, range_m in enumerate(ranges_m):
         target, image, measured_m = pictured(range_m, 0.5 + 0.1 * number, camera)
@@ -74,12 +97,17 @@ def test_grays_that_are_not_quite_neutral_give_the_true_white(type: ChartType) -
 
 def test_a_wrong_attenuation_shows_over_range() -> None:
     assert max(white_of([1.0, 2.0, 3.5], some_water(red_per_m=0.6)).residuals_deg) > 5
-    wrong, right = (white_of([1.0, 3.5], some_water(red_per_m=rate)).error[0] for rate in (0.6, 0.4))
+    wrong, right = (
+        white_of([1.0, 3.5], some_water(red_per_m=rate)).error[0] for rate in (0.6, 0.4)
+    )
     assert wrong > 5 * right
 
 
 def matrix_of(
-    ranges_m: Sequence[float], camera: NDArray[np.float64] | None, patches: slice = slice(None), water: Water | None = None
+    ranges_m: Sequence[float],
+    camera: NDArray[np.float64] | None,
+    patches: slice = slice(None),
+    water: Water | None = None,
 ) -> CameraMatrix | str:
     """The matrix of charts of which some patches can be seen."""
     white = white_of(ranges_m, water or some_water(), camera)
@@ -155,7 +183,9 @@ def test_clipped_and_unmeasured_patches_do_not_count() -> None:
     target, image, range_m = pictured(1.0)
     assert not list(seen_whites("a", [target], np.full_like(image, 65535), range_m, some_water()))
     assert not list(seen_whites("a", [target], image, np.full_like(range_m, np.nan), some_water()))
-    assert not list(seen_whites("a", [Target("card", (np.zeros(SIZE, bool),))], image, range_m, some_water()))
+    assert not list(
+        seen_whites("a", [Target("card", (np.zeros(SIZE, bool),))], image, range_m, some_water())
+    )
 
 
 def test_a_white_card_needs_no_chart() -> None:
@@ -164,17 +194,32 @@ def test_a_white_card_needs_no_chart() -> None:
     card[30:50, 40:60] = True
     light = 0.8 * WHITE * water.attenuation(np.array(2.0)) + water.backscatter(np.array(2.0))
     image = np.broadcast_to(np.round(light * 65535).astype(np.uint16), (*SIZE, 3)).copy()
-    (seen,) = seen_whites("a", [Target("card", (card,))], image, range_m, replace(water, white=np.ones(3)))
+    (seen,) = seen_whites(
+        "a", [Target("card", (card,))], image, range_m, replace(water, white=np.ones(3))
+    )
     np.testing.assert_allclose(seen.white, np.log(WHITE) - np.log(WHITE).mean(), atol=0.01)
     assert seen.range_m == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("words", [[], ["--poses", "track.tum", "--chart"]])
 def test_either_poses_or_charts_are_needed(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "empty.yaml").write_text("")
-    monkeypatch.setattr("sys.argv", ["stereo-seecolor", "water", str(tmp_path), "--config", str(tmp_path / "empty.yaml"), *words])
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "stereo-seecolor",
+            "water",
+            str(tmp_path),
+            "--config",
+            str(tmp_path / "empty.yaml"),
+            *words,
+        ],
+    )
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 1

@@ -12,14 +12,20 @@ from stereo_seecolor.extras.synthetic.demo import DemoResult
 def test_wrong_usage(cli) -> None:
     assert cli("run", "--left", "L")[0] == 2
     assert cli("runn")[0] == 2
-    assert cli("run", "--left", "L", "--right", "R", "--calib", "c.yaml", "--poses", "p.tum")[0] == 2
+    assert (
+        cli("run", "--left", "L", "--right", "R", "--calib", "c.yaml", "--poses", "p.tum")[0] == 2
+    )
 
 
 @pytest.mark.slow
 def test_installed_command_and_version() -> None:
     program = Path(sys.executable).parent / "stereo-seecolor"
-    assert subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
-    help_text = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
+    assert subprocess.run(
+        [program, "--version"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    help_text = subprocess.run(
+        [program, "--help"], capture_output=True, text=True, check=True
+    ).stdout
     assert all(command in help_text for command in ("run", "correct", "range", "rectify", "doctor"))
 
 
@@ -30,9 +36,12 @@ def test_help_loads_no_heavy_library() -> None:
         "from stereo_seecolor.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "print('HEAVY', sorted({'numpy', 'torch', 'numba', 'cv2', 'open3d', 'rasterio', 'scipy'} & sys.modules.keys()))"
+        "print('HEAVY', sorted({'numpy', 'torch', 'numba', 'cv2', 'open3d', 'rasterio', 'scipy'} "
+        "& sys.modules.keys()))"
     )
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert "HEAVY []" in printed
 
 

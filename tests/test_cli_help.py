@@ -31,7 +31,9 @@ def wide(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_help_lists_every_command_and_its_panel(cli: Cli) -> None:
     code, printed, _ = cli("--help")
     assert code == 0
-    assert all(f" {panel} " in printed for panel in {command.panel for command in COMMANDS.values()})
+    assert all(
+        f" {panel} " in printed for panel in {command.panel for command in COMMANDS.values()}
+    )
     assert all(re.search(rf"^\W+{name}\s", printed, re.M) for name in NAMES)
     code, printed, said = cli()
     assert (code, said) == (2, "")
@@ -59,7 +61,9 @@ def test_every_command_has_examples() -> None:
     assert all(command.examples for command in COMMANDS.values())
 
 
-@pytest.mark.parametrize("line", [line for command in COMMANDS.values() for line in command.examples])
+@pytest.mark.parametrize(
+    "line", [line for command in COMMANDS.values() for line in command.examples]
+)
 def test_the_examples_are_understood(line: str) -> None:
     command, *words = shlex.split(line.split(" > ")[0])
     parser = GROUP.commands[command]  # type: ignore[attr-defined]
@@ -93,5 +97,7 @@ def test_the_settings_are_printed_as_a_file_that_gives_them_again(cli: Cli, tmp_
     assert "  fill: false  # default\n" in printed
     again = tmp_path / "again.yaml"
     again.write_text(printed)
-    assert load_config(again) == load_config(file, ["color.lock=sliding", "mapping.mount.yaw_deg=90"])
+    assert load_config(again) == load_config(
+        file, ["color.lock=sliding", "mapping.mount.yaw_deg=90"]
+    )
     assert yaml.safe_load(cli("config")[1]) == RunConfig().model_dump(mode="json")

@@ -1,4 +1,6 @@
-"""--json of every command: one valid JSON object on standard output, of the shape that scripts rely on, errors included."""
+"""--json of every command: one valid JSON object on standard output, of the shape that scripts rely
+on, errors included.
+"""
 
 import json
 import math
@@ -20,15 +22,23 @@ from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.files.json_values import json_line, plain
 
 ROOT = Path(__file__).resolve().parents[1]
-TRACK = "# timestamp tx ty tz qx qy qz qw\n" + "".join(f"{i:04d} {0.01 * i} 0 0 1 0 0 0\n" for i in range(2))
+TRACK = "# timestamp tx ty tz qx qy qz qw\n" + "".join(
+    f"{i:04d} {0.01 * i} 0 0 1 0 0 0\n" for i in range(2)
+)
 
 
 @pytest.fixture
 def parsed(cli: Cli) -> Callable[..., dict[str, Any]]:
-    """Run a command with --json and check the shape of what it prints, and the exit code that it names."""
+    """Run a command with --json and check the shape of what it prints, and the exit code that it
+    names.
+    """
 
     def call(shape: str, *words: str | Path) -> dict[str, Any]:
-        code, printed, said = cli(*words, "--json", "--progress", "none") if takes_progress(words[0]) else cli(*words, "--json")
+        code, printed, said = (
+            cli(*words, "--json", "--progress", "none")
+            if takes_progress(words[0])
+            else cli(*words, "--json")
+        )
         assert printed.count("\n") == 1, said
         content: dict[str, Any] = json.loads(printed, parse_constant=pytest.fail)
         assert mismatch(content, SHAPES[shape]) is None
@@ -39,7 +49,18 @@ def parsed(cli: Cli) -> Callable[..., dict[str, Any]]:
 
 
 def takes_progress(command: str | Path) -> bool:
-    return command in ("run", "merge", "campaign", "range", "correct", "rectify", "fuse", "demo", "synthesize", "calibrate")
+    return command in (
+        "run",
+        "merge",
+        "campaign",
+        "range",
+        "correct",
+        "rectify",
+        "fuse",
+        "demo",
+        "synthesize",
+        "calibrate",
+    )
 
 
 def test_every_command_has_a_shape_here() -> None:
@@ -56,7 +77,14 @@ def test_the_commands_over_pairs(make_dive, parsed, tmp_path) -> None:
     assert "is empty" in run["failed_pairs"][0]["error"]
     parsed("range", *dive.command(tmp_path / "ranges", command="range"))
     parsed("rectify", *dive.command(tmp_path / "rectified", command="rectify"))
-    words = ("--images", dive.root / "L", "--range", tmp_path / "out/range", "--out", tmp_path / "colors")
+    words = (
+        "--images",
+        dive.root / "L",
+        "--range",
+        tmp_path / "out/range",
+        "--out",
+        tmp_path / "colors",
+    )
     correct = parsed("correct", "correct", *words)
     assert (correct["ok"], correct["unpaired_files"]) == (1, 1)
 
@@ -65,7 +93,9 @@ def test_the_commands_over_pairs(make_dive, parsed, tmp_path) -> None:
 def test_campaigns_and_plans(make_dive, parsed, tmp_path) -> None:
     dive = make_dive(2)
     file = tmp_path / "campaign.yaml"
-    file.write_text("{out: results, dives: [{name: a, left: dive/L, right: dive/R, calib: dive/cam.yaml}]}")
+    file.write_text(
+        "{out: results, dives: [{name: a, left: dive/L, right: dive/R, calib: dive/cam.yaml}]}"
+    )
     assert [row["ok"] for row in parsed("campaign", "campaign", file)["dives"]] == [2]
     plan = parsed("plan", *dive.command(tmp_path / "out", command="plan")[:-2])
     assert (plan["pairs"], plan["measured"]) == (2, 2)
@@ -102,7 +132,16 @@ def test_a_bag(make_dive, parsed, tmp_path) -> None:
 @pytest.mark.slow
 def test_live(make_dive, parsed) -> None:
     dive = make_dive(1)
-    words = ("--left", dive.root / "L", "--right", dive.root / "R", "--calib", dive.root / "cam.yaml", "--pairs", "1")
+    words = (
+        "--left",
+        dive.root / "L",
+        "--right",
+        dive.root / "R",
+        "--calib",
+        dive.root / "cam.yaml",
+        "--pairs",
+        "1",
+    )
     assert parsed("live", "live", *words)["done"] == 1
 
 
@@ -115,7 +154,14 @@ def test_two_videos(parsed, tmp_path) -> None:
 def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
     dive, poses = make_dive(2), tmp_path / "track.tum"
     poses.write_text(TRACK)
-    more = ("--poses", poses, "--set", "mapping.voxel_m=0.05", "--set", "mapping.poses_of=rectified")
+    more = (
+        "--poses",
+        poses,
+        "--set",
+        "mapping.voxel_m=0.05",
+        "--set",
+        "mapping.poses_of=rectified",
+    )
     run = parsed("run --fuse", *dive.command(tmp_path / "out"), "--fuse", *more)
     assert run["map"]["placed"] == 2
     fuse = parsed("fuse", "fuse", tmp_path / "out", *more)
@@ -131,7 +177,9 @@ def test_known_truth(parsed, demo_at_hand: DemoResult, tmp_path) -> None:
     scores = parsed("evaluate", "evaluate", out, "--truth", out.parent / "dive/truth")
     assert scores["range"] == demo["truth"]["range"]
     words = ("--pairs", "1", "--lines", "1", "--size", "64x64", "--seed", "3")
-    assert parsed("synthesize", "synthesize", "--out", tmp_path / "dive", *words)["spec"]["seed"] == 3
+    assert (
+        parsed("synthesize", "synthesize", "--out", tmp_path / "dive", *words)["spec"]["seed"] == 3
+    )
 
 
 def test_charts(parsed, tmp_path, monkeypatch) -> None:
@@ -140,7 +188,9 @@ def test_charts(parsed, tmp_path, monkeypatch) -> None:
     row = scores.ChartRow("a", "chart", "raw", math.nan, 3.0, 2.0, 5.0, 0.0, 9.0, 100)
     report = scores.ChartReport((row,), ("b",), tmp_path / "sheet.png")
     monkeypatch.setattr(scores, "evaluate_charts", lambda *_: report)
-    content = parsed("evaluate --chart", "evaluate", "--chart", "--images", tmp_path, "--range", tmp_path)
+    content = parsed(
+        "evaluate --chart", "evaluate", "--chart", "--images", tmp_path, "--range", tmp_path
+    )
     assert content["rows"][0]["range_m"] is None
     assert content["means"][0]["psi_deg"] == 3.0
 
@@ -151,7 +201,9 @@ def test_calibrations(parsed, tmp_path) -> None:
     converted = parsed("convert-calib", "convert-calib", tmp_path, tmp_path / "cam.yaml")
     assert converted["out"] == str(tmp_path / "cam.yaml")
     target = ("--target", "chessboard:7x5:40mm", "--print-target", tmp_path / "board.pdf")
-    assert parsed("calibrate --print-target", "calibrate", *target)["target"] == str(tmp_path / "board.pdf")
+    assert parsed("calibrate --print-target", "calibrate", *target)["target"] == str(
+        tmp_path / "board.pdf"
+    )
 
 
 def test_the_water(parsed, tmp_path, monkeypatch) -> None:
@@ -159,9 +211,13 @@ def test_the_water(parsed, tmp_path, monkeypatch) -> None:
 
     zero = np.zeros(3)
     measured = water.Water(*(zero for _ in range(8)), standard_errors={"y": np.full(3, np.nan)})
-    monkeypatch.setattr(water, "measure_water", lambda *_: water.MeasuredWater(tmp_path / "w.json", measured))
+    monkeypatch.setattr(
+        water, "measure_water", lambda *_: water.MeasuredWater(tmp_path / "w.json", measured)
+    )
     (tmp_path / "run.json").write_text("{}")
-    content = parsed("water", "water", tmp_path, "--poses", tmp_path / "p.tum", "--config", empty(tmp_path))
+    content = parsed(
+        "water", "water", tmp_path, "--poses", tmp_path / "p.tum", "--config", empty(tmp_path)
+    )
     assert content["water"]["standard_errors"] == {"y": [None, None, None]}
 
 
@@ -181,14 +237,25 @@ def test_the_viewer(parsed, tmp_path, monkeypatch) -> None:
 def test_an_export(parsed, tmp_path, monkeypatch) -> None:
     from stereo_seecolor.extras.export import command as export
 
-    monkeypatch.setattr(export, "export", lambda out, to, folder: export.ExportResult(to, folder, 3, 4, 5))
-    assert parsed("export", "export", tmp_path, "--to", "glb", "--out", tmp_path / "glb")["frames"] == 3
+    monkeypatch.setattr(
+        export, "export", lambda out, to, folder: export.ExportResult(to, folder, 3, 4, 5)
+    )
+    assert (
+        parsed("export", "export", tmp_path, "--to", "glb", "--out", tmp_path / "glb")["frames"]
+        == 3
+    )
 
 
 @pytest.mark.slow
 def test_settings_and_machine(parsed) -> None:
-    settings = {row["key"]: row for row in parsed("config", "config", "--set", "color.lock=survey")["settings"]}
-    assert (settings["color.lock"]["value"], settings["color.lock"]["origin"]) == ("survey", "--set")
+    settings = {
+        row["key"]: row
+        for row in parsed("config", "config", "--set", "color.lock=survey")["settings"]
+    }
+    assert (settings["color.lock"]["value"], settings["color.lock"]["origin"]) == (
+        "survey",
+        "--set",
+    )
     assert parsed("doctor", "doctor")["ready"]
 
 
@@ -231,8 +298,12 @@ def test_whatever_a_result_holds_is_valid_json() -> None:
 def test_a_shape_notices_what_is_missing_and_what_is_new() -> None:
     content = {"command": "view", "exit_code": 0, "out": "o", "mesh": "m"}
     assert mismatch(content, SHAPES["view"]) == "$: missing ['viewer'], unexpected []"
-    assert mismatch({**content, "viewer": 3}, SHAPES["view"]) == "$.viewer is 3, not (<class 'str'>,)"
-    assert "unexpected ['more']" in str(mismatch({**content, "viewer": "v", "more": 1}, SHAPES["view"]))
+    assert (
+        mismatch({**content, "viewer": 3}, SHAPES["view"]) == "$.viewer is 3, not (<class 'str'>,)"
+    )
+    assert "unexpected ['more']" in str(
+        mismatch({**content, "viewer": "v", "more": 1}, SHAPES["view"])
+    )
 
 
 def test_the_documentation_names_every_key() -> None:
@@ -247,4 +318,6 @@ def keys(shape: Any) -> set[str]:
         return keys(shape[0])
     if not isinstance(shape, dict):
         return set()
-    return {key for key in shape if isinstance(key, str)} | {key for value in shape.values() for key in keys(value)}
+    return {key for key in shape if isinstance(key, str)} | {
+        key for value in shape.values() for key in keys(value)
+    }

@@ -33,7 +33,9 @@ def test_without_a_terminal_lines_say_how_far_it_is(make_dive, cli: Cli, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_pair_that_failed_is_neither_tried_nor_named_in_the_passes_after(make_dive, cli: Cli, tmp_path: Path) -> None:
+def test_a_pair_that_failed_is_neither_tried_nor_named_in_the_passes_after(
+    make_dive, cli: Cli, tmp_path: Path
+) -> None:
     dive = make_dive(11)  # so many that the light of the dive is looked for first
     (dive.root / "R/0001.png").write_bytes(b"")
     code, _, said = cli(*dive.command(tmp_path / "out"))
@@ -49,8 +51,16 @@ def test_with_json_the_lines_are_json(make_dive, cli: Cli, tmp_path: Path) -> No
     events = [json.loads(line) for line in said.splitlines()]
     assert events[0]["event"] == "notice"
     assert events[1] == {"event": "begin", "stage": "ranges", "total": 2}
-    first, second = (event for event in events if event["event"] == "advance" and event["stage"] == "ranges")
-    assert (first["name"], first["done"], first["total"], first["status"], first["error"]) == ("0000", 1, 2, "ok", "")
+    first, second = (
+        event for event in events if event["event"] == "advance" and event["stage"] == "ranges"
+    )
+    assert (first["name"], first["done"], first["total"], first["status"], first["error"]) == (
+        "0000",
+        1,
+        2,
+        "ok",
+        "",
+    )
     assert (second["status"], second["kept"], second["warnings"]) == ("failed", False, [])
     assert "is empty" in second["error"]
     assert second["seconds"] >= 0
@@ -60,9 +70,13 @@ def test_with_json_the_lines_are_json(make_dive, cli: Cli, tmp_path: Path) -> No
 def test_progress_can_be_chosen(make_dive, cli: Cli, tmp_path: Path) -> None:
     dive = make_dive(1)
     assert cli(*dive.command(tmp_path / "out"), "--progress", "none")[2] == ""
-    assert cli(*dive.command(tmp_path / "out"), "--progress", "json")[2].startswith('{"event": "begin"')
+    assert cli(*dive.command(tmp_path / "out"), "--progress", "json")[2].startswith(
+        '{"event": "begin"'
+    )
     _, printed, said = cli(*dive.command(tmp_path / "out"), "--progress", "lines", "--json")
-    assert said.startswith("colors: 0 of 1\n")  # the ranges and the water are those of the first run
+    assert said.startswith(
+        "colors: 0 of 1\n"
+    )  # the ranges and the water are those of the first run
     assert json.loads(printed)["ok"] == 1
     _, _, said = cli(*dive.command(tmp_path / "out"), "--progress", "bar")
     assert "colors" in said
@@ -82,7 +96,12 @@ def test_the_log_tells_the_story_of_a_run(make_dive, cli: Cli, tmp_path: Path) -
     (dive.root / "R/0001.png").write_bytes(b"")
     cli(*dive.command(tmp_path / "out"), "--log-file", log)
     lines = log.read_text().splitlines()
-    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (INFO|WARNING|ERROR) stereo_seecolor\.", line) for line in lines)
+    assert all(
+        re.match(
+            r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (INFO|WARNING|ERROR) stereo_seecolor\.", line
+        )
+        for line in lines
+    )
     story = "\n".join(lines)
     assert re.search(r"INFO .*stereo-seecolor run --left .*L --right ", story)
     assert re.search(r"INFO .*: ranges: begins, 2 in all\n", story)
@@ -103,7 +122,11 @@ def test_the_log_is_appended_to(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("image.png", "is not a log of"), ("cam.yaml", "is not a log of"), ("folder", "cannot be written")],
+    [
+        ("image.png", "is not a log of"),
+        ("cam.yaml", "is not a log of"),
+        ("folder", "cannot be written"),
+    ],
 )
 def test_a_log_file_that_is_none(cli: Cli, tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "image.png").write_bytes(b"\x89PNG\0\0")
@@ -121,10 +144,16 @@ def test_verbose_is_the_log_on_standard_error(make_dive, cli: Cli, tmp_path: Pat
     _, _, said = cli(*make_dive(1).command(tmp_path / "out"), "--verbose")
     assert "INFO stereo_seecolor.progress: ranges: begins, 1 in all" in said
     assert "\nranges: 0 of 1\n" not in said
-    assert not [handler for handler in logging.getLogger("stereo_seecolor").handlers if type(handler) is logging.StreamHandler]
+    assert not [
+        handler
+        for handler in logging.getLogger("stereo_seecolor").handlers
+        if type(handler) is logging.StreamHandler
+    ]
 
 
-def test_an_unknown_error_keeps_its_traceback_in_the_log(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_error_keeps_its_traceback_in_the_log(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from stereo_seecolor.commands import calibrate
 
     monkeypatch.setattr(calibrate, "check", lambda *_: 1 / 0)
@@ -144,5 +173,7 @@ def test_the_library_is_quiet_and_can_be_listened_to(
             clock[0] = done * LOG_EVERY_S / 10
             listener.advance(FrameRow(f"{done}", warnings=(f"coverage {done} %",)))
     assert capsys.readouterr().err == ""
-    assert [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING] == ["ranges: 1: coverage 1 %"]
+    assert [
+        record.getMessage() for record in caplog.records if record.levelno == logging.WARNING
+    ] == ["ranges: 1: coverage 1 %"]
     assert sum(" of 50, 0 failed, " in record.getMessage() for record in caplog.records) == 5

@@ -1,4 +1,6 @@
-"""The program at its edges: full devices, closed pipes, terminals that know ASCII only, Ctrl-C; never a traceback."""
+"""The program at its edges: full devices, closed pipes, terminals that know ASCII only, Ctrl-C;
+never a traceback.
+"""
 
 import os
 import signal
@@ -10,22 +12,37 @@ from pathlib import Path
 import pytest
 
 PROGRAM = (sys.executable, "-m", "stereo_seecolor")
-needs_dev_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full exists on Linux only")
+needs_dev_full = pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="a device that is always full exists on Linux only"
+)
 
 
 def run(*words: str | Path, **options) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*PROGRAM, *map(str, words)], text=True, stderr=subprocess.PIPE, **options)
+    return subprocess.run(
+        [*PROGRAM, *map(str, words)], text=True, stderr=subprocess.PIPE, **options
+    )
 
 
 @pytest.mark.slow
 @needs_dev_full
-@pytest.mark.parametrize("words", [("config",), ("config", "--json"), ("--version",), ("convert-calib", "nowhere", "x", "--json")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("config",),
+        ("config", "--json"),
+        ("--version",),
+        ("convert-calib", "nowhere", "x", "--json"),
+    ],
+)
 def test_output_to_a_full_device_is_an_error_in_one_line(words) -> None:
     with Path("/dev/full").open("w") as full:
         ended = run(*words, stdout=full)
     assert ended.returncode == 1
     assert ended.stderr.count("\n") == 1
-    assert "convert-calib" in words or "standard output cannot be written: No space left on device" in ended.stderr
+    assert (
+        "convert-calib" in words
+        or "standard output cannot be written: No space left on device" in ended.stderr
+    )
 
 
 def test_a_reader_that_has_gone_ends_the_program_in_silence() -> None:
@@ -40,7 +57,12 @@ def test_a_reader_that_has_gone_ends_the_program_in_silence() -> None:
 @needs_dev_full
 def test_messages_that_cannot_be_written_are_no_error() -> None:
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run([*PROGRAM, "config", "--set", "no.key=1"], stdout=subprocess.PIPE, stderr=full, text=True)
+        ended = subprocess.run(
+            [*PROGRAM, "config", "--set", "no.key=1"],
+            stdout=subprocess.PIPE,
+            stderr=full,
+            text=True,
+        )
     assert (ended.returncode, ended.stdout) == (1, "")
 
 
@@ -92,8 +114,14 @@ def test_ctrl_c_any_number_of_times(make_dive, tmp_path: Path, times: int) -> No
 
 @pytest.mark.posix
 def test_ctrl_c_before_the_work_begins() -> None:
-    code = "import os, signal; from stereo_seecolor.cli import main; os.kill(os.getpid(), signal.SIGINT) if 0 else None\n"
-    code += "import stereo_seecolor.cli.app as app; app.run_command_line = lambda: os.kill(os.getpid(), signal.SIGINT)\nmain()"
+    code = (
+        "import os, signal; from stereo_seecolor.cli import main; os.kill(os.getpid(), "
+        "signal.SIGINT) if 0 else None\n"
+    )
+    code += (
+        "import stereo_seecolor.cli.app as app; app.run_command_line = lambda: "
+        "os.kill(os.getpid(), signal.SIGINT)\nmain()"
+    )
     ended = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,

@@ -1,4 +1,6 @@
-"""Taking water out: the formula at every pixel, both depths, all encodings, the exposure, the cap, and broken frames."""
+"""Taking water out: the formula at every pixel, both depths, all encodings, the exposure, the cap,
+and broken frames.
+"""
 
 from dataclasses import replace
 
@@ -27,7 +29,12 @@ def some_water(encoding="srgb", seed=0):
         "eta": rng.uniform(0, 0.02, 3),
         "alpha": np.ones(3),
     }
-    dimming = {"w": rng.uniform(0.05, 0.4, 3), "v": rng.uniform(0, 0.1, 3), "y": rng.uniform(0, 0.2, 3), "x": rng.uniform(0, 1, 3)}
+    dimming = {
+        "w": rng.uniform(0.05, 0.4, 3),
+        "v": rng.uniform(0, 0.1, 3),
+        "y": rng.uniform(0, 0.2, 3),
+        "x": rng.uniform(0, 1, 3),
+    }
     return Water(**veil, **dimming, white=rng.uniform(0.3, 1, 3), input_encoding=encoding)
 
 
@@ -51,7 +58,11 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     corrector = Corrector(ColorConfig(input_encoding=encoding, input_noise=1e-9))
     full = 2**depth - 1
     z = np.where(known, range_m, 1.0)
-    truth = 0.7 * (decode(image / full, encoding) - water.backscatter(z)) / (water.attenuation(z) * water.white)
+    truth = (
+        0.7
+        * (decode(image / full, encoding) - water.backscatter(z))
+        / (water.attenuation(z) * water.white)
+    )
 
     found = corrector.apply(image, range_m, water, exposure=0.7)
     unclipped = known & (image < 0.95 * full).all(axis=2)
@@ -80,7 +91,9 @@ def test_a_color_matrix_mixes_the_corrected_light(depth):
     np.testing.assert_allclose(mixed, plain @ MATRIX.T, rtol=1e-4, atol=1e-5)
     found = corrector.apply(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
     unclipped = ~found.unknown & (image < 0.95 * full).all(axis=2)
-    off = np.abs(found.image - full * encode(np.clip(mixed, 0, 1).astype(np.float64), "srgb"))[unclipped]
+    off = np.abs(found.image - full * encode(np.clip(mixed, 0, 1).astype(np.float64), "srgb"))[
+        unclipped
+    ]
     assert off.max() < (0.7 if depth == 8 else 1.5)
     assert (found.image[found.unknown] == 0).all()
 
@@ -89,26 +102,44 @@ def test_a_color_matrix_leaves_gray_and_counts_its_noise():
     gray = np.full((8, 8, 3), 90, np.uint8)
     clear, range_m = clear_water("srgb"), np.full((8, 8), 2.0, np.float32)
     corrector = Corrector(ColorConfig())
-    same, mixed = (corrector.apply(gray, range_m, replace(clear, matrix=m), exposure=1.0).image for m in (np.eye(3), MATRIX))
+    same, mixed = (
+        corrector.apply(gray, range_m, replace(clear, matrix=m), exposure=1.0).image
+        for m in (np.eye(3), MATRIX)
+    )
     assert np.array_equal(same, mixed)
     dark = replace(clear, white=np.array([0.05, 1.0, 1.0]))
-    capped = [corrector.apply(gray, range_m, replace(dark, matrix=m), exposure=1.0).unrecoverable for m in (np.eye(3), MATRIX)]
+    capped = [
+        corrector.apply(gray, range_m, replace(dark, matrix=m), exposure=1.0).unrecoverable
+        for m in (np.eye(3), MATRIX)
+    ]
     assert capped[1].sum() >= capped[0].sum()
 
 
 @pytest.mark.parametrize("depth", [8, 16])
 def test_what_noise_hides_comes_out_gray_and_the_rest_as_it_is(depth):
-    """Red gets six times the gain of blue: black with its noise would come out in red and cyan speckles."""
+    """Red gets six times the gain of blue: black with its noise would come out in red and cyan
+    speckles.
+    """
     rng, full = np.random.default_rng(8), 2**depth - 1
-    water = replace(clear_water("srgb"), gamma_inf=np.array([0.02, 0.04, 0.04]), beta=np.ones(3), white=np.array([0.15, 0.6, 0.9]))
+    water = replace(
+        clear_water("srgb"),
+        gamma_inf=np.array([0.02, 0.04, 0.04]),
+        beta=np.ones(3),
+        white=np.array([0.15, 0.6, 0.9]),
+    )
     range_m = np.full((60, 60), 3.0, np.float32)
 
     def seen(light):
-        camera = encode(water.backscatter(range_m) + light * water.white, "srgb") + 0.006 * rng.standard_normal((60, 60, 3))
+        camera = encode(
+            water.backscatter(range_m) + light * water.white, "srgb"
+        ) + 0.006 * rng.standard_normal((60, 60, 3))
         return np.round(np.clip(camera, 0, 1) * full).astype(np.uint8 if depth == 8 else np.uint16)
 
     shown, sharp = (Corrector(ColorConfig(input_noise=noise)) for noise in (0.006, 1e-9))
-    black, gray = ([c.apply(seen(light), range_m, water, exposure=1.0).image / full for c in (shown, sharp)] for light in (0, 0.3))
+    black, gray = (
+        [c.apply(seen(light), range_m, water, exposure=1.0).image / full for c in (shown, sharp)]
+        for light in (0, 0.3)
+    )
     color, before = (angle_deg(image + 1e-3, np.ones(3)).mean() for image in black)
     assert color < 0.4 * before
     assert abs(gray[0].mean() - gray[1].mean()) < 0.005
@@ -137,7 +168,9 @@ def test_clear_water_at_exposure_one_changes_nothing(depth, encoding):
 @pytest.mark.parametrize("highlights", ["roll-off", "clip"])
 def test_exposure_lets_no_more_than_one_pixel_in_two_thousand_clip(depth, highlights):
     rng = np.random.default_rng(3)
-    image = (rng.gamma(2, 0.08, (150, 200, 3)).clip(0, 0.9) * (2**depth - 1)).astype(np.uint8 if depth == 8 else np.uint16)
+    image = (rng.gamma(2, 0.08, (150, 200, 3)).clip(0, 0.9) * (2**depth - 1)).astype(
+        np.uint8 if depth == 8 else np.uint16
+    )
     range_m = rng.uniform(1, 3, (150, 200)).astype(np.float32)
     config = ColorConfig(median_luminance=0.5, highlights=highlights, output_noise=1e9)
     found = Corrector(config).apply(image, range_m, some_water())
@@ -180,7 +213,10 @@ def test_water_of_another_encoding_is_refused():
 
 def broken_frames():
     rng = np.random.default_rng(8)
-    image, range_m = rng.integers(0, 256, (30, 40, 3)).astype(np.uint8), rng.uniform(1, 5, (30, 40)).astype(np.float32)
+    image, range_m = (
+        rng.integers(0, 256, (30, 40, 3)).astype(np.uint8),
+        rng.uniform(1, 5, (30, 40)).astype(np.float32),
+    )
     single = np.full_like(range_m, np.nan)
     single[3, 4] = 2.0
     infinite = range_m.copy()
@@ -193,7 +229,11 @@ def broken_frames():
     yield "2x2", image[:2, :2], range_m[:2, :2]
     yield "1x1", image[:1, :1], range_m[:1, :1]
     yield "NaN and infinities", image, infinite
-    yield "very near and very far", image, np.where(range_m > 3, np.float32(1e-30), np.float32(1e30))
+    yield (
+        "very near and very far",
+        image,
+        np.where(range_m > 3, np.float32(1e-30), np.float32(1e30)),
+    )
     yield "gray", np.repeat(image[..., :1], 3, axis=2), range_m
     yield "no red", image * np.array([0, 1, 1], np.uint8), range_m
 
@@ -201,12 +241,16 @@ def broken_frames():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "paper"])
 @pytest.mark.parametrize("depth", [8, 16])
-@pytest.mark.parametrize(("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()])
+@pytest.mark.parametrize(
+    ("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()]
+)
 def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, range_m):
     corrector = Corrector(ColorConfig(method=method))
     image = image if depth == 8 else image.astype(np.uint16) * 257
     if name == "all unknown":
-        with pytest.raises(ColorError, match="no pixel with a known range: there is nothing to fit"):
+        with pytest.raises(
+            ColorError, match="no pixel with a known range: there is nothing to fit"
+        ):
             corrector.fit_frame(image, range_m)
         found = corrector.apply(image, range_m, some_water())
         assert not found.image.any()
@@ -219,8 +263,13 @@ def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, r
         assert found.image.shape == image.shape
         assert found.image.dtype == image.dtype
         assert np.isfinite(found.exposure)
-        assert np.isfinite(corrector.apply_linear(image, range_m, one, exposure=found.exposure)).all()
-        assert all(np.isfinite(getattr(one, n)).all() for n in ("gamma_inf", "beta", "eta", "alpha", "w", "v", "y", "x", "white"))
+        assert np.isfinite(
+            corrector.apply_linear(image, range_m, one, exposure=found.exposure)
+        ).all()
+        assert all(
+            np.isfinite(getattr(one, n)).all()
+            for n in ("gamma_inf", "beta", "eta", "alpha", "w", "v", "y", "x", "white")
+        )
     if name in ("one level", "black", "blown", "one valid pixel", "2x2", "1x1"):
         assert found.warnings, "nothing can be learned from this frame, and it should say so"
 
@@ -231,6 +280,8 @@ def test_an_underexposed_linear_image_keeps_its_colors():
     range_m = np.full((20, 20), 2.0, np.float32)
     red = np.array([0.6, 0.2, 0.1])
     image = np.round(np.broadcast_to(red * water.white, (20, 20, 3)) * 65535).astype(np.uint16)
-    found = Corrector(ColorConfig(input_encoding="linear")).apply(image, range_m, water, exposure=1.0)
+    found = Corrector(ColorConfig(input_encoding="linear")).apply(
+        image, range_m, water, exposure=1.0
+    )
     assert angle_deg(decode(found.image / 65535, "srgb"), red).max() < 1.0
     assert not found.unrecoverable.any()

@@ -18,9 +18,9 @@ def reef(seed, exposure=1.0, altitude_m=2.0, shape=(60, 80)):
     range_m = (altitude_m + 0.6 * np.sin(x / 9 + seed) + y / 60).astype(np.float32)
     scene = rng.beta(2, 3, (*shape, 1)) * rng.uniform(0.6, 1, (*shape, 3))
     z = range_m[..., None]
-    light = scene * np.exp(-np.array([0.4, 0.1, 0.08]) * z) * [0.5, 0.8, 0.9] + np.array([0.01, 0.05, 0.07]) * (
-        1 - np.exp(-0.3 * z)
-    )
+    light = scene * np.exp(-np.array([0.4, 0.1, 0.08]) * z) * [0.5, 0.8, 0.9] + np.array(
+        [0.01, 0.05, 0.07]
+    ) * (1 - np.exp(-0.3 * z))
     return np.clip(light * exposure * 255 + 0.5, 0, 255).astype(np.uint8), range_m
 
 
@@ -33,14 +33,20 @@ def waters_of(frames, **settings):
 
 
 def same(a, b):
-    return np.array_equal(a.w, b.w) and np.array_equal(a.gamma_inf, b.gamma_inf) and a.exposure == b.exposure
+    return (
+        np.array_equal(a.w, b.w)
+        and np.array_equal(a.gamma_inf, b.gamma_inf)
+        and a.exposure == b.exposure
+    )
 
 
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_survey_lock_is_the_fit_to_all_pixels_together(method):
     frames = [reef(seed) for seed in range(4)]
     corrector, waters = waters_of(frames, lock="survey", method=method)
-    together = corrector.fit(measure(np.vstack([f[0] for f in frames]), np.vstack([f[1] for f in frames])))
+    together = corrector.fit(
+        measure(np.vstack([f[0] for f in frames]), np.vstack([f[1] for f in frames]))
+    )
     assert list(waters) == ["0", "1", "2", "3"]
     for water in waters.values():
         assert np.array_equal(water.w, together.w)
@@ -63,8 +69,12 @@ def test_each_frame_its_own_water_and_exposure():
 def test_sliding_lock_is_the_fit_to_the_last_frames():
     frames = [reef(seed) for seed in range(4)]
     corrector, waters = waters_of(frames, lock="sliding", sliding_frames=2)
-    last_two = measure(np.vstack([frames[2][0], frames[3][0]]), np.vstack([frames[2][1], frames[3][1]]))
-    assert np.allclose(waters["3"].w, corrector.fit(last_two).w, atol=2e-3)  # begun from another water
+    last_two = measure(
+        np.vstack([frames[2][0], frames[3][0]]), np.vstack([frames[2][1], frames[3][1]])
+    )
+    assert np.allclose(
+        waters["3"].w, corrector.fit(last_two).w, atol=2e-3
+    )  # begun from another water
 
 
 def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water():
@@ -76,18 +86,26 @@ def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water():
     assert any("another camera exposure" in warning for warning in waters["5"].warnings)
     assert (waters["5"].white / waters["0"].white)[1:] == pytest.approx(0.01, rel=0.5)
     image, range_m = reef(5, exposure=0.01)
-    assert corrector.apply(image, range_m, waters["5"]).unrecoverable.all()  # a hundred times the noise
+    assert corrector.apply(
+        image, range_m, waters["5"]
+    ).unrecoverable.all()  # a hundred times the noise
     uncapped = Corrector(ColorConfig(input_encoding="as-is", input_noise=1e-9))
     bright = uncapped.apply(*reef(5), waters["0"]).image.mean()
-    assert uncapped.apply(image, range_m, waters["5"]).image.mean() == pytest.approx(bright, rel=0.5)
+    assert uncapped.apply(image, range_m, waters["5"]).image.mean() == pytest.approx(
+        bright, rel=0.5
+    )
 
 
 def test_a_camera_that_exposes_by_itself_is_followed():
     factors = [1.0, 0.7, 0.5, 0.8, 1.2]
-    corrector, waters = waters_of([reef(i, e) for i, e in enumerate(factors)], lock="survey", camera_exposure="brightness")
+    corrector, waters = waters_of(
+        [reef(i, e) for i, e in enumerate(factors)], lock="survey", camera_exposure="brightness"
+    )
     relative = np.array([waters[str(i)].white[1] for i in range(5)])
     assert relative / relative[0] == pytest.approx(factors, rel=0.06)
-    brightness = [corrector.apply(*reef(i, e), waters[str(i)]).image.mean() for i, e in enumerate(factors)]
+    brightness = [
+        corrector.apply(*reef(i, e), waters[str(i)]).image.mean() for i, e in enumerate(factors)
+    ]
     assert np.ptp(brightness) < 0.06 * np.mean(brightness)
 
 
@@ -112,7 +130,10 @@ def test_black_frames_get_the_survey_s_water():
 def test_a_dive_without_light_says_so_in_every_frame(lock):
     image, range_m = reef(0)
     _, waters = waters_of([(image * 0, range_m)] * 2, lock=lock)
-    assert all("the frame is black where the range is known" in water.warnings[0] for water in waters.values())
+    assert all(
+        "the frame is black where the range is known" in water.warnings[0]
+        for water in waters.values()
+    )
 
 
 @pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
@@ -128,6 +149,10 @@ def test_darkening_a_table_is_the_table_of_a_darker_image():
     table = measure(image, range_m)
     half = darkened(table, 2.0, "as-is")
     mean = half.counts.sum(axis=(0, 1)) @ half.values / half.counts.sum()
-    assert mean == pytest.approx(0.5 * (table.counts.sum(axis=(0, 1)) @ table.values / table.counts.sum()), rel=0.02)
-    assert Brightness.of(table, "as-is").ratio(Brightness.of(half, "as-is")) == pytest.approx(2, rel=0.02)
+    assert mean == pytest.approx(
+        0.5 * (table.counts.sum(axis=(0, 1)) @ table.values / table.counts.sum()), rel=0.02
+    )
+    assert Brightness.of(table, "as-is").ratio(Brightness.of(half, "as-is")) == pytest.approx(
+        2, rel=0.02
+    )
     assert Brightness.of(MomentTable.empty(), "as-is").ratio(Brightness.of(table, "as-is")) == 1.0

@@ -1,4 +1,6 @@
-"""Moment tables hold all that the losses need: every pixel with a range, at its level and value, exactly."""
+"""Moment tables hold all that the losses need: every pixel with a range, at its level and value,
+exactly.
+"""
 
 import numpy as np
 import pytest
@@ -34,12 +36,18 @@ def test_counts_are_the_plain_histogram(seed, depth):
         assert np.array_equal(table.counts[channel], plain)
     sums = np.bincount(level, z.astype(np.float64), RANGE_BINS)
     occupied = table.pixels > 0
-    assert np.allclose(table.range_m[occupied], (sums / np.maximum(table.pixels, 1))[occupied], rtol=1e-12)
+    assert np.allclose(
+        table.range_m[occupied], (sums / np.maximum(table.pixels, 1))[occupied], rtol=1e-12
+    )
 
 
 def test_tables_add_and_subtract():
     image, range_m = random_frame(1)
-    top, bottom, whole = measure(image[:9], range_m[:9]), measure(image[9:], range_m[9:]), measure(image, range_m)
+    top, bottom, whole = (
+        measure(image[:9], range_m[:9]),
+        measure(image[9:], range_m[9:]),
+        measure(image, range_m),
+    )
     both = top + bottom
     assert np.array_equal(both.counts, whole.counts)
     assert np.array_equal(both.range_m, whole.range_m)
@@ -52,13 +60,17 @@ def test_a_large_frame_is_measured_from_some_of_its_rows():
     table = Corrector().measure(image, range_m)
     assert np.array_equal(table.counts, measure(image[1::2], range_m[1::2]).counts)
     assert image[1::2, :, 0].size >= SAMPLING.pixels
-    assert np.array_equal(measure(image, range_m, every=5).counts, measure(image[2::5], range_m[2::5]).counts)
+    assert np.array_equal(
+        measure(image, range_m, every=5).counts, measure(image[2::5], range_m[2::5]).counts
+    )
 
 
 def test_a_large_frame_with_few_known_ranges_is_measured_whole():
     image, range_m = random_frame(8, (1200, 900))
     range_m[:, 40:] = np.nan
-    assert np.array_equal(Corrector().measure(image, range_m).counts, measure(image, range_m).counts)
+    assert np.array_equal(
+        Corrector().measure(image, range_m).counts, measure(image, range_m).counts
+    )
     range_m[:] = np.nan
     range_m[0, 5] = 2.0
     assert Corrector().measure(image, range_m).pixels.sum() == 1

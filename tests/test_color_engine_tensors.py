@@ -1,4 +1,6 @@
-"""The torch path, which CUDA takes, against the compiled loops: equal on whatever device torch has here."""
+"""The torch path, which CUDA takes, against the compiled loops: equal on whatever device torch has
+here.
+"""
 
 from dataclasses import replace
 
@@ -47,13 +49,20 @@ def test_corrections_are_equal(depth, encoding, highlights, matrix):
     corrector = Corrector(ColorConfig(input_encoding=encoding))
     table = corrector.measure(image, range_m)
     water = corrector.fit(table)
-    by_range = gains(water if matrix is None else replace(water, matrix=matrix), corrector.config, 1.3)
-    bits, flat, shown = range_bits(range_m), image.reshape(-1, 3), display(depth, encoding, highlights)
+    by_range = gains(
+        water if matrix is None else replace(water, matrix=matrix), corrector.config, 1.3
+    )
+    bits, flat, shown = (
+        range_bits(range_m),
+        image.reshape(-1, 3),
+        display(depth, encoding, highlights),
+    )
     (on_cores, clipped), (in_torch, also) = (
         torch_apply.on_processor(flat, bits, by_range, shown),
         torch_apply.apply(flat, bits, by_range, shown, DEVICE),
     )
-    # CUDA, products of matrices and some processors fuse a product and a sum: 1 of 7749 values of 16 bits is rounded otherwise
+    # CUDA, products of matrices and some processors fuse a product and a sum: 1 of 7749 values of
+    # 16 bits is rounded otherwise
     most = 1 if DEVICE.type == "cuda" or matrix is not None or depth == 16 else 0
     off = np.abs(on_cores.image.astype(int) - in_torch.image.astype(int))
     assert off.max() <= most

@@ -1,4 +1,6 @@
-"""Gains of all frames of a long dive: what the frames differ by comes back, also outside the part that gives the pattern."""
+"""Gains of all frames of a long dive: what the frames differ by comes back, also outside the part
+that gives the pattern.
+"""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +14,13 @@ from numpy.typing import NDArray
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
+from stereo_seecolor.color.photometry.exposure import (
+    explain,
+    log_exposures,
+    offsets_about,
+    solve_recorded,
+    worth_a_look,
+)
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
@@ -40,7 +48,9 @@ def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> Differe
     for i in range(FRAMES):
         for j in (i - 1, i - 2, i - 4):
             if j >= 0:
-                whole, fitted, judged = (gains[i] - gains[j] + rng.normal(0, noise) for _ in range(3))
+                whole, fitted, judged = (
+                    gains[i] - gains[j] + rng.normal(0, noise) for _ in range(3)
+                )
                 medians = [(value, 0.0, 0.0, 0.0) for value in (whole, fitted, judged)]
                 found.append((i, j, 400, *medians, 4 * (0.3,)))
     table = np.array(found, DIFFERENCE)
@@ -66,7 +76,9 @@ def test_frames_that_nothing_was_held_against_have_no_gain() -> None:
     gains = varying()
     found = chained(gains, 0.02)
     cut = [100, 101, 102, 103, 104]
-    chain = solve_chain(found[~np.isin(found["i"], cut) & ~np.isin(found["j"], cut)], np.zeros(FRAMES))
+    chain = solve_chain(
+        found[~np.isin(found["i"], cut) & ~np.isin(found["j"], cut)], np.zeros(FRAMES)
+    )
     assert list(np.flatnonzero(~chain.measured)) == [100, 101, 102, 103, 104]
     assert np.abs(chain.gains[~chain.measured]).max() < 0.02
     assert np.abs(chain.gains - gains[:, None])[chain.measured].std() < 0.05
@@ -82,7 +94,9 @@ def test_gains_that_were_chosen_with_the_pattern_are_used() -> None:
     found = chained(gains, 0.002)
     assert not solve_chain(found, np.zeros(FRAMES)).gains.any()
     np.testing.assert_allclose(
-        solve_chain(found, np.zeros(FRAMES), (True, False)).gains, np.repeat(gains[:, None], 3, axis=1), atol=0.02
+        solve_chain(found, np.zeros(FRAMES), (True, False)).gains,
+        np.repeat(gains[:, None], 3, axis=1),
+        atol=0.02,
     )
 
 
@@ -98,15 +112,30 @@ class DrawnDive:
 
     def read(self, name: str) -> tuple[Image, Map]:
         factor = np.exp(self.log_gains[self.names.index(name)])
-        light = decode_srgb(RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0)[::2, ::2] * factor
+        light = (
+            decode_srgb(
+                RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0
+            )[::2, ::2]
+            * factor
+        )
         range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")[::2, ::2]
         return np.round(255 * encode_srgb(light)).astype(np.uint8), np.ascontiguousarray(range_m)
 
-    def light(self, recorded: NDArray[np.float64], blank: tuple[int, ...] = ()) -> SurveyLight | None:
-        """What is found where the camera recorded exposures of the logarithms ``recorded``; ``blank`` frames have no ranges."""
+    def light(
+        self, recorded: NDArray[np.float64], blank: tuple[int, ...] = ()
+    ) -> SurveyLight | None:
+        """What is found where the camera recorded exposures of the logarithms ``recorded``;
+        ``blank`` frames have no ranges.
+        """
         captures = [Capture(exposure_s=0.01 * np.exp(value), gain=2.0) for value in recorded]
-        frames = [(name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)]
-        return LightSearch(frames, lambda read: read(), captures, HALF, "srgb", Threads(2)).solve(ALL).light
+        frames = [
+            (name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)
+        ]
+        return (
+            LightSearch(frames, lambda read: read(), captures, HALF, "srgb", Threads(2))
+            .solve(ALL)
+            .light
+        )
 
     def _seen(self, name: str, blank: bool) -> tuple[Image, Map]:
         image, range_m = self.read(name)
@@ -144,7 +173,11 @@ def test_two_frames_are_enough_for_gains() -> None:
     true = np.array([0.0, -0.5])
     dive = DrawnDive(true)
     frames = [(name, partial(dive.read, name)) for name in dive.names[:2]]
-    found = LightSearch(frames, lambda read: read(), [Capture()] * 2, HALF, "srgb", Threads(2)).solve(ALL).light
+    found = (
+        LightSearch(frames, lambda read: read(), [Capture()] * 2, HALF, "srgb", Threads(2))
+        .solve(ALL)
+        .light
+    )
     assert found is not None
     assert found.light is not None
     gains = np.array([found.light.gains[name].mean() for name in dive.names[:2]])
@@ -162,7 +195,11 @@ def test_exposures_that_are_recorded_wrongly_change_nothing() -> None:
     assert alone is not None
     assert not found.recorded
     assert found.content() == alone.content()
-    assert re.search(r"the camera recorded are not used: frames of one spot differ by \d+ % with them, \d+ % without$", found.note)
+    assert re.search(
+        r"the camera recorded are not used: frames of one spot differ by \d+ % with them, \d+ % "
+        r"without$",
+        found.note,
+    )
     assert "recorded" not in alone.note
 
 
@@ -191,7 +228,14 @@ def test_a_run_uses_the_exposures_of_its_table(tmp_path: Path) -> None:
     rows = [f"{name},{10 * np.exp(value):.6f}" for name, value in zip(names, true, strict=True)]
     (tmp_path / "log.csv").write_text("\n".join(["name,exposure_ms", *rows]))
     config = load_config(None, [f"input.exposures={tmp_path / 'log.csv'}"])
-    summary = run(tmp_path / "left", tmp_path / "right", REEF / "cam.yaml", tmp_path / "out", config, RunOptions(page="none"))
+    summary = run(
+        tmp_path / "left",
+        tmp_path / "right",
+        REEF / "cam.yaml",
+        tmp_path / "out",
+        config,
+        RunOptions(page="none"),
+    )
     assert any("exposures that the camera recorded are used" in note for note in summary.notes)
     gains = [row.facts["light_gain"] for row in summary.rows]
     np.testing.assert_allclose(np.log(gains), true - true.mean(), atol=0.01)
@@ -219,30 +263,45 @@ def test_gains_are_solved_about_the_records() -> None:
 
 
 def test_logarithms_of_recorded_exposures() -> None:
-    captures = [Capture(0.01, 1.0, 4.0), Capture(0.02, 1.0, 4.0), Capture(0.01, 4.0, 4.0), Capture(0.01, 1.0, 8.0)]
+    captures = [
+        Capture(0.01, 1.0, 4.0),
+        Capture(0.02, 1.0, 4.0),
+        Capture(0.01, 4.0, 4.0),
+        Capture(0.01, 1.0, 8.0),
+    ]
     logs = log_exposures(captures)
     np.testing.assert_allclose(logs - logs[0], np.log([1, 2, 4, 0.25]))
     some = log_exposures([*captures, Capture(gain=1.0, aperture=4.0), Capture()])
-    np.testing.assert_allclose(some, [*logs, 0, 0], err_msg="frames that lack what others recorded are taken as usual ones")
+    np.testing.assert_allclose(
+        some, [*logs, 0, 0], err_msg="frames that lack what others recorded are taken as usual ones"
+    )
     assert not worth_a_look(log_exposures([Capture()] * 3))
     assert not worth_a_look(log_exposures([Capture(0.01)] * 3))
     assert worth_a_look(logs)
 
 
 @pytest.mark.slow
-def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sample dive, its frames exposed by known factors; two stretches of five of its twelve frames are looked at first."""
+def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sample dive, its frames exposed by known factors; two stretches of five of its twelve
+    frames are looked at first.
+    """
     monkeypatch.setattr(light_search, "SAMPLE", SampleSettings(most_frames=10))
     names = sorted(path.stem for path in (REEF / "left").iterdir())
     gains = dict(zip(names, np.random.default_rng(3).uniform(-0.4, 0.0, len(names)), strict=True))
 
     def read(name: str) -> tuple[Image, Map]:
-        light = decode_srgb(RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0) * np.exp(gains[name])
+        light = decode_srgb(
+            RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0
+        ) * np.exp(gains[name])
         image = np.round(255 * encode_srgb(light)).astype(np.uint8)
         return image, read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
 
     frames = [(name, name) for name in names]
-    found = LightSearch(frames, read, [Capture()] * len(frames), RECTIFICATION.pair, "srgb", Threads(2)).solve(ALL)
+    found = LightSearch(
+        frames, read, [Capture()] * len(frames), RECTIFICATION.pair, "srgb", Threads(2)
+    ).solve(ALL)
     assert found.light is not None
     assert found.light.light is not None
     assert "different exposure of frames" in found.light.note
@@ -254,11 +313,15 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monke
 
 @pytest.mark.parametrize("parts", [1, 2, 50])
 @pytest.mark.parametrize("numbers", [range(12), range(200), light_search.sampled_frames(500)])
-def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(numbers: Sequence[int], parts: int) -> None:
+def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(
+    numbers: Sequence[int], parts: int
+) -> None:
     length = light_search.STRETCH.length(len(numbers), parts)
     stretches = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))
     assert min(parts, len(numbers) // 15) <= len(stretches) <= max(parts, len(numbers) // 15)
-    assert [number for stretch in stretches for number, _ in stretch.frames[stretch.before :]] == list(numbers)
+    assert [
+        number for stretch in stretches for number, _ in stretch.frames[stretch.before :]
+    ] == list(numbers)
     for stretch in stretches:
         inside = [number for number, _ in stretch.frames]
         for number in inside[stretch.before :]:

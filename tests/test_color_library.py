@@ -1,4 +1,6 @@
-"""The color core as functions: arrays and tensors, single frames and batches, what is refused, how results read."""
+"""The color core as functions: arrays and tensors, single frames and batches, what is refused, how
+results read.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,11 @@ def frame(seed: int = 0, dtype: type = np.uint8) -> tuple[NDArray[np.uint8], NDA
     y, x = np.mgrid[:60, :80]
     range_m = (1.5 + 0.02 * x + 0.3 * np.sin(y / 9 + seed)).astype(np.float32)
     z = range_m[..., None]
-    light = rng.beta(2, 3, (60, 80, 3)) * np.exp(-z * [0.4, 0.1, 0.08]) * [0.5, 0.8, 0.9] + 0.05 * -np.expm1(-0.3 * z)
+    light = rng.beta(2, 3, (60, 80, 3)) * np.exp(-z * [0.4, 0.1, 0.08]) * [
+        0.5,
+        0.8,
+        0.9,
+    ] + 0.05 * -np.expm1(-0.3 * z)
     range_m[:5] = np.nan
     return (light ** (1 / 2.2) * np.iinfo(dtype).max).astype(dtype), range_m
 
@@ -47,7 +53,9 @@ def test_tensors_in_tensors_out(dtype: type) -> None:
 
 
 def test_a_batch_shares_its_water_and_its_exposure() -> None:
-    images, ranges = (np.stack(parts) for parts in zip(*(frame(seed) for seed in range(3)), strict=True))
+    images, ranges = (
+        np.stack(parts) for parts in zip(*(frame(seed) for seed in range(3)), strict=True)
+    )
     corrector = Corrector(ColorConfig(lock="survey"))
     fitter = corrector.survey_fitter()
     for i, (image, range_m) in enumerate(zip(images, ranges, strict=True)):
@@ -66,7 +74,11 @@ def test_a_batch_shares_its_water_and_its_exposure() -> None:
 @pytest.mark.parametrize(
     ("image", "range_m", "message"),
     [
-        (np.zeros((4, 5, 3)), np.ones((4, 5)), r"image of shape \(4, 5, 3\) and type float64: needs .* uint8 or uint16"),
+        (
+            np.zeros((4, 5, 3)),
+            np.ones((4, 5)),
+            r"image of shape \(4, 5, 3\) and type float64: needs .* uint8 or uint16",
+        ),
         (np.zeros((4, 5), np.uint8), np.ones((4, 5)), r"needs \(H, W, 3\) or \(N, H, W, 3\)"),
         (
             np.zeros((4, 5, 3), np.uint8),

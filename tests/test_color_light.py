@@ -1,4 +1,6 @@
-"""The light of a survey from spots that several frames see: known patterns and gains come back; even light is left alone."""
+"""The light of a survey from spots that several frames see: known patterns and gains come back;
+even light is left alone.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +15,14 @@ from stereo_seecolor.color.photometry.color_beside_water import beside_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.color.photometry.frame_shading import even_light
 from stereo_seecolor.color.photometry.light_choice import alike, pictures_crossed
-from stereo_seecolor.color.photometry.light_model import SHADING, TERMS, Light, lit_by, places, shading_terms
+from stereo_seecolor.color.photometry.light_model import (
+    SHADING,
+    TERMS,
+    Light,
+    lit_by,
+    places,
+    shading_terms,
+)
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -35,31 +44,45 @@ PATCHES = 300
 """Of a window, each seen by four frames."""
 
 
-def spots_moving_down(rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Which patch and which of four frames each sighting is of, and its pixel, 25 farther down from frame to frame."""
+def spots_moving_down(
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Which patch and which of four frames each sighting is of, and its pixel, 25 farther down from
+    frame to frame.
+    """
     patch, view = np.repeat(np.arange(PATCHES), 4), np.tile(np.arange(4), PATCHES)
     start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (PATCHES, 2))
-    return patch, view, start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+    return (
+        patch,
+        view,
+        start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1),
+    )
 
 
-def windows(pattern: bool, gains: NDArray[np.float64], noise: float, fade: float = 0.0) -> list[SeenWindow]:
-    """Spots of random color that move down the picture from frame to frame, one window a frame, four frames each."""
+def windows(
+    pattern: bool, gains: NDArray[np.float64], noise: float, fade: float = 0.0
+) -> list[SeenWindow]:
+    """Spots of random color that move down the picture from frame to frame, one window a frame,
+    four frames each.
+    """
     rng = np.random.default_rng(1)
     found = []
     for first in range(FRAMES - 3):
         patch, view, pixel = spots_moving_down(rng)
         range_m = rng.uniform(1.5, 2.5, patch.size)
         log_light = np.log(rng.uniform(0.05, 0.3, (PATCHES, 3)))[patch] + gains[first + view]
-        log_light += (vignette(pixel) * pattern - fade * np.log(range_m / 2))[:, None] + noise * rng.standard_normal(
-            (patch.size, 1)
-        )
+        log_light += (vignette(pixel) * pattern - fade * np.log(range_m / 2))[
+            :, None
+        ] + noise * rng.standard_normal((patch.size, 1))
         log_light[rng.random(patch.size) < 0.05] += 1.0  # fish, and flashes of the sun
         seen = Sightings(patch, view, range_m, np.exp(log_light), pixel)
         found.append(SeenWindow(np.arange(first, first + 4), seen))
     return found
 
 
-def solved(*arguments: float | bool | NDArray[np.float64], allowed: Use = ALL, **keywords: float) -> SurveyLight:
+def solved(
+    *arguments: float | bool | NDArray[np.float64], allowed: Use = ALL, **keywords: float
+) -> SurveyLight:
     names = [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(windows(*arguments, **keywords), names, SIZE, allowed)  # type: ignore[arg-type]
     assert found is not None
@@ -75,7 +98,9 @@ def pattern_error(light: Light) -> float:
     """rms of what is left of the vignette, once its mean is taken out."""
     y, x = np.mgrid[: SIZE[1] : 4, : SIZE[0] : 4]
     pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
-    left = light.log_pattern(pixel, np.full(len(pixel), light.reference_m), SIZE)[:, 1] - vignette(pixel)
+    left = light.log_pattern(pixel, np.full(len(pixel), light.reference_m), SIZE)[:, 1] - vignette(
+        pixel
+    )
     return float(left.std())
 
 
@@ -84,10 +109,16 @@ def test_pattern_and_gains_come_back() -> None:
     gains = some_gains()
     found = solved(True, gains, 0.1)
     assert found.light is not None
-    assert (found.luminance.use.pattern, found.luminance.use.gains, any(found.color.use)) == (True, True, False)
+    assert (found.luminance.use.pattern, found.luminance.use.gains, any(found.color.use)) == (
+        True,
+        True,
+        False,
+    )
     assert pattern_error(found.light) < 0.05
     measured = np.stack([found.light.gains[f"{i:02d}"] for i in range(FRAMES)])
-    assert np.abs(measured - gains).max() < 0.1  # a slope of the pattern along the track and a drift of gains look alike
+    assert (
+        np.abs(measured - gains).max() < 0.1
+    )  # a slope of the pattern along the track and a drift of gains look alike
     assert np.abs(measured.mean()) < 1e-9
     assert found.luminance.after.between_views < 0.6 * found.luminance.before.between_views
     assert found.luminance.after.between_frames < 0.3 * found.luminance.before.between_frames
@@ -115,7 +146,11 @@ def test_even_light_is_left_alone(noise: float) -> None:
 def test_terms_that_are_switched_off_are_not_used() -> None:
     found = solved(True, some_gains(), 0.1, allowed=Use(pattern=True))
     assert found.light is not None
-    assert (found.luminance.use.pattern, found.luminance.use.gains, found.light.gains) == (True, False, {})
+    assert (found.luminance.use.pattern, found.luminance.use.gains, found.light.gains) == (
+        True,
+        False,
+        {},
+    )
 
 
 @pytest.mark.slow
@@ -127,52 +162,82 @@ def test_the_fall_off_of_lamps_is_what_water_does_not_explain() -> None:
     assert lit_by(clear, found.light).fall_off == pytest.approx(found.light.fade)
     gray = Water(*np.zeros((6, 3)), y=0.5 * every, x=0 * every)
     explained = 0.5 * found.light.reference_m
-    assert lit_by(gray, found.light).fall_off == pytest.approx(found.light.fade - explained, abs=0.02)
+    assert lit_by(gray, found.light).fall_off == pytest.approx(
+        found.light.fade - explained, abs=0.02
+    )
     assert lit_by(gray, None) is gray
 
 
 def lamplight(pixel: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithm: two lamps beside a camera 70 degrees wide, of a beam that is half as bright at 37 degrees."""
+    """Logarithm: two lamps beside a camera 70 degrees wide, of a beam that is half as bright at 37
+    degrees.
+    """
     ray = np.column_stack([(2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * 0.7, np.ones(len(pixel))])
     point_m = ray / np.linalg.norm(ray, axis=1, keepdims=True) * range_m[:, None]
     away = [point_m - np.array([x_m, -0.12, -0.1]) for x_m in (-0.3, 0.42)]
     distance_m = [np.linalg.norm(part, axis=1) for part in away]
-    return np.log(sum((part[:, 2] / d) ** 3 / d**2 for part, d in zip(away, distance_m, strict=True)))
+    return np.log(
+        sum((part[:, 2] / d) ** 3 / d**2 for part, d in zip(away, distance_m, strict=True))
+    )
 
 
 def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
-    """A camera that climbs from 1.6 to 2.6 m over spots of a rough bottom, which each four frames see."""
+    """A camera that climbs from 1.6 to 2.6 m over spots of a rough bottom, which each four frames
+    see.
+    """
     rng, found = np.random.default_rng(6), []
     for first in range(FRAMES - 3):
         patch, view, pixel = spots_moving_down(rng)
-        range_m = (1.6 + (first + view) / (FRAMES - 1)) * np.exp(rng.normal(0, 0.05, PATCHES))[patch]
+        range_m = (1.6 + (first + view) / (FRAMES - 1)) * np.exp(rng.normal(0, 0.05, PATCHES))[
+            patch
+        ]
         log_light = np.log(rng.uniform(0.05, 0.2, (PATCHES, 3)))[patch] + gains[first + view]
         log_light += (lamplight(pixel, range_m) + rng.normal(0, 0.02, patch.size))[:, None]
-        found.append(SeenWindow(np.arange(first, first + 4), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
+        found.append(
+            SeenWindow(
+                np.arange(first, first + 4),
+                Sightings(patch, view, range_m, np.exp(log_light), pixel),
+            )
+        )
     return found
 
 
 @pytest.mark.slow
 def test_the_fall_off_of_lamps_is_told_from_frames_that_were_lit_less() -> None:
     gains = np.repeat(0.15 * np.random.default_rng(7).standard_normal((FRAMES, 1)), 3, axis=1)
-    found = solve_light(night_windows(gains - gains.mean()), [f"{i:02d}" for i in range(FRAMES)], SIZE, ALL)
+    found = solve_light(
+        night_windows(gains - gains.mean()), [f"{i:02d}" for i in range(FRAMES)], SIZE, ALL
+    )
     assert found is not None
     assert found.light is not None
     assert found.light.fade == pytest.approx(2.0, abs=0.5)
 
 
 def lines_apart(lit: bool) -> list[SeenWindow]:
-    """Two lines at two heights of which no spot is seen from both; the first in even light, or ``lit`` as the second by lamps."""
-    near_m, windows = 1.0, [seen for seen in night_windows(np.zeros((FRAMES, 3))) if seen.frames[0] < 3 or seen.frames[0] > 5]
+    """Two lines at two heights of which no spot is seen from both; the first in even light, or
+    ``lit`` as the second by lamps.
+    """
+    near_m, windows = (
+        1.0,
+        [
+            seen
+            for seen in night_windows(np.zeros((FRAMES, 3)))
+            if seen.frames[0] < 3 or seen.frames[0] > 5
+        ],
+    )
     for window in (window for window in windows if window.frames[0] < 3 and not lit):
         seen = window.seen
-        lamps = lamplight(seen.pixel, seen.range_m) - lamplight(np.array([SIZE]) / 2.0, np.array([near_m]))
+        lamps = lamplight(seen.pixel, seen.range_m) - lamplight(
+            np.array([SIZE]) / 2.0, np.array([near_m])
+        )
         seen.light[:] = np.exp(np.log(seen.light) - lamps[:, None])
     return windows
 
 
 @pytest.mark.slow
-def test_lamps_switched_on_between_lines_that_share_no_spot_are_not_taken_out_of_the_first() -> None:
+def test_lamps_switched_on_between_lines_that_share_no_spot_are_not_taken_out_of_the_first() -> (
+    None
+):
     names = [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(lines_apart(lit=False), names, SIZE, ALL)
     assert found is not None
@@ -192,7 +257,12 @@ def test_frames_that_differ_no_more_than_caustics_explain_get_no_gains() -> None
     rng, even = np.random.default_rng(8), windows(False, np.zeros((FRAMES, 3)), 0.05)
     for window in even:
         seen = window.seen
-        caustics = 0.25 * rng.standard_normal((1 + seen.patch.max() // 10, FRAMES))[seen.patch // 10, seen.frame]
+        caustics = (
+            0.25
+            * rng.standard_normal((1 + seen.patch.max() // 10, FRAMES))[
+                seen.patch // 10, seen.frame
+            ]
+        )
         seen.light[:] = np.exp(np.log(seen.light) + caustics[:, None])
     found = solve_light(even, [f"{i:02d}" for i in range(FRAMES)], SIZE, Use(gains=True))
     assert found is not None
@@ -200,17 +270,25 @@ def test_frames_that_differ_no_more_than_caustics_explain_get_no_gains() -> None
     assert not found.luminance.use.gains
 
 
-def two_lines(gains: NDArray[np.float64], pattern: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> list[SeenWindow]:
-    """Spots under two lines that a camera flies to and fro without turning, so that these overlap by a third of a picture."""
+def two_lines(
+    gains: NDArray[np.float64], pattern: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> list[SeenWindow]:
+    """Spots under two lines that a camera flies to and fro without turning, so that these overlap
+    by a third of a picture.
+    """
     rng = np.random.default_rng(5)
-    place = [(0, 25 * k) if k < FRAMES // 2 else (110, 25 * (FRAMES - 1 - k)) for k in range(FRAMES)]
+    place = [
+        (0, 25 * k) if k < FRAMES // 2 else (110, 25 * (FRAMES - 1 - k)) for k in range(FRAMES)
+    ]
     spots = rng.uniform([0, 0], [270, 250], (3000, 2))
     pixel = spots[:, None] - np.array(place)
     patch, view = np.nonzero(((pixel > 0) & (pixel < np.array(SIZE) - 1)).all(axis=2))
     pixel, range_m = pixel[patch, view], rng.uniform(1.5, 2.5, len(patch))
     log_light = np.log(rng.uniform(0.05, 0.3, (len(spots), 1)) * np.ones(3))[patch]
     log_light += (gains[view] + pattern(pixel) + rng.normal(0, 0.05, len(patch)))[:, None]
-    return [SeenWindow(np.arange(FRAMES), Sightings(patch, view, range_m, np.exp(log_light), pixel))]
+    return [
+        SeenWindow(np.arange(FRAMES), Sightings(patch, view, range_m, np.exp(log_light), pixel))
+    ]
 
 
 def radial(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -226,7 +304,9 @@ def test_a_sun_that_sinks_is_not_taken_for_a_slope_across_the_track() -> None:
     assert found.light is not None
     y, x = np.mgrid[: SIZE[1] : 4, : SIZE[0] : 4]
     pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
-    left = found.light.log_pattern(pixel, np.full(len(pixel), found.light.reference_m), SIZE)[:, 1] - radial(pixel)
+    left = found.light.log_pattern(pixel, np.full(len(pixel), found.light.reference_m), SIZE)[
+        :, 1
+    ] - radial(pixel)
     assert left.std() < 0.05
     measured = np.array([found.light.gains[name][1] for name in names])
     assert np.abs(measured - gains).max() < 0.1
@@ -253,18 +333,26 @@ def some_light() -> Light:
     coefficients = 0.05 * np.random.default_rng(4).standard_normal((TERMS, 3))
     trend = ColorTrend(np.array([-0.5, 0.2, 0.3]), 0.1, 2.0, np.array([0.1, 0.2, 0.2]))
     shading = {"a": 0.03 * np.random.default_rng(6).standard_normal(3 * SHADING)}
-    return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5, trend, shading)
+    return Light(
+        coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5, trend, shading
+    )
 
 
 def test_light_survives_json() -> None:
     light = some_light()
     again = Light.from_content(light.content())
     assert again.content() == light.content()
-    assert again.fingerprint == light.fingerprint != Light.from_content({**light.content(), "fade": 1.0}).fingerprint
+    assert (
+        again.fingerprint
+        == light.fingerprint
+        != Light.from_content({**light.content(), "fade": 1.0}).fingerprint
+    )
     assert light.fingerprint != replace(light, shading={}).fingerprint
 
 
-@pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear"), (np.uint16, "srgb")])
+@pytest.mark.parametrize(
+    ("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear"), (np.uint16, "srgb")]
+)
 def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str) -> None:
     from stereo_seecolor.color.table.encoding import decoded_values
 
@@ -278,7 +366,9 @@ def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str
     pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
     known_m = np.nan_to_num(range_m.ravel(), nan=light.reference_m).astype(float)
     shading = shading_terms(places(pixel, SIZE)) @ light.shading["a"].reshape(SHADING, 3)
-    factor = np.exp(light.log_pattern(pixel, known_m, SIZE) + light.gains["a"] + shading).reshape(image.shape)
+    factor = np.exp(light.log_pattern(pixel, known_m, SIZE) + light.gains["a"] + shading).reshape(
+        image.shape
+    )
     decoded = decoded_values(8 * image.dtype.itemsize, encoding)  # type: ignore[arg-type]
     expected = decoded[image] / factor
     inside = expected < 0.9
@@ -288,7 +378,9 @@ def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str
 
 def test_what_the_camera_clipped_stays_clipped() -> None:
     image = np.full((*SIZE[::-1], 3), 255, np.uint8)
-    out = even_light(image, np.full(SIZE[::-1], 2.0, np.float32), some_light().on("a", SIZE), "srgb")
+    out = even_light(
+        image, np.full(SIZE[::-1], 2.0, np.float32), some_light().on("a", SIZE), "srgb"
+    )
     assert (out == 255).all()
 
 
@@ -301,17 +393,28 @@ def test_a_pixel_that_is_clipped_in_one_channel_does_not_change_its_color() -> N
 
 
 def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
-    """Three frames of one spot, over which the reef moves by so many pictures in all; the picture's left side is lit red."""
+    """Three frames of one spot, over which the reef moves by so many pictures in all; the picture's
+    left side is lit red.
+    """
     rng, found = np.random.default_rng(8), []
     step = np.array([0.0, 0.5 * pictures * SIZE[1]])
     for later in (1, 2):
         start = rng.uniform(0, SIZE - np.array([1, 1]) - step, (patches, 2))
         patch, view = np.repeat(np.arange(patches), 2), np.tile([1, 0], patches)
-        pixel = start[patch] + view[:, None] * step + np.stack([30.0 * view * rng.uniform(-1, 1, view.size), 0.0 * view], axis=1)
+        pixel = (
+            start[patch]
+            + view[:, None] * step
+            + np.stack([30.0 * view * rng.uniform(-1, 1, view.size), 0.0 * view], axis=1)
+        )
         x = (2 * pixel[:, :1] + 1 - SIZE[0]) / SIZE[0]
         log_light = rng.uniform(-2.5, -1.5, (patches, 3))[patch] + x * np.array([-0.4, -0.1, -0.1])
         light = np.exp(log_light + 0.01 * rng.standard_normal((view.size, 1)))
-        found.append(SeenWindow(np.array([later, later - 1]), Sightings(patch, 1 - view, np.full(view.size, 2.0), light, pixel)))
+        found.append(
+            SeenWindow(
+                np.array([later, later - 1]),
+                Sightings(patch, 1 - view, np.full(view.size, 2.0), light, pixel),
+            )
+        )
     return found
 
 
@@ -324,7 +427,8 @@ def test_a_dive_is_as_long_as_the_reef_that_its_frames_show() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pictures", "patches", "used"), [(0.3, 800, (True, False)), (1.2, 800, (True, True)), (0.3, 100, (False, False))]
+    ("pictures", "patches", "used"),
+    [(0.3, 800, (True, False)), (1.2, 800, (True, True)), (0.3, 100, (False, False))],
 )
 def test_a_few_frames_give_a_pattern_of_brightness_and_more_reef_one_of_color(
     pictures: float, patches: int, used: tuple[bool, bool]
@@ -332,20 +436,31 @@ def test_a_few_frames_give_a_pattern_of_brightness_and_more_reef_one_of_color(
     found = solve_light(crossing(pictures, patches), ["a", "b", "c"], SIZE, ALL)
     assert found is not None
     assert (found.luminance.use.pattern, found.color.use.pattern) == used
-    assert ("color not corrected for it: the camera crossed 0.3 pictures of reef" in found.note) == (used == (True, False))
+    assert (
+        "color not corrected for it: the camera crossed 0.3 pictures of reef" in found.note
+    ) == (used == (True, False))
     assert ("only 100 spots are seen by two frames" in found.note) == (not any(used))
 
 
 def bowl() -> list[SeenWindow]:
-    """A bottom that is farther at the picture's borders, in a light that is redder there and bluer on one side."""
+    """A bottom that is farther at the picture's borders, in a light that is redder there and bluer
+    on one side.
+    """
     rng, found = np.random.default_rng(8), []
     for first in range(FRAMES - 3):
         patch, view, pixel = spots_moving_down(rng)
         radius = radius2(pixel)
         range_m = 2 * (1 + 0.15 * radius) * rng.uniform(0.9, 1.1, PATCHES)[patch]
         log_light = np.log(rng.uniform(0.02, 0.3, (PATCHES, 1)) * [0.4, 1.0, 0.9])[patch]
-        log_light += np.stack([0.3 * radius, 0 * radius, 0.002 * pixel[:, 0]], axis=1) + rng.normal(0, 0.01, (patch.size, 3))
-        found.append(SeenWindow(np.arange(first, first + 4), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
+        log_light += np.stack([0.3 * radius, 0 * radius, 0.002 * pixel[:, 0]], axis=1) + rng.normal(
+            0, 0.01, (patch.size, 3)
+        )
+        found.append(
+            SeenWindow(
+                np.arange(first, first + 4),
+                Sightings(patch, view, range_m, np.exp(log_light), pixel),
+            )
+        )
     return found
 
 
@@ -355,11 +470,18 @@ def radius2(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def redder_at_borders(light: Light, seen: list[SeenWindow]) -> float:
-    """Red over green (logarithm) for each unit of squared radius, once the light is taken out of all spots and then the water."""
-    pixel, range_m, shown = (np.concatenate([getattr(one.seen, part) for one in seen]) for part in ("pixel", "range_m", "light"))
+    """Red over green (logarithm) for each unit of squared radius, once the light is taken out of
+    all spots and then the water.
+    """
+    pixel, range_m, shown = (
+        np.concatenate([getattr(one.seen, part) for one in seen])
+        for part in ("pixel", "range_m", "light")
+    )
     even = shown * np.exp(-light.log_pattern(pixel, range_m, SIZE))
     image = np.round(65535 * even).astype(np.uint16)[None]
-    fitted = Corrector(ColorConfig(input_encoding="linear")).fit_frame(image, range_m[None].astype(np.float32))
+    fitted = Corrector(ColorConfig(input_encoding="linear")).fit_frame(
+        image, range_m[None].astype(np.float32)
+    )
     water = with_color_trend(fitted, light.color_trend)
     direct = np.maximum((even - water.backscatter(range_m)) / water.attenuation(range_m), 1e-4)
     return float(np.polyfit(radius2(pixel), np.log(direct[:, 0] / direct[:, 1]), 1)[0])
@@ -375,16 +497,24 @@ def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() 
 
 
 def test_frames_that_no_window_shows_cost_nothing_beside_the_water() -> None:
-    seen, names = bowl(), [f"{i:05d}" for i in range(20_000)]  # a dive so long that a square matrix of its frames has 3 GB
+    seen, names = (
+        bowl(),
+        [f"{i:05d}" for i in range(20_000)],
+    )  # a dive so long that a square matrix of its frames has 3 GB
     short, long = (solve_light(seen, some, SIZE, ALL) for some in (names[:FRAMES], names))
     assert short is not None
     assert long is not None
-    lights = [beside_water(short, seen, names[:FRAMES], SIZE).solved, beside_water(long, seen, names, SIZE).solved]
+    lights = [
+        beside_water(short, seen, names[:FRAMES], SIZE).solved,
+        beside_water(long, seen, names, SIZE).solved,
+    ]
     np.testing.assert_array_equal(lights[0].coefficients, lights[1].coefficients)
     assert (lights[0].coefficients != short.solved.coefficients).any()
 
 
-def test_a_water_that_hides_all_spots_leaves_the_light_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_water_that_hides_all_spots_leaves_the_light_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     seen, names = bowl(), [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(seen, names, SIZE, ALL)
     assert found is not None

@@ -1,4 +1,6 @@
-"""The water from patches seen twice: known waters come back, whatever the reef's colors, moving light and wrong matches."""
+"""The water from patches seen twice: known waters come back, whatever the reef's colors, moving
+light and wrong matches.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,14 +27,20 @@ def water_named(name: WaterName) -> Water:
     return lit_water(name, 8.0, 6.0, 1.5).water
 
 
-def sightings_through(water: Water, colors: NDArray[np.float64], noise: float = 0.003, each: int = 5) -> Sightings:
-    """Patches (P, 3) of these linear colors seen ``each`` times, in as many frames, at random ranges."""
+def sightings_through(
+    water: Water, colors: NDArray[np.float64], noise: float = 0.003, each: int = 5
+) -> Sightings:
+    """Patches (P, 3) of these linear colors seen ``each`` times, in as many frames, at random
+    ranges.
+    """
     rng = np.random.default_rng(1)
     patch = np.repeat(np.arange(len(colors)), each)
     range_m = rng.uniform(*RANGES_M, patch.size)
     light = colors[patch] * water.white * water.attenuation(range_m) + water.backscatter(range_m)
     light += noise * rng.standard_normal(light.shape)
-    return Sightings(patch, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((patch.size, 2)))
+    return Sightings(
+        patch, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((patch.size, 2))
+    )
 
 
 def reef(patches: int = 1500) -> NDArray[np.float64]:
@@ -50,7 +58,9 @@ def test_known_water_comes_back(name: WaterName) -> None:
     truth = water_named(name)
     found = fit_sightings(sightings_through(truth, reef()), "srgb")
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.03)
-    np.testing.assert_allclose(found.backscatter(np.array(2.2)), truth.backscatter(np.array(2.2)), rtol=0.05, atol=5e-4)
+    np.testing.assert_allclose(
+        found.backscatter(np.array(2.2)), truth.backscatter(np.array(2.2)), rtol=0.05, atol=5e-4
+    )
     assert np.isfinite(found.standard_errors["y"]).all()
     assert np.isnan(found.standard_errors["white"]).all()
 
@@ -58,7 +68,9 @@ def test_known_water_comes_back(name: WaterName) -> None:
 def test_a_red_reef_gives_the_same_water() -> None:
     """No gray world: what the reef looks like doesn't matter."""
     truth = water_named("coastal-green")
-    found = fit_sightings(sightings_through(truth, reef() * [1.0, 0.25, 0.15] + [0.1, 0.0, 0.0]), "srgb")
+    found = fit_sightings(
+        sightings_through(truth, reef() * [1.0, 0.25, 0.15] + [0.1, 0.0, 0.0]), "srgb"
+    )
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.06)
 
 
@@ -77,7 +89,9 @@ def test_wrong_matches_weigh_little() -> None:
     rng = np.random.default_rng(4)
     wrong = rng.random(clean.patch.size) < 0.08
     light = np.where(wrong[:, None], rng.permutation(clean.light), clean.light)
-    np.testing.assert_allclose(rate(fit_sightings(replace(clean, light=light), "srgb")), rate(truth), rtol=0.1)
+    np.testing.assert_allclose(
+        rate(fit_sightings(replace(clean, light=light), "srgb")), rate(truth), rtol=0.1
+    )
 
 
 def test_same_sightings_same_water() -> None:
@@ -90,7 +104,16 @@ def test_same_sightings_same_water() -> None:
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
     with pytest.raises(ColorError, match="only 20 sightings"):
-        fit_sightings(Sightings(seen.patch[:20], seen.frame[:20], seen.range_m[:20], seen.light[:20], seen.pixel[:20]), "srgb")
+        fit_sightings(
+            Sightings(
+                seen.patch[:20],
+                seen.frame[:20],
+                seen.range_m[:20],
+                seen.light[:20],
+                seen.pixel[:20],
+            ),
+            "srgb",
+        )
     with pytest.raises(ColorError, match="fly at two altitudes"):
         fit_sightings(replace(seen, range_m=np.full(seen.range_m.shape, 2.0)), "srgb")
 
@@ -101,14 +124,20 @@ def dive() -> tuple[RectifiedPair, list[KeyFrame]]:
     rectification = Rectification.from_rig(load_rig(SAMPLES / "cam.yaml"))
     poses = read_trajectory(SAMPLES / "trajectory.tum").T_world_camera
     names = sorted(path.stem for path in (SAMPLES / "left").glob("*.png"))
-    images = [rectification.apply_left(read_image(SAMPLES / "left" / f"{name}.png")) for name in names]
+    images = [
+        rectification.apply_left(read_image(SAMPLES / "left" / f"{name}.png")) for name in names
+    ]
     ranges = [read_range_map(SAMPLES / "truth" / "range" / f"{name}.tiff") for name in names]
-    return rectification.pair, [KeyFrame(*parts) for parts in zip(images, ranges, poses, strict=True)]
+    return rectification.pair, [
+        KeyFrame(*parts) for parts in zip(images, ranges, poses, strict=True)
+    ]
 
 
 @pytest.mark.slow
 def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
-    """Two lines at two altitudes: attenuation within 10 % of truth, with no assumption on the reef's colors."""
+    """Two lines at two altitudes: attenuation within 10 % of truth, with no assumption on the
+    reef's colors.
+    """
     geometry, frames = dive
     sightings = find_sightings(frames, geometry, "srgb")
     found = fit_sightings(sightings, "srgb")

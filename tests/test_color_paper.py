@@ -1,4 +1,6 @@
-"""The paper's method on a moment table has the losses, gradients and steps of training on every pixel."""
+"""The paper's method on a moment table has the losses, gradients and steps of training on every
+pixel.
+"""
 
 import os
 import subprocess
@@ -24,14 +26,20 @@ from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import ColorConfig, PaperConfig
 from stereo_seecolor.records import Water
 
-GAMMA, BETA, RATE = np.array([0.15, 0.25, 0.3]), np.array([0.5, 0.3, 0.2]), np.array([0.5, 0.15, 0.1])
+GAMMA, BETA, RATE = (
+    np.array([0.15, 0.25, 0.3]),
+    np.array([0.5, 0.3, 0.2]),
+    np.array([0.5, 0.15, 0.1]),
+)
 PENALTY = PaperConfig().penalty
 
 
 @pytest.fixture(autouse=True)
 def one_thread():
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # the tensors are small, and threads that wait for each other are slow on a busy machine
+    torch.set_num_threads(
+        1
+    )  # the tensors are small, and threads that wait for each other are slow on a busy machine
     yield
     torch.set_num_threads(threads)
 
@@ -42,7 +50,9 @@ def random_frame(rng, depth=8):
     levels = range_edges_m()[rng.integers(60, 180, 12)].astype(np.float32)
     if depth == 8:
         return rng.integers(0, 256, (*shape, 3)).astype(np.uint8), rng.choice(levels, shape)
-    return (rng.integers(0, 4096, (*shape, 3)) * 16 + 7).astype(np.uint16), rng.choice(levels, shape)
+    return (rng.integers(0, 4096, (*shape, 3)) * 16 + 7).astype(np.uint16), rng.choice(
+        levels, shape
+    )
 
 
 def as_tensors(image, range_m, encoding):
@@ -56,9 +66,16 @@ def random_raw(rng):
     return torch.from_numpy(rng.uniform(-3, 1, (4, 3, 1)))
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]), st.sampled_from(["srgb", "as-is"]), st.booleans())
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([8, 16]),
+    st.sampled_from(["srgb", "as-is"]),
+    st.booleans(),
+)
 @settings(max_examples=60)
-def test_losses_and_gradients_of_a_table_are_those_of_its_pixels(seed, depth, encoding, final_sigmoid):
+def test_losses_and_gradients_of_a_table_are_those_of_its_pixels(
+    seed, depth, encoding, final_sigmoid
+):
     rng = np.random.default_rng(seed)
     image, range_m = random_frame(rng, depth)
     veil, dimming = pixels.Backscatter(random_raw(rng)), pixels.Attenuation(random_raw(rng))
@@ -67,24 +84,37 @@ def test_losses_and_gradients_of_a_table_are_those_of_its_pixels(seed, depth, en
     by_pixel = pixels.backscatter_loss(light - veil(z), PENALTY)
     direct = pixels.clamp_direct(light - veil(z)).detach()
     by_pixel_too = pixels.attenuation_loss(direct / dimming(z), direct)
-    wanted = torch.autograd.grad(by_pixel, veil.raw)[0], torch.autograd.grad(by_pixel_too, dimming.raw)[0]
+    wanted = (
+        torch.autograd.grad(by_pixel, veil.raw)[0],
+        torch.autograd.grad(by_pixel_too, dimming.raw)[0],
+    )
 
     sums = paper.Sums(measure(image, range_m), encoding)
-    of_veil, of_dimming = (network.raw.detach().clone().requires_grad_() for network in (veil, dimming))
+    of_veil, of_dimming = (
+        network.raw.detach().clone().requires_grad_() for network in (veil, dimming)
+    )
     found = paper.backscatter(of_veil, sums.z, final_sigmoid)
     loss = paper.backscatter_loss(sums, found, PENALTY)
-    also = paper.attenuation_loss(sums, paper.Direct(sums, found.detach()), 1 / paper.attenuation(of_dimming, sums.z))
+    also = paper.attenuation_loss(
+        sums, paper.Direct(sums, found.detach()), 1 / paper.attenuation(of_dimming, sums.z)
+    )
     assert loss.item() == pytest.approx(by_pixel.item(), rel=1e-9)
     assert also.item() == pytest.approx(by_pixel_too.item(), rel=1e-9, abs=1e-12)
     for gradient, known in zip(
-        (torch.autograd.grad(loss, of_veil)[0], torch.autograd.grad(also, of_dimming)[0]), wanted, strict=True
+        (torch.autograd.grad(loss, of_veil)[0], torch.autograd.grad(also, of_dimming)[0]),
+        wanted,
+        strict=True,
     ):
-        np.testing.assert_allclose(gradient, known, rtol=1e-7, atol=1e-9 * float(known.abs().max()) + 1e-12)
+        np.testing.assert_allclose(
+            gradient, known, rtol=1e-7, atol=1e-9 * float(known.abs().max()) + 1e-12
+        )
 
 
 @pytest.mark.parametrize("final_sigmoid", [False, True])
 def test_training_takes_the_path_that_it_takes_on_every_pixel(final_sigmoid):
-    """torch.optim.Adam on pixels, our steps on their table: the same weights after a hundred steps."""
+    """torch.optim.Adam on pixels, our steps on their table: the same weights after a hundred
+    steps.
+    """
     rng = np.random.default_rng(4)
     image, range_m = random_frame(rng)
     config = PaperConfig(iterations=100, final_sigmoid=final_sigmoid)
@@ -95,23 +125,34 @@ def test_training_takes_the_path_that_it_takes_on_every_pixel(final_sigmoid):
     water = paper.fit(measure(image, range_m), config, "srgb")
     z = torch.linspace(0.5, 9, 30).double()
     for found, known in ((water.backscatter, veil), (water.attenuation, dimming)):
-        np.testing.assert_allclose(found(z.numpy()), known(z[None, None, None])[0, :, 0].detach().T, rtol=1e-6)
+        np.testing.assert_allclose(
+            found(z.numpy()), known(z[None, None, None])[0, :, 0].detach().T, rtol=1e-6
+        )
 
 
 def test_all_the_ranges_of_a_bin_as_one_cost_little():
     rng = np.random.default_rng(5)
-    image, range_m = rng.integers(0, 256, (60, 80, 3)).astype(np.uint8), rng.uniform(1, 6, (60, 80)).astype(np.float32)
+    image, range_m = (
+        rng.integers(0, 256, (60, 80, 3)).astype(np.uint8),
+        rng.uniform(1, 6, (60, 80)).astype(np.float32),
+    )
     raw, (light, z) = random_raw(rng), as_tensors(image, range_m, "srgb")
     sums = paper.Sums(measure(image, range_m), "srgb")
     table = paper.backscatter_loss(sums, paper.backscatter(raw, sums.z), PENALTY).item()
-    assert table == pytest.approx(pixels.backscatter_loss(light - pixels.Backscatter(raw)(z), PENALTY).item(), rel=1e-3)
+    assert table == pytest.approx(
+        pixels.backscatter_loss(light - pixels.Backscatter(raw)(z), PENALTY).item(), rel=1e-3
+    )
 
 
 def scene(seed, shape=(60, 80), relief=1.0):
     """Linear light through known water; at every range something dark."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: shape[0], : shape[1]] / np.array(shape)[:, None, None]
-    range_m = (2.5 + relief * (3 * y - 1.5 + 1.5 * np.sin(8 * x + seed) ** 2)).clip(0.5).astype(np.float32)
+    range_m = (
+        (2.5 + relief * (3 * y - 1.5 + 1.5 * np.sin(8 * x + seed) ** 2))
+        .clip(0.5)
+        .astype(np.float32)
+    )
     truth = rng.beta(0.8, 2, (*shape, 3)) * rng.uniform(0.5, 1, (*shape, 1))
     z = range_m[..., None]
     light = truth * np.exp(-RATE * z) + GAMMA * (1 - np.exp(-BETA * z))
@@ -119,7 +160,9 @@ def scene(seed, shape=(60, 80), relief=1.0):
 
 
 def corrector(**changes):
-    return Corrector(ColorConfig(method="paper", paper=PaperConfig(**changes), input_encoding="as-is"))
+    return Corrector(
+        ColorConfig(method="paper", paper=PaperConfig(**changes), input_encoding="as-is")
+    )
 
 
 def losses(table, water, encoding="as-is"):
@@ -191,7 +234,10 @@ def test_steps_end_when_the_time_is_up():
 
 
 def test_a_water_of_the_other_form_is_no_start():
-    printed, plain = corrector(final_sigmoid=True, iterations_per_frame=5), corrector(iterations_per_frame=5)
+    printed, plain = (
+        corrector(final_sigmoid=True, iterations_per_frame=5),
+        corrector(iterations_per_frame=5),
+    )
     table = plain.measure(*scene(0))
     from_other = plain.fit(table, printed.fit(table))
     assert np.array_equal(from_other.w, corrector(iterations=5).fit(table).w)
@@ -210,14 +256,19 @@ def test_without_relief_the_water_is_the_one_it_began_from():
 def test_nothing_but_tensors_is_loaded_for_it():
     """torch.optim and torch.func take a second to import."""
     code = (
-        "import numpy as np, sys\nfrom stereo_seecolor.color import ColorConfig, Corrector\nrng = np.random.default_rng(0)\n"
-        "image, range_m = rng.integers(0, 255, (40, 50, 3)).astype(np.uint8), rng.uniform(1, 3, (40, 50)).astype(np.float32)\n"
+        "import numpy as np, sys\nfrom stereo_seecolor.color import ColorConfig, Corrector\nrng = "
+        "np.random.default_rng(0)\n"
+        "image, range_m = rng.integers(0, 255, (40, 50, 3)).astype(np.uint8), rng.uniform(1, 3, "
+        "(40, 50)).astype(np.float32)\n"
         "for method in ('robust', 'paper'):\n"
         "    corrector = Corrector(ColorConfig(method=method))\n"
         "    corrector.apply(image, range_m, corrector.fit_frame(image, range_m))\n"
-        "print(sorted({'torch._dynamo', 'sympy'} & sys.modules.keys()))"  # what torch.optim and torch.func load
+        # what torch.optim and torch.func load
+        "print(sorted({'torch._dynamo', 'sympy'} & sys.modules.keys()))"
     )
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert printed.strip() == "[]"
 
 
@@ -261,7 +312,9 @@ def backscatter_after_training(loss, steps=250):
 
 
 def test_printed_sign_of_the_backscatter_penalty_rewards_negative_direct_signals():
-    _, most = backscatter_after_training(lambda direct: (direct.clamp(min=0) + 1000 * direct.clamp(max=0)).mean())
+    _, most = backscatter_after_training(
+        lambda direct: (direct.clamp(min=0) + 1000 * direct.clamp(max=0)).mean()
+    )
     assert most > 0.9  # the backscatter grows to all the light there is, and would beyond
     off, _ = backscatter_after_training(lambda direct: pixels.backscatter_loss(direct, 1000))
     assert off < 0.05
@@ -305,8 +358,12 @@ def test_direct_signal_is_clamped_before_attenuation_sees_it():
 
 
 def test_one_pixel_of_one_color_has_a_loss_and_gradients_that_are_numbers():
-    water = corrector(iterations=3).fit(measure(np.full((1, 1, 3), 77, np.uint8), np.full((1, 1), 2.0, np.float32)))
-    assert np.isfinite([getattr(water, name) for name in paper.BACKSCATTER + paper.ATTENUATION]).all()
+    water = corrector(iterations=3).fit(
+        measure(np.full((1, 1, 3), 77, np.uint8), np.full((1, 1), 2.0, np.float32))
+    )
+    assert np.isfinite(
+        [getattr(water, name) for name in paper.BACKSCATTER + paper.ATTENUATION]
+    ).all()
 
 
 @pytest.mark.real_data
@@ -314,7 +371,9 @@ def test_one_pixel_of_one_color_has_a_loss_and_gradients_that_are_numbers():
 def test_real_frames_come_out_whole(real_data, method):
     for path in sorted((real_data / "flsea" / "rgb").iterdir())[:3]:
         image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
-        range_m = cv2.imread(str(next((real_data / "flsea" / "range").glob(f"*{path.stem}*"))), cv2.IMREAD_UNCHANGED)
+        range_m = cv2.imread(
+            str(next((real_data / "flsea" / "range").glob(f"*{path.stem}*"))), cv2.IMREAD_UNCHANGED
+        )
         own = Corrector(ColorConfig(method=method))
         found = own.apply(image, range_m, own.fit_frame(image, range_m))
         assert found.clipped_fraction <= 0.02

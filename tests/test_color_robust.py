@@ -13,10 +13,19 @@ from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE
 from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra, sea_floor
 from stereo_seecolor.color.fitting.scene_prior import whole_prior
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER, drawn_camera, water_prior
+from stereo_seecolor.color.fitting.water_prior import (
+    RATE_OF_CHANGE,
+    WATER,
+    drawn_camera,
+    water_prior,
+)
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.color.table.range_quantiles import FRACTIONS, RangeQuantiles, quantiles_by_range
+from stereo_seecolor.color.table.range_quantiles import (
+    FRACTIONS,
+    RangeQuantiles,
+    quantiles_by_range,
+)
 from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.extras.evaluation.measures import score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
@@ -26,54 +35,97 @@ SHAPE = (160, 240)
 CONFIG = ColorConfig()
 
 
-def some_water(gamma_inf: list[float], beta: list[float], far: list[float], white: list[float]) -> Water:
+def some_water(
+    gamma_inf: list[float], beta: list[float], far: list[float], white: list[float]
+) -> Water:
     zero, change = np.zeros(3), np.full(3, RATE_OF_CHANGE)
-    veil = {"gamma_inf": np.array(gamma_inf), "beta": np.array(beta), "eta": zero, "alpha": np.ones(3)}
+    veil = {
+        "gamma_inf": np.array(gamma_inf),
+        "beta": np.array(beta),
+        "eta": zero,
+        "alpha": np.ones(3),
+    }
     return Water(**veil, w=zero, v=change, y=np.array(far), x=zero, white=np.array(white))
 
 
-BLUE = some_water([0.02, 0.10, 0.16], [0.4, 0.12, 0.1], far=[0.4, 0.1, 0.07], white=[0.35, 0.9, 1.0])
-GREEN = some_water([0.08, 0.2, 0.15], [0.45, 0.3, 0.35], far=[0.45, 0.3, 0.35], white=[0.5, 0.9, 0.6])
+BLUE = some_water(
+    [0.02, 0.10, 0.16], [0.4, 0.12, 0.1], far=[0.4, 0.1, 0.07], white=[0.35, 0.9, 1.0]
+)
+GREEN = some_water(
+    [0.08, 0.2, 0.15], [0.45, 0.3, 0.35], far=[0.45, 0.3, 0.35], white=[0.5, 0.9, 0.6]
+)
 
 
 def reef(rng: np.random.Generator, cast: tuple[float, float, float] = (1, 1, 1)) -> np.ndarray:
-    """(H, W, 3) linear colors of a reef of sand, rock and coral in shade and sun, in blocks of 8 pixels."""
-    materials = np.array([[0.5, 0.43, 0.33], [0.25, 0.23, 0.2], [0.25, 0.17, 0.09], [0.45, 0.1, 0.06], [0.12, 0.2, 0.07]])
-    blocks = rng.choice(len(materials), (SHAPE[0] // 8, SHAPE[1] // 8), p=[0.35, 0.3, 0.15, 0.1, 0.1])
+    """(H, W, 3) linear colors of a reef of sand, rock and coral in shade and sun, in blocks of 8
+    pixels.
+    """
+    materials = np.array(
+        [
+            [0.5, 0.43, 0.33],
+            [0.25, 0.23, 0.2],
+            [0.25, 0.17, 0.09],
+            [0.45, 0.1, 0.06],
+            [0.12, 0.2, 0.07],
+        ]
+    )
+    blocks = rng.choice(
+        len(materials), (SHAPE[0] // 8, SHAPE[1] // 8), p=[0.35, 0.3, 0.15, 0.1, 0.1]
+    )
     light = np.exp(0.4 * rng.standard_normal((*SHAPE, 1))).clip(0.02, 1.9)
     return np.clip(np.kron(materials[blocks], np.ones((8, 8, 1))) * light * cast, 0, 1)
 
 
 def slope(near_m: float = 1.0, far_m: float = 4.0) -> np.ndarray:
-    return np.broadcast_to(np.linspace(near_m, far_m, SHAPE[0], dtype=np.float32)[:, None], SHAPE).copy()
+    return np.broadcast_to(
+        np.linspace(near_m, far_m, SHAPE[0], dtype=np.float32)[:, None], SHAPE
+    ).copy()
 
 
 def seen_through(
-    water: Water, truth: np.ndarray, range_m: np.ndarray, rng: np.random.Generator, exposure: float = 1.0
+    water: Water,
+    truth: np.ndarray,
+    range_m: np.ndarray,
+    rng: np.random.Generator,
+    exposure: float = 1.0,
 ) -> np.ndarray:
-    light = exposure * (truth * water.white * water.attenuation(range_m) + water.backscatter(range_m))
+    light = exposure * (
+        truth * water.white * water.attenuation(range_m) + water.backscatter(range_m)
+    )
     noisy = encode_srgb(light) + 0.004 * rng.standard_normal(light.shape)
     return np.round(np.clip(noisy, 0, 1) * 255).astype(np.uint8)
 
 
-def errors_deg(image: np.ndarray, truth: np.ndarray, range_m: np.ndarray, water: Water) -> tuple[float, float]:
-    light = np.maximum(decode_srgb(image / 255) - water.backscatter(range_m), 0) / (water.attenuation(range_m) * water.white)
+def errors_deg(
+    image: np.ndarray, truth: np.ndarray, range_m: np.ndarray, water: Water
+) -> tuple[float, float]:
+    light = np.maximum(decode_srgb(image / 255) - water.backscatter(range_m), 0) / (
+        water.attenuation(range_m) * water.white
+    )
     score = score_truth(encode_srgb(light), encode_srgb(truth))
     return score.angle_deg, score.angle_after_gains_deg
 
 
 def test_green_loses_no_more_against_blue_than_in_any_sea() -> None:
-    """What lies far is bluer: without what is known of seawater, the fit says that green loses 0.2 / m more than blue."""
+    """What lies far is bluer: without what is known of seawater, the fit says that green loses 0.2
+    / m more than blue.
+    """
     rng, range_m = np.random.default_rng(6), slope(1.0, 6.0)
     shade = np.exp(-np.outer(range_m.ravel() - 1, [0.3, 0.2, 0.0])).reshape(*SHAPE, 3)
-    water = Corrector(CONFIG).fit_frame(seen_through(BLUE, reef(rng) * shade, range_m, rng), range_m)
+    water = Corrector(CONFIG).fit_frame(
+        seen_through(BLUE, reef(rng) * shade, range_m, rng), range_m
+    )
     for coefficients in (water.y, water.y + water.w):
         assert coefficients[1] - coefficients[2] < 0.1
 
 
 @pytest.mark.parametrize(("particles", "warned"), [(0.0, False), (0.02, True)])
-def test_lamp_lit_particles_are_named_where_they_are_taken_for_white(particles: float, warned: bool) -> None:
-    """They are redder than anything that daylight reaches: the white point then lacks red, and colors come out green."""
+def test_lamp_lit_particles_are_named_where_they_are_taken_for_white(
+    particles: float, warned: bool
+) -> None:
+    """They are redder than anything that daylight reaches: the white point then lacks red, and
+    colors come out green.
+    """
     rng, range_m = np.random.default_rng(4), slope()
     image = seen_through(BLUE, reef(rng), range_m, rng)
     image[rng.random(SHAPE) < particles] = (230, 235, 235)
@@ -94,7 +146,9 @@ def test_known_water_is_taken_out(water: Water) -> None:
     assert found.warnings == ()
     truly, fitted = water.attenuation(np.array([1.5, 3.5])), found.attenuation(np.array([1.5, 3.5]))
     # what the colors of an image tell is how much faster red goes than green, and green than blue
-    np.testing.assert_allclose(np.diff(np.log(fitted[1] / fitted[0])), np.diff(np.log(truly[1] / truly[0])), atol=0.15)
+    np.testing.assert_allclose(
+        np.diff(np.log(fitted[1] / fitted[0])), np.diff(np.log(truly[1] / truly[0])), atol=0.15
+    )
 
 
 def test_true_attenuation_lies_within_a_few_standard_errors() -> None:
@@ -137,7 +191,9 @@ def test_a_start_changes_nothing_but_time() -> None:
     z = np.linspace(1, 4, 7)
     np.testing.assert_allclose(warm.attenuation(z), cold.attenuation(z), rtol=0.03)
     np.testing.assert_allclose(warm.white / warm.white[1], cold.white / cold.white[1], rtol=0.03)
-    papers = replace(cold, v=np.full(3, 0.4))  # a water of the paper's fit is not of this form, and no start
+    papers = replace(
+        cold, v=np.full(3, 0.4)
+    )  # a water of the paper's fit is not of this form, and no start
     np.testing.assert_array_equal(robust.fit(table, CONFIG, papers).y, cold.y)
 
 
@@ -145,7 +201,12 @@ def test_exposure_moves_only_the_level() -> None:
     rng = np.random.default_rng(6)
     truth, range_m = reef(rng), slope()
     bright, dark = (
-        robust.fit(measure(seen_through(BLUE, truth, range_m, np.random.default_rng(1), exposure), range_m), CONFIG)
+        robust.fit(
+            measure(
+                seen_through(BLUE, truth, range_m, np.random.default_rng(1), exposure), range_m
+            ),
+            CONFIG,
+        )
         for exposure in (0.9, 0.3)
     )
     np.testing.assert_allclose(dark.white / dark.white[1], bright.white / bright.white[1], rtol=0.1)
@@ -171,7 +232,10 @@ def test_a_surveys_sum_is_fitted_like_a_frame() -> None:
         total = total + measure(images[-1], ranges[-1])
     found = robust.fit(total, CONFIG)
     for image, truth, range_m in zip(images, truths, ranges, strict=True):
-        assert errors_deg(image, truth, range_m, found)[0] < errors_deg(image, truth, range_m, BLUE)[0] + 2.5
+        assert (
+            errors_deg(image, truth, range_m, found)[0]
+            < errors_deg(image, truth, range_m, BLUE)[0] + 2.5
+        )
 
 
 def test_sixteen_bits_see_what_eight_see() -> None:
@@ -180,7 +244,9 @@ def test_sixteen_bits_see_what_eight_see() -> None:
     image = seen_through(BLUE, reef(rng), range_m, rng)
     eight = robust.fit(measure(image, range_m), CONFIG)
     sixteen = robust.fit(measure(image.astype(np.uint16) * 257, range_m), CONFIG)
-    np.testing.assert_allclose(sixteen.attenuation(np.array([2.0])), eight.attenuation(np.array([2.0])), rtol=0.05)
+    np.testing.assert_allclose(
+        sixteen.attenuation(np.array([2.0])), eight.attenuation(np.array([2.0])), rtol=0.05
+    )
 
 
 def test_quantiles_are_those_of_the_pixels() -> None:
@@ -206,9 +272,14 @@ def test_few_far_pixels_are_of_a_range_of_their_own() -> None:
 
 @settings(max_examples=25)
 @given(
-    st.integers(0, 2**31), st.sampled_from([(1, 1), (2, 2), (9, 7)]), st.sampled_from([np.uint8, np.uint16]), st.floats(0.05, 40)
+    st.integers(0, 2**31),
+    st.sampled_from([(1, 1), (2, 2), (9, 7)]),
+    st.sampled_from([np.uint8, np.uint16]),
+    st.floats(0.05, 40),
 )
-def test_any_image_gives_a_finite_water(seed: int, shape: tuple[int, int], dtype: type, far_m: float) -> None:
+def test_any_image_gives_a_finite_water(
+    seed: int, shape: tuple[int, int], dtype: type, far_m: float
+) -> None:
     rng = np.random.default_rng(seed)
     top = np.iinfo(dtype).max
     image = rng.choice([0, 1, top // 3, top], (*shape, 3)).astype(dtype)
@@ -232,7 +303,9 @@ def test_known_depth_narrows_the_white_point() -> None:
     _, anywhere = water_prior()
     at_surface, there = water_prior(0.0)
     level = np.eye(3) - 1 / 3
-    np.testing.assert_allclose(level @ at_surface[12:], 0, atol=1e-9)  # no water above: daylight as it is
+    np.testing.assert_allclose(
+        level @ at_surface[12:], 0, atol=1e-9
+    )  # no water above: daylight as it is
     assert np.trace(level @ there[12:, 12:] @ level) < np.trace(level @ anywhere[12:, 12:] @ level)
     deep, _ = water_prior(10.0)
     assert deep[12] < at_surface[12] - 0.3  # red is lost first
@@ -241,12 +314,18 @@ def test_known_depth_narrows_the_white_point() -> None:
 def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
     known, prior = np.full(3, 1e-6), np.array([10.0, 0.3, 0.1])
     cast = np.sqrt(np.diag(sea_floor().cast))
-    np.testing.assert_allclose(robust.error_with_cast(known, prior), (prior**-2 + cast**-2) ** -0.5, rtol=1e-3)
-    np.testing.assert_allclose(robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3)  # hardly anything learned
+    np.testing.assert_allclose(
+        robust.error_with_cast(known, prior), (prior**-2 + cast**-2) ** -0.5, rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3
+    )  # hardly anything learned
     set_by_user = ColorConfig(robust=RobustConfig(white_point=(0.9, 1.0, 0.8)))
     rng = np.random.default_rng(3)
     table = measure(seen_through(BLUE, reef(rng), slope(), rng), slope())
-    errors = [robust.fit(table, config).standard_errors["white"] for config in (CONFIG, set_by_user)]
+    errors = [
+        robust.fit(table, config).standard_errors["white"] for config in (CONFIG, set_by_user)
+    ]
     assert (errors[0] > 0.06).all() and not (errors[1] > 0.01).any()
 
 
@@ -256,17 +335,26 @@ def test_published_spectra_have_the_colors_that_are_known() -> None:
     red, green, blue = np.log(spectra @ drawn_camera(np.full(4, 0.5)).T).T
     sand = np.array(kinds) == "sand"
     assert ((red - green)[sand] > np.log(1.1)).all() and ((red - green)[sand] < np.log(1.2)).all()
-    assert ((blue - green)[sand] > np.log(0.7)).all() and ((blue - green)[sand] < np.log(0.85)).all()
-    for kind, channels in {"green algae": green - red, "brown algae": red - green, "blue coral": blue - green}.items():
+    assert ((blue - green)[sand] > np.log(0.7)).all() and (
+        (blue - green)[sand] < np.log(0.85)
+    ).all()
+    for kind, channels in {
+        "green algae": green - red,
+        "brown algae": red - green,
+        "blue coral": blue - green,
+    }.items():
         assert channels[np.array(kinds) == kind].mean() > 0.02, kind
 
 
 def test_magenta_costs_more_than_brown() -> None:
-    """A scene all of whose colors are off from warm to cool is likelier than one that is as far off toward magenta."""
+    """A scene all of whose colors are off from warm to cool is likelier than one that is as far off
+    toward magenta.
+    """
     precision = whole_prior(5, CONFIG.robust)[1]
     content = precision[WATER:-5, WATER:-5]
     warm, magenta = (
-        np.repeat(np.array(axis) / np.linalg.norm(axis), len(FRACTIONS)) for axis in ([1.0, 0.0, -1.0], [1.0, -2.0, 1.0])
+        np.repeat(np.array(axis) / np.linalg.norm(axis), len(FRACTIONS))
+        for axis in ([1.0, 0.0, -1.0], [1.0, -2.0, 1.0])
     )
     assert magenta @ content @ magenta > 3 * (warm @ content @ warm)
 
@@ -284,44 +372,73 @@ def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
 
     for path in sorted((real_data / "flsea" / "rgb").glob("*.tiff")):
         image = cv2.imread(str(path))[..., ::-1].copy()
-        range_m = cv2.imread(str(real_data / "flsea" / "range" / f"{path.stem}.tif"), cv2.IMREAD_UNCHANGED)
+        range_m = cv2.imread(
+            str(real_data / "flsea" / "range" / f"{path.stem}.tif"), cv2.IMREAD_UNCHANGED
+        )
         corrector = Corrector(CONFIG)
         table = corrector.measure(image, range_m)
         light = corrector.apply_linear(image, range_m, corrector.fit(table))
         known = range_m > 0
         edges = np.quantile(range_m[known], np.linspace(0, 1, 13))
-        means = np.stack([light[known & (range_m >= a) & (range_m <= b)].mean(axis=0) for a, b in itertools.pairwise(edges)])
+        means = np.stack(
+            [
+                light[known & (range_m >= a) & (range_m <= b)].mean(axis=0)
+                for a, b in itertools.pairwise(edges)
+            ]
+        )
         cast = np.log(means[:, [0, 2]] / means[:, 1:2])
         assert np.abs(cast - np.median(cast, axis=0)).max() < 0.45, path.stem
 
 
-def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64]) -> tuple[RangeQuantiles, NDArray[np.float64]]:
-    """Quantiles of a scene, all of which has a cast, and a water that are as likely as the fit takes them to be, and the water's
-    logarithms, (5, 3). The quantiles of a range err together.
+def drawn_from_the_prior(
+    rng: np.random.Generator, range_m: NDArray[np.float64]
+) -> tuple[RangeQuantiles, NDArray[np.float64]]:
+    """Quantiles of a scene, all of which has a cast, and a water that are as likely as the fit
+    takes them to be, and the water's logarithms, (5, 3). The quantiles of a range err together.
     """
     mean, precision, _ = whole_prior(range_m.size, CONFIG.robust)
     while True:
         x = rng.multivariate_normal(mean, np.linalg.inv(precision))
         far, near, beta, backscatter, white = np.exp(x[:WATER].reshape(5, 3, 1))
-        if max(far[1] - far[2], (far * near)[1] - (far * near)[2]) < NOISE.green_over_blue:  # others are no water to the fit
+        if (
+            max(far[1] - far[2], (far * near)[1] - (far * near)[2]) < NOISE.green_over_blue
+        ):  # others are no water to the fit
             break
     loss = range_m * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * range_m))
     reflectance, brightness = x[WATER : -range_m.size].reshape(3, 1, -1), x[-range_m.size :, None]
-    cast = rng.multivariate_normal(np.zeros(3), sea_floor().cast, check_valid="ignore").reshape(3, 1, 1)
+    cast = rng.multivariate_normal(np.zeros(3), sea_floor().cast, check_valid="ignore").reshape(
+        3, 1, 1
+    )
     direct = np.exp(reflectance + cast + brightness) * (white * np.exp(-loss))[..., None]
-    veil = np.broadcast_to((backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape)
+    veil = np.broadcast_to(
+        (backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape
+    )
     spread = np.hypot(NOISE.content * direct / (direct + veil), NOISE.all)
-    light = (direct + veil) * np.exp(spread * rng.standard_normal((3, range_m.size, 1)))  # of a range, dark to bright
-    return RangeQuantiles(range_m, np.full(range_m.size, 1e5), light, np.zeros(light.shape, np.bool_)), x[:WATER].reshape(5, 3)
+    light = (direct + veil) * np.exp(
+        spread * rng.standard_normal((3, range_m.size, 1))
+    )  # of a range, dark to bright
+    return RangeQuantiles(
+        range_m, np.full(range_m.size, 1e5), light, np.zeros(light.shape, np.bool_)
+    ), x[:WATER].reshape(5, 3)
 
 
 @pytest.mark.slow
 def test_standard_errors_are_marginal() -> None:
-    """Over waters and scenes drawn from the prior, errors against their standard errors have a spread of one."""
+    """Over waters and scenes drawn from the prior, errors against their standard errors have a
+    spread of one.
+    """
     rng = np.random.default_rng(5)
-    off: dict[str, list[NDArray[np.float64]]] = {"y": [], "w": [], "beta": [], "gamma_inf": [], "white": []}
+    off: dict[str, list[NDArray[np.float64]]] = {
+        "y": [],
+        "w": [],
+        "beta": [],
+        "gamma_inf": [],
+        "white": [],
+    }
     for _ in range(150):
-        seen, (far, near, beta, backscatter, white) = drawn_from_the_prior(rng, np.geomspace(1.0, 5.0, 12))
+        seen, (far, near, beta, backscatter, white) = drawn_from_the_prior(
+            rng, np.geomspace(1.0, 5.0, 12)
+        )
         found = robust.fit_quantiles(seen, CONFIG)
         level = np.exp(np.mean(np.log(found.white) - white))
         truth = {"y": np.exp(far), "w": np.exp(far) * np.expm1(near), "beta": np.exp(beta)}

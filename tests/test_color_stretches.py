@@ -1,4 +1,6 @@
-"""``color.lock: auto``: frames that share a water get one, and where they do not the dive is cut."""
+"""``color.lock: auto``: frames that share a water get one, and where they do not the dive is
+cut.
+"""
 
 import numpy as np
 import pytest
@@ -43,7 +45,8 @@ def test_the_dive_is_cut_where_the_water_changes(lights):
     fitter, waters = fitted(frames_under(*(light for light in lights for _ in range(4))))
     assert [names[0] for names in fitter.stretches] == [str(4 * i) for i in range(len(lights))]
     assert fitter.notes()[0].startswith(
-        f"the frames do not share one water: {len(lights)} waters were fitted, one each for 0 to 3; 4 to 7"
+        f"the frames do not share one water: {len(lights)} waters were fitted, one each for 0 to "
+        "3; 4 to 7"
     )
     alone = fitted(frames_under(*[lights[0]] * 4), "survey")[1]
     assert same(waters["0"], alone["3"])
@@ -98,7 +101,10 @@ def test_frames_that_were_added_up_before_give_the_water_of_the_same_frames(lock
     assert all(same(waters[name], expected[name]) for name in expected)
 
 
-@pytest.mark.parametrize("changes", [{"lock": "frame"}, {"lock": "sliding"}, {"lock": "survey", "camera_exposure": "brightness"}])
+@pytest.mark.parametrize(
+    "changes",
+    [{"lock": "frame"}, {"lock": "sliding"}, {"lock": "survey", "camera_exposure": "brightness"}],
+)
 def test_frames_of_a_fit_that_goes_from_one_to_the_next_are_not_added_up_before(changes):
     fitter = Corrector(ColorConfig(input_encoding="as-is", **changes)).survey_fitter()
     assert not fitter.joins

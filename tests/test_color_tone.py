@@ -1,5 +1,6 @@
-"""How bright a picture is shown: at one median luminance; highlights roll off at one chromaticity, and what was clipped or lost to
-noise comes out neutral and is marked."""
+"""How bright a picture is shown: at one median luminance; highlights roll off at one chromaticity,
+and what was clipped or lost to noise comes out neutral and is marked.
+"""
 
 from dataclasses import replace
 
@@ -19,8 +20,12 @@ CLEAR = clear_water("srgb")
 
 def encoded(light, depth=8):
     light = np.asarray(light, float)
-    value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
-    return np.round(np.clip(value, 0, 1) * (2**depth - 1)).astype(np.uint8 if depth == 8 else np.uint16)
+    value = np.where(
+        light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    )
+    return np.round(np.clip(value, 0, 1) * (2**depth - 1)).astype(
+        np.uint8 if depth == 8 else np.uint16
+    )
 
 
 def scene(median, brightest=0.9, shape=(80, 120), depth=8):
@@ -41,7 +46,9 @@ def test_light_rolls_off_above_mid_gray_and_keeps_its_chromaticity(depth):
     image = np.repeat(encoded(light, depth)[None], 4, axis=0)
     range_m = np.full(image.shape[:2], 2.0, np.float32)
     plain = linear(image) * 4
-    shown = linear(Corrector(CONFIG).apply(image, range_m, CLEAR, exposure=4.0, highlights=4.0).image)
+    shown = linear(
+        Corrector(CONFIG).apply(image, range_m, CLEAR, exposure=4.0, highlights=4.0).image
+    )
     step = 0.02 if depth == 8 else 1e-3
     below = plain.max(axis=2) < MID_GRAY
     assert np.abs(shown / plain - 1)[below].max() < step
@@ -56,7 +63,11 @@ def test_both_depths_show_the_same():
     image, range_m = scene(0.01)
     shallow = Corrector(CONFIG).apply(image, range_m, CLEAR)
     deep = Corrector(CONFIG).apply(
-        image.astype(np.uint16) * 257, range_m, CLEAR, exposure=shallow.exposure, highlights=shallow.highlights
+        image.astype(np.uint16) * 257,
+        range_m,
+        CLEAR,
+        exposure=shallow.exposure,
+        highlights=shallow.highlights,
     )
     assert shallow.highlights == 4.0
     assert np.abs(shallow.image - deep.image / 257).max() < 0.7
@@ -68,13 +79,18 @@ def test_scenes_are_shown_at_one_median_luminance(median, wanted):
     image, range_m = scene(median)
     found = Corrector(replace_config(median_luminance=wanted)).apply(image, range_m, CLEAR)
     shown = np.median(linear(found.image) @ LUMINANCE)
-    assert shown == pytest.approx(wanted, rel=0.02 if wanted < 0.18 else 0.12), "at mid-gray some pixels are compressed"
+    assert shown == pytest.approx(wanted, rel=0.02 if wanted < 0.18 else 0.12), (
+        "at mid-gray some pixels are compressed"
+    )
     assert found.clipped_fraction <= 0.0005
 
 
 def test_exposure_goes_two_stops_at_most_beyond_that_of_no_roll_off():
     image, range_m = scene(0.002)
-    clip, rolled = (Corrector(replace_config(highlights=how)).apply(image, range_m, CLEAR) for how in ("clip", "roll-off"))
+    clip, rolled = (
+        Corrector(replace_config(highlights=how)).apply(image, range_m, CLEAR)
+        for how in ("clip", "roll-off")
+    )
     assert rolled.highlights == rolled.exposure / clip.exposure == 4
     assert rolled.clipped_fraction <= clip.clipped_fraction
 
@@ -84,7 +100,9 @@ def test_without_roll_off_light_is_shown_in_proportion():
     found = Corrector(replace_config(highlights="clip")).apply(image, range_m, CLEAR)
     light, shown = linear(image), linear(found.image)
     assert np.median(shown / light) == pytest.approx(found.exposure, rel=0.01)
-    assert linear(found.image).max() == pytest.approx(0.93, abs=0.01), "the brightest is just not clipped"
+    assert linear(found.image).max() == pytest.approx(0.93, abs=0.01), (
+        "the brightest is just not clipped"
+    )
 
 
 def replace_config(**settings):
@@ -124,7 +142,9 @@ def test_where_noise_stops_a_channel_the_others_stand_in():
     lost = found.unrecoverable[0]
     assert not lost[0]
     assert lost[-1]
-    assert np.abs(shown[lost] / 0.3 - 1).max() < 0.04, "gray, not cyan; a level of range is up to 0.8 % wide"
+    assert np.abs(shown[lost] / 0.3 - 1).max() < 0.04, (
+        "gray, not cyan; a level of range is up to 0.8 % wide"
+    )
 
 
 def test_frames_of_a_survey_share_their_roll_off():

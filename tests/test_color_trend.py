@@ -15,9 +15,16 @@ TRUTH = Water(*np.zeros((6, 3)), y=np.array([0.4, 0.15, 0.1]), x=np.zeros(3))
 UNKNOWN = np.full(3, np.nan)
 
 
-def fitted(y: tuple[float, float, float], error: NDArray[np.float64] = UNKNOWN, gamma_inf: float = 0.0) -> Water:
+def fitted(
+    y: tuple[float, float, float], error: NDArray[np.float64] = UNKNOWN, gamma_inf: float = 0.0
+) -> Water:
     return replace(
-        TRUTH, y=np.array(y), gamma_inf=np.full(3, gamma_inf), beta=np.full(3, 0.2), standard_errors={"y": error}, white=np.ones(3)
+        TRUTH,
+        y=np.array(y),
+        gamma_inf=np.full(3, gamma_inf),
+        beta=np.full(3, 0.2),
+        standard_errors={"y": error},
+        white=np.ones(3),
     )
 
 
@@ -25,7 +32,8 @@ def trend_under(water: Water, error: float = 0.0) -> ColorTrend:
     """What a gray spot shows in this water, by a difference of ranges of its own."""
     step = 1e-4
     near, at, far = (
-        0.2 * water.white * water.attenuation(np.array(range_m)) + water.backscatter(np.array(range_m))
+        0.2 * water.white * water.attenuation(np.array(range_m))
+        + water.backscatter(np.array(range_m))
         for range_m in (RANGE_M * (1 - step), RANGE_M, RANGE_M * (1 + step))
     )
     power = np.log(far / near) / (2 * step)
@@ -56,7 +64,10 @@ def test_nothing_changes_at_the_trends_range_and_brightness_not_at_any() -> None
 
 def test_two_measurements_are_weighted_by_their_variances() -> None:
     known = np.full(3, SYSTEMATIC / RANGE_M)
-    every, half = (with_color_trend(fitted((0.7, 0.1, 0.2), error), trend_under(TRUTH)).y for error in (UNKNOWN, known))
+    every, half = (
+        with_color_trend(fitted((0.7, 0.1, 0.2), error), trend_under(TRUTH)).y
+        for error in (UNKNOWN, known)
+    )
     assert half == pytest.approx((every + np.array([0.7, 0.1, 0.2])) / 2)
     exact = fitted((0.7, 0.1, 0.2), np.full(3, 1e-6))
     assert with_color_trend(exact, trend_under(TRUTH)).y == pytest.approx(exact.y, abs=1e-6)

@@ -14,7 +14,9 @@ from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
 
 def some_water(**parts: object) -> Water:
     channel = np.array([0.3, 0.1, 0.05])
-    water = Water(channel, channel, 0 * channel, channel, w=channel, v=channel, y=channel, x=0 * channel)
+    water = Water(
+        channel, channel, 0 * channel, channel, w=channel, v=channel, y=channel, x=0 * channel
+    )
     return replace(water, **parts)
 
 
@@ -24,10 +26,16 @@ NAN, TINY, HUGE = (np.array([0.1, bad, 0.1]) for bad in (np.nan, -5.0, 1e300))
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"white": np.array([1.0, 0, 1])}, r"white must be from 1e-12 to 1e\+06 in each channel \(got \[1\.0, 0\.0, 1\.0\]\)"),
+        (
+            {"white": np.array([1.0, 0, 1])},
+            r"white must be from 1e-12 to 1e\+06 in each channel \(got \[1\.0, 0\.0, 1\.0\]\)",
+        ),
         ({"white": -np.ones(3)}, "white must be from"),
         ({"white": NAN}, "white must be from"),
-        ({"beta": TINY}, r"beta must be from 0 to 10000 in each channel \(got \[0\.1, -5\.0, 0\.1\]\)"),
+        (
+            {"beta": TINY},
+            r"beta must be from 0 to 10000 in each channel \(got \[0\.1, -5\.0, 0\.1\]\)",
+        ),
         ({"beta": HUGE}, "beta must be from"),
         ({"gamma_inf": TINY}, "gamma_inf must be from 0"),
         ({"alpha": NAN}, "alpha must be from"),
@@ -42,7 +50,10 @@ NAN, TINY, HUGE = (np.array([0.1, bad, 0.1]) for bad in (np.nan, -5.0, 1e300))
         ({"input_encoding": "rgb"}, "input_encoding must be srgb, linear or as-is"),
         ({"matrix": np.eye(2)}, "matrix needs three rows of three numbers from -10 to 10"),
         ({"matrix": np.full((3, 3), np.nan)}, "matrix needs three rows"),
-        ({"matrix": 2 * np.eye(3)}, r"matrix must have rows that sum to 1 \(got \[2\.0, 2\.0, 2\.0\]\)"),
+        (
+            {"matrix": 2 * np.eye(3)},
+            r"matrix must have rows that sum to 1 \(got \[2\.0, 2\.0, 2\.0\]\)",
+        ),
         ({"matrix_errors": np.ones(3)}, "matrix_errors needs three rows"),
         ({"standard_errors": {"y": np.full(3, -1.0)}}, "the standard error of y must be from 0"),
     ],
@@ -73,7 +84,9 @@ def test_attenuation_may_rise_with_range_while_light_falls() -> None:
         ({"turbidity": 3}, "is damaged: .*turbidity"),
     ],
 )
-def test_a_file_with_what_no_water_has_is_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
+def test_a_file_with_what_no_water_has_is_refused(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
     path = tmp_path / "w.json"
     some_water().save(path)
     content = json.loads(path.read_text())
@@ -95,12 +108,20 @@ def test_saved_and_loaded_it_is_the_same(tmp_path: Path) -> None:
         matrix_errors=np.full((3, 3), 0.02),
     )
     water.save(tmp_path / "w.json")
-    assert Water.load(tmp_path / "w.json").content() == water.content() == read_waters(tmp_path / "w.json", ["a"])["a"].content()
+    assert (
+        Water.load(tmp_path / "w.json").content()
+        == water.content()
+        == read_waters(tmp_path / "w.json", ["a"])["a"].content()
+    )
 
 
 def test_each_frames_own_water_is_not_one_water(tmp_path: Path) -> None:
-    (tmp_path / "w.json").write_bytes(b"".join(waters_content({"a": some_water(), "b": some_water(exposure=2.0)})))
-    with pytest.raises(InputError, match=r"holds each frame's own water: run with color\.lock=survey"):
+    (tmp_path / "w.json").write_bytes(
+        b"".join(waters_content({"a": some_water(), "b": some_water(exposure=2.0)}))
+    )
+    with pytest.raises(
+        InputError, match=r"holds each frame's own water: run with color\.lock=survey"
+    ):
         Water.load(tmp_path / "w.json")
 
 

@@ -1,4 +1,6 @@
-"""Two dives of one reef of which parts changed in between: registered, and what changed is found and nothing else."""
+"""Two dives of one reef of which parts changed in between: registered, and what changed is found
+and nothing else.
+"""
 
 import csv
 import json
@@ -19,8 +21,17 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
 from stereo_seecolor.extras.reef.commands.compare import Comparison, compare
 from stereo_seecolor.extras.reef.comparing import m3c2
-from stereo_seecolor.extras.reef.comparing.color_change import color_change, height_patches, volume_l
-from stereo_seecolor.extras.reef.comparing.difference import Difference, in_spreads, relearned, spread_by
+from stereo_seecolor.extras.reef.comparing.color_change import (
+    color_change,
+    height_patches,
+    volume_l,
+)
+from stereo_seecolor.extras.reef.comparing.difference import (
+    Difference,
+    in_spreads,
+    relearned,
+    spread_by,
+)
 from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, rigid_fit
@@ -37,9 +48,24 @@ from stereo_seecolor.mapping.raster.block_raster import Grid
 Array = NDArray[np.float64]
 
 FIRST = SurveySpec(
-    seed=11, pairs=10, lines=2, image_size=(320, 256), line_spacing_m=0.6, pair_spacing_m=0.35, altitude_m=(1.3, 1.3), relief_m=0.2
+    seed=11,
+    pairs=10,
+    lines=2,
+    image_size=(320, 256),
+    line_spacing_m=0.6,
+    pair_spacing_m=0.35,
+    altitude_m=(1.3, 1.3),
+    relief_m=0.2,
 )
-SECOND = replace(FIRST, seed=12, pairs=12, lines=3, line_spacing_m=0.35, pair_spacing_m=0.45, altitude_m=(1.5, 1.5))
+SECOND = replace(
+    FIRST,
+    seed=12,
+    pairs=12,
+    lines=3,
+    line_spacing_m=0.35,
+    pair_spacing_m=0.45,
+    altitude_m=(1.5, 1.5),
+)
 """Another track, another altitude; its noise is its own."""
 GROWN, LARGER, BLEACHED = (
     Change("grown", 0.35, 0.25, 0.16, 0.02),
@@ -62,7 +88,10 @@ def dives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Reef, R
         if name == "second":  # a cast that no white balance took out
             taken = [replace(frame, color=cast(frame.color)) for frame in taken]
         write_run(folder / name, taken, frames.pair)
-        write_tum(folder / f"{name}.tum", replace(frames.trajectory, T_world_camera=T @ frames.trajectory.T_world_camera))
+        write_tum(
+            folder / f"{name}.tum",
+            replace(frames.trajectory, T_world_camera=T @ frames.trajectory.T_world_camera),
+        )
         config = RunConfig.model_validate({"mapping": {"poses": "given", "voxel_m": 0.01}})
         fuse(folder / name, folder / f"{name}.tum", config)
     return folder / "first", folder / "second", first.reef, second.reef
@@ -73,7 +102,9 @@ def cast(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @pytest.fixture(scope="module")
-def found(dives: tuple[Path, Path, Reef, Reef], tmp_path_factory: pytest.TempPathFactory) -> Comparison:
+def found(
+    dives: tuple[Path, Path, Reef, Reef], tmp_path_factory: pytest.TempPathFactory
+) -> Comparison:
     return compare(dives[0], dives[1], tmp_path_factory.mktemp("found") / "change", joint=True)
 
 
@@ -82,7 +113,8 @@ def true_change_m(dives: tuple[Path, Path, Reef, Reef], grid: Grid) -> Array:
     heights = []
     for reef in dives[2:]:
         column, row = (
-            ((values - start) / 0.005).astype(np.float32) for values, start in ((x, reef.origin_m[0]), (y, reef.origin_m[1]))
+            ((values - start) / 0.005).astype(np.float32)
+            for values, start in ((x, reef.origin_m[0]), (y, reef.origin_m[1]))
         )
         heights.append(cv2.remap(reef.height_m, column, row, cv2.INTER_LINEAR).astype(np.float64))
     return np.asarray(heights[1] - heights[0])
@@ -98,20 +130,30 @@ def test_the_second_dive_is_placed_within_millimeters(found: Comparison) -> None
     off = transformed(at.T_a_b @ T_SECOND, points) - points
     assert np.sqrt((off**2).sum(axis=1).mean()) < 3e-3
     assert at.agreeing > 500 and at.stable > 0.85
-    np.testing.assert_array_less(np.abs(off[:, 2]), 5 * at.std_m(points, np.zeros((2, len(points)))) + 2e-4)
+    np.testing.assert_array_less(
+        np.abs(off[:, 2]), 5 * at.std_m(points, np.zeros((2, len(points)))) + 2e-4
+    )
 
 
 @pytest.mark.slow
-def test_unchanged_ground_lies_within_the_level_of_detection(dives: tuple[Path, Path, Reef, Reef], found: Comparison) -> None:
+def test_unchanged_ground_lies_within_the_level_of_detection(
+    dives: tuple[Path, Path, Reef, Reef], found: Comparison
+) -> None:
     change = found.change
-    still = np.isfinite(change.difference.dz_m) & ~around(np.abs(true_change_m(dives, change.before.grid)) > 5e-4, 2)
+    still = np.isfinite(change.difference.dz_m) & ~around(
+        np.abs(true_change_m(dives, change.before.grid)) > 5e-4, 2
+    )
     assert 0.93 < (np.abs(change.difference.dz_m) <= change.difference.lod_m)[still].mean() < 0.97
     on_surface = still & np.isfinite(change.surface.distance_m)
-    assert 0.9 < (np.abs(change.surface.distance_m) <= change.surface.lod_m)[on_surface].mean() < 0.99
+    assert (
+        0.9 < (np.abs(change.surface.distance_m) <= change.surface.lod_m)[on_surface].mean() < 0.99
+    )
 
 
 @pytest.mark.slow
-def test_growth_and_loss_are_found_and_nothing_else(dives: tuple[Path, Path, Reef, Reef], found: Comparison) -> None:
+def test_growth_and_loss_are_found_and_nothing_else(
+    dives: tuple[Path, Path, Reef, Reef], found: Comparison
+) -> None:
     change, true_m = found.change, true_change_m(dives, found.change.before.grid)
     known, patches = np.isfinite(change.difference.dz_m), np.zeros(true_m.shape, bool)
     for patch, mask in zip(change.patches, change.masks, strict=True):
@@ -119,7 +161,10 @@ def test_growth_and_loss_are_found_and_nothing_else(dives: tuple[Path, Path, Ree
     large = known & (np.abs(true_m) > 0.0195)
     assert patches[large].mean() > 0.9
     assert (patches & ~around(np.abs(true_m) > 5e-4, 3)).sum() < 0.05 * patches.sum()
-    for (total, std), true in ((change.growth_l, np.maximum(true_m, 0)), (change.loss_l, np.minimum(true_m, 0))):
+    for (total, std), true in (
+        (change.growth_l, np.maximum(true_m, 0)),
+        (change.loss_l, np.minimum(true_m, 0)),
+    ):
         expected = 1000 * change.before.grid.cell_m**2 * true[known].sum()
         assert total == pytest.approx(expected, rel=0.1)
         assert 0 < std < 0.1 * abs(expected)
@@ -140,24 +185,43 @@ def test_a_bent_track_is_straightened_by_what_frames_of_both_dives_share(
     assert np.sqrt((before**2).sum(axis=1).mean()) > 0.013
     assert np.sqrt((off**2).sum(axis=1).mean()) < 0.005
     assert joint.pairs > 10 and joint.bent_m == pytest.approx(0.014, abs=0.004)
-    far = replace(found.change.registration, T_a_b=pose(np.eye(3), [50, 0, 0]) @ found.change.registration.T_a_b)
-    with pytest.raises(ComparingError, match="cannot be bent onto the first: 0 pairs of frames of both dives see the same"):
+    far = replace(
+        found.change.registration,
+        T_a_b=pose(np.eye(3), [50, 0, 0]) @ found.change.registration.T_a_b,
+    )
+    with pytest.raises(
+        ComparingError,
+        match="cannot be bent onto the first: 0 pairs of frames of both dives see the same",
+    ):
         joint_track(first, second, far, Threads(1))
 
 
 @pytest.mark.slow
 def test_bleaching_is_found_by_color(found: Comparison) -> None:
-    near = [p for p in found.change.patches if np.hypot(p.x_m - BLEACHED.x_m, p.y_m - BLEACHED.y_m) < 0.05]
+    near = [
+        p
+        for p in found.change.patches
+        if np.hypot(p.x_m - BLEACHED.x_m, p.y_m - BLEACHED.y_m) < 0.05
+    ]
     assert [patch.kind for patch in near] == ["paler"]
     assert near[0].lightness > 5 and near[0].chroma < 0
-    assert near[0].area_cm2 == pytest.approx(1e4 * np.pi * BLEACHED.radius_m**2, rel=0.6)  # averaged over a window
-    kinds = {patch.kind for patch in found.change.patches if np.hypot(patch.x_m - GROWN.x_m, patch.y_m - GROWN.y_m) < 0.05}
+    assert near[0].area_cm2 == pytest.approx(
+        1e4 * np.pi * BLEACHED.radius_m**2, rel=0.6
+    )  # averaged over a window
+    kinds = {
+        patch.kind
+        for patch in found.change.patches
+        if np.hypot(patch.x_m - GROWN.x_m, patch.y_m - GROWN.y_m) < 0.05
+    }
     assert kinds == {"growth"}  # what grew kept its color
 
 
 @pytest.mark.slow
 def test_what_is_written(
-    dives: tuple[Path, Path, Reef, Reef], found: Comparison, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]
+    dives: tuple[Path, Path, Reef, Reef],
+    found: Comparison,
+    tmp_path: Path,
+    cli: Callable[..., tuple[int, str, str]],
 ) -> None:
     import rasterio
 
@@ -173,12 +237,18 @@ def test_what_is_written(
     ]
     assert found.joint is not None and found.joint.bent_m < 0.005
     bent = read_trajectory(folder / "second_track.tum")
-    np.testing.assert_allclose(bent.T_world_camera, found.joint.trajectory.T_world_camera, atol=1e-6)
+    np.testing.assert_allclose(
+        bent.T_world_camera, found.joint.trajectory.T_world_camera, atol=1e-6
+    )
     with pytest.raises(InputError, match="--joint: writes the second's track: give --out"):
         compare(dives[0], dives[1], joint=True)
     page = (folder / "index.html").read_text()
     liters = found.change.growth_l[0]
-    assert "<h1>first to second</h1>" in page and f"growth of {liters:.2f} ±" in page and "paler" in page
+    assert (
+        "<h1>first to second</h1>" in page
+        and f"growth of {liters:.2f} ±" in page
+        and "paler" in page
+    )
     assert page.count("<tr><td") == len(found.change.patches)
     assert all(f'href="{name}"' in page for name in ("patches.csv", "height_change.tif"))
     with (folder / "patches.csv").open() as file:
@@ -197,7 +267,9 @@ def test_what_is_written(
     code, said, _ = cli("compare", dives[0], dives[1], "--json")
     content = json.loads(said)
     assert (code, mismatch(content, SHAPES["compare"])) == (0, None)
-    assert content["growth_l"] == pytest.approx(json.loads((folder / "change.json").read_text())["growth_l"])
+    assert content["growth_l"] == pytest.approx(
+        json.loads((folder / "change.json").read_text())["growth_l"]
+    )
     code, said, _ = cli("compare", dives[0], dives[0])
     assert code == 0 and "no patch of change" in said
     with pytest.raises(OutputError, match="new or an empty folder"):
@@ -206,7 +278,10 @@ def test_what_is_written(
     with pytest.raises(InputError, match="holds no map"):
         compare(dives[0], tmp_path / "bare")
     write_map(tmp_path / "flat", flat_frames(3))
-    with pytest.raises(ComparingError, match=r"of \d+ features that look alike \d agree on one place \(needed: 12\)"):
+    with pytest.raises(
+        ComparingError,
+        match=r"of \d+ features that look alike \d agree on one place \(needed: 12\)",
+    ):
         compare(dives[0], tmp_path / "flat")
 
 
@@ -241,7 +316,10 @@ def surface(height: Callable[[Array, Array], Array], shift: float = 0.0) -> Site
 
 def test_surfaces_meet_where_they_did_not_change_and_say_how_surely() -> None:
     rng = np.random.default_rng(2)
-    a, b = surface(waves), surface(lambda x, y: waves(x, y) + 0.05 * (np.hypot(x - 0.4, y) < 0.3), shift=0.007)
+    a, b = (
+        surface(waves),
+        surface(lambda x, y: waves(x, y) + 0.05 * (np.hypot(x - 0.4, y) < 0.3), shift=0.007),
+    )
     noisy = replace(b, points_m=b.points_m + rng.normal(0, 0.002, b.points_m.shape))
     T = pose(rotation_from_vector(np.array([0.004, -0.003, 0.005])), [0.01, -0.008, 0.012])
     fit = surface_fit(a, noisy.moved(T), np.eye(4), 0.06)
@@ -264,7 +342,9 @@ def test_distances_are_along_the_normal_of_steep_ground() -> None:
     inner = np.isfinite(result.distance_m)
     assert inner.mean() > 0.9
     np.testing.assert_allclose(result.distance_m[inner], 0.015, atol=1e-6)
-    assert np.median(result.lod_m[inner]) == pytest.approx(1.96 * 0.003 * np.sqrt(2 / (20 / 9)), rel=0.2)
+    assert np.median(result.lod_m[inner]) == pytest.approx(
+        1.96 * 0.003 * np.sqrt(2 / (20 / 9)), rel=0.2
+    )
 
 
 def test_a_spread_that_grows_with_the_stated_error_is_learned() -> None:
@@ -280,13 +360,19 @@ def test_a_spread_that_grows_with_the_stated_error_is_learned() -> None:
 
 def hills(rng: np.random.Generator, std_m: float, cells: float) -> Array:
     """Errors (200, 200) that reach over so many cells."""
-    noise = cv2.GaussianBlur(rng.standard_normal((200, 200)), (0, 0), cells) if cells else rng.standard_normal((200, 200))
+    noise = (
+        cv2.GaussianBlur(rng.standard_normal((200, 200)), (0, 0), cells)
+        if cells
+        else rng.standard_normal((200, 200))
+    )
     return std_m * noise / noise.std()
 
 
 @pytest.mark.parametrize("reach", [0.0, 2.0, 6.0])
 def test_the_error_of_a_volume_holds_what_cells_share(reach: float) -> None:
-    """A Gaussian blur of s cells makes 4 pi s^2 cells share one error; over patches the totals spread as they are said to."""
+    """A Gaussian blur of s cells makes 4 pi s^2 cells share one error; over patches the totals
+    spread as they are said to.
+    """
     rng, std = np.random.default_rng(3), np.full((200, 200), 0.004)
     off, said = [], []
     for _ in range(12):
@@ -303,7 +389,9 @@ def test_the_error_of_a_volume_holds_what_cells_share(reach: float) -> None:
 
 
 def test_errors_are_read_off_all_ground_but_what_changed() -> None:
-    """Ground with large errors here and there is left out while patches are looked for, and comes back."""
+    """Ground with large errors here and there is left out while patches are looked for, and comes
+    back.
+    """
     rng, std = np.random.default_rng(4), np.full((200, 200), 0.004)
     dz = hills(rng, 0.004, 0.0)
     dz[:, :10] += 0.02 * rng.choice([-1, 1], (200, 10))
@@ -334,14 +422,20 @@ def test_a_faint_change_is_found_by_the_wide_window_and_its_edge_stays_where_it_
     rng, std = np.random.default_rng(8), np.full((200, 200), 0.015)
     dz, patch = hills(rng, 0.015, 0.7), np.hypot(*(np.indices((200, 200)) - 100)) < 16
     dz[patch] += 0.02
-    found = Difference(dz, std, ~around(patch, 3), 1.0, 0 * std, *in_spreads(dz, std, ~around(patch, 3)))
+    found = Difference(
+        dz, std, ~around(patch, 3), 1.0, 0 * std, *in_spreads(dz, std, ~around(patch, 3))
+    )
     ((kind, mask),) = height_patches(found, SurfaceDistances(dz, 0.5 * found.lod_m), 0.01)
-    assert kind == "growth" and mask[patch].mean() > 0.85  # by the narrow window alone 0.6, in two pieces
+    assert (
+        kind == "growth" and mask[patch].mean() > 0.85
+    )  # by the narrow window alone 0.6, in two pieces
     assert (mask & ~around(patch, 2)).sum() < 0.1 * patch.sum()
 
 
 def test_what_heights_show_alone_at_an_edge_is_no_change_and_what_is_gone_is() -> None:
-    """Where something tall was taken away, no cylinder reaches both surfaces; at an edge it does, and finds them together."""
+    """Where something tall was taken away, no cylinder reaches both surfaces; at an edge it does,
+    and finds them together.
+    """
     dz, std = np.random.default_rng(1).normal(0, 0.003, (100, 100)), np.full((100, 100), 0.003)
     dz[20:40, 20:40] -= 0.2
     stable = np.abs(dz) < 0.05
@@ -362,7 +456,10 @@ def test_a_cast_is_no_change_of_color_and_a_pale_spot_is() -> None:
     spotted = np.clip(color, 5, 200)
     later = spotted.copy()
     later[40:70, 40:70] = 0.3 * later[40:70, 40:70] + 150
-    found = color_change(Terrain(grid, flat, spotted), Terrain(grid, flat, later * np.array([0.7, 0.95, 0.9], np.float32)))
+    found = color_change(
+        Terrain(grid, flat, spotted),
+        Terrain(grid, flat, later * np.array([0.7, 0.95, 0.9], np.float32)),
+    )
     assert np.median(found.delta_e) < 1.5
     assert found.z[45:65, 45:65].min() > 4
     assert found.change[45:65, 45:65, 0].mean() > 10 and found.change[45:65, 45:65, 1].mean() < 0

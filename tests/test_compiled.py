@@ -35,14 +35,18 @@ print(scaled(3), sum(scaled.dispatcher.stats.cache_hits.values()))
 assert not (missing and scaled.dispatcher.stats.cache_hits.total())
 compiled_now = not scaled.dispatcher.stats.cache_hits.total()
 assert ("numba.cpython.printimpl" in sys.modules) == compiled_now, "what only the compiler needs takes long to import"
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """The folder of a copy of the package that has two modules more, with a compiled function each."""
+    """The folder of a copy of the package that has two modules more, with a compiled function
+    each.
+    """
     copy = tmp_path / "site" / "stereo_seecolor"
-    shutil.copytree(Path(stereo_seecolor.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(stereo_seecolor.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
+    )
     (copy / "kernel.py").write_text(KERNEL)
     (copy / "numbers.py").write_text(NUMBERS)
     return copy
@@ -50,13 +54,28 @@ def package(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def call(package: Path, tmp_path: Path) -> Callable[..., tuple[int, int]]:
-    """Run the compiled function in a new process; gives its result and how often machine code was found on disk."""
+    """Run the compiled function in a new process; gives its result and how often machine code was
+    found on disk.
+    """
 
     def run(**environment: str) -> tuple[int, int]:
-        usual = {name: value for name, value in os.environ.items() if name not in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
-        usual |= {"PYTHONPATH": str(package.parent), "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+        usual = {
+            name: value
+            for name, value in os.environ.items()
+            if name not in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")
+        }
+        usual |= {
+            "PYTHONPATH": str(package.parent),
+            "HOME": str(tmp_path),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
         done = subprocess.run(
-            [sys.executable, "-c", CALL], cwd=package.parent, env=usual | environment, capture_output=True, text=True, check=True
+            [sys.executable, "-c", CALL],
+            cwd=package.parent,
+            env=usual | environment,
+            capture_output=True,
+            text=True,
+            check=True,
         )
         assert done.stderr == ""
         result, hits = done.stdout.split()
@@ -77,7 +96,9 @@ def test_machine_code_is_kept_until_a_source_that_it_was_made_of_changes(
     assert call() == (60, 0)
     assert call() == (60, 1)
     files = cached(tmp_path)
-    assert len(files) == 2 and not list(package.rglob("__pycache__")), "the cache lies outside the package"
+    assert len(files) == 2 and not list(package.rglob("__pycache__")), (
+        "the cache lies outside the package"
+    )
 
     (package / "errors.py").write_text("# nothing that the compiled function imports\n")
     assert call() == (60, 1)
@@ -102,7 +123,9 @@ def test_cleaning_the_cache_deletes_nothing_but_machine_code(
     installation = cached(cache)[0].parent
     assert installation.name != "stereo-seecolor"
     mine = [
-        place / f"{number:02}" / "left.png" for place in {installation.parent, cache / "stereo-seecolor"} for number in range(20)
+        place / f"{number:02}" / "left.png"
+        for place in {installation.parent, cache / "stereo-seecolor"}
+        for number in range(20)
     ]
     others = [installation.parent / f"other{number:02}" for number in range(20)]
     for file in (*mine, others[0] / "notes.txt"):
@@ -119,14 +142,18 @@ def test_cleaning_the_cache_deletes_nothing_but_machine_code(
 
     assert call(**{variable: str(cache)}) == (60, 0)
     assert all(file.read_text() == "of a user" for file in (*mine, others[0] / "notes.txt"))
-    assert [other.name for other in others if list(other.glob("*.nb[ic]"))] == [f"other{number:02}" for number in range(5, 20)]
+    assert [other.name for other in others if list(other.glob("*.nb[ic]"))] == [
+        f"other{number:02}" for number in range(5, 20)
+    ]
     assert not others[1].exists()
     assert call(**{variable: str(cache)}) == (60, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.posix
-def test_machine_code_is_loaded_only_from_a_private_folder(call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
+def test_machine_code_is_loaded_only_from_a_private_folder(
+    call: Callable[..., tuple[int, int]], tmp_path: Path
+) -> None:
     assert call() == (60, 0)
     (place,) = {path.parent.parent for path in cached(tmp_path)}
     assert place.stat().st_mode & 0o777 == 0o700
@@ -140,7 +167,9 @@ def test_machine_code_is_loaded_only_from_a_private_folder(call: Callable[..., t
 
 
 @pytest.mark.slow
-def test_runs_without_a_place_for_machine_code(call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
+def test_runs_without_a_place_for_machine_code(
+    call: Callable[..., tuple[int, int]], tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("")
     nowhere = str(tmp_path / "file" / "cache")
     assert call(HOME=nowhere, XDG_CACHE_HOME=nowhere) == (60, 0)
@@ -148,11 +177,17 @@ def test_runs_without_a_place_for_machine_code(call: Callable[..., tuple[int, in
 
 
 @pytest.mark.slow
-def test_damaged_machine_code_is_compiled_again(call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
+def test_damaged_machine_code_is_compiled_again(
+    call: Callable[..., tuple[int, int]], tmp_path: Path
+) -> None:
     call()
     for file in cached(tmp_path):
         content = file.read_bytes()
-        for damaged in (content[:100], b"", *(_flipped(content, place) for place in (0, 40, len(content) // 2, -1))):
+        for damaged in (
+            content[:100],
+            b"",
+            *(_flipped(content, place) for place in (0, 40, len(content) // 2, -1)),
+        ):
             file.write_bytes(damaged)
             assert call() == (60, 0), file
     assert call() == (60, 1)

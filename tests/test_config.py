@@ -17,7 +17,11 @@ from stereo_seecolor.errors import ConfigError
 def test_file_then_overrides(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text("color:\n  lock: survey\nmatching:\n  max_range_m: 7\n")
     config = load_config(tmp_path / "run.yaml", ["matching.max_range_m=9", "output.clouds=false"])
-    assert (config.color.lock, config.matching.max_range_m, config.output.clouds) == ("survey", 9.0, False)
+    assert (config.color.lock, config.matching.max_range_m, config.output.clouds) == (
+        "survey",
+        9.0,
+        False,
+    )
     assert load_config() == RunConfig()
 
 
@@ -36,9 +40,18 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.lock=dive", r"--set: color\.lock: input should be .*got 'dive'"),
         ("matching.max_range_m=-1", r"matching\.max_range_m: .*greater than 0"),
         ("color.lock=[", "the value cannot be read"),
-        ("matching.min_range_m=yes", r"--set: matching\.min_range_m: input should be a valid number \(got True\)"),
-        ("matching.min_range_m='1'", r"matching\.min_range_m: input should be a valid number \(got '1'\)"),
-        ("matching.max_range_m=.inf", r"matching\.max_range_m: input should be a finite number \(got inf\)"),
+        (
+            "matching.min_range_m=yes",
+            r"--set: matching\.min_range_m: input should be a valid number \(got True\)",
+        ),
+        (
+            "matching.min_range_m='1'",
+            r"matching\.min_range_m: input should be a valid number \(got '1'\)",
+        ),
+        (
+            "matching.max_range_m=.inf",
+            r"matching\.max_range_m: input should be a finite number \(got inf\)",
+        ),
         ("mapping.voxel_m=.nan", r"mapping\.voxel_m: input should be a finite number \(got nan\)"),
         ("color.robust.white_point=[1, 1, .inf]", r"^--set: color\.robust\.white_point: "),
         (
@@ -47,22 +60,44 @@ def test_dumped_configuration_loads_again() -> None:
         ),
         ("color.robust.white_point=[1, -1, 1]", r"^--set: color\.robust\.white_point: must be "),
         ("color.robust.white_point=[1, .nan, 1]", r"^--set: color\.robust\.white_point: must be "),
-        ("color.robust.water_depth_m=5000", r"^--set: color\.robust\.water_depth_m: .*less than or equal to 200 \(got 5000\)"),
-        ("color.objective=paper", r"no setting 'color\.objective'; it is now color\.method: .*objective=paper is method=paper$"),
-        ("color.solver=dense", r"no setting 'color\.solver'; it is now color\.method: solver=dense is method=paper"),
+        (
+            "color.robust.water_depth_m=5000",
+            r"^--set: color\.robust\.water_depth_m: .*less than or equal to 200 \(got 5000\)",
+        ),
+        (
+            "color.objective=paper",
+            r"no setting 'color\.objective'; it is now color\.method: .*objective=paper is "
+            r"method=paper$",
+        ),
+        (
+            "color.solver=dense",
+            r"no setting 'color\.solver'; it is now color\.method: solver=dense is method=paper",
+        ),
         ("color={solver: dense}", r"no setting 'color\.solver'; it is now color\.method"),
         ("color.white_point=none", r"it is now color\.robust\.white_point$"),
-        ("color.method=paper-adam", r"^--set: color\.method: it is now paper, which trains by Adam"),
+        (
+            "color.method=paper-adam",
+            r"^--set: color\.method: it is now paper, which trains by Adam",
+        ),
         ("color.first_steps=3", r"it is now color\.paper\.iterations$"),
-        ("color.paper_adam.next_steps=3", r"its settings are now color\.paper\.iterations, iterations_per_frame"),
+        (
+            "color.paper_adam.next_steps=3",
+            r"its settings are now color\.paper\.iterations, iterations_per_frame",
+        ),
         ("color.penalty=3", r"it is now color\.paper\.penalty"),
         ("color.clipped_fraction=0.1", r"brightness is now set by color\.median_luminance$"),
         ("color.robust.white_point=[1, yes, 1]", r"^--set: color\.robust\.white_point: "),
         ("input.video_every=1.5", r"input\.video_every: input should be a valid integer"),
         ("output.clouds=1", r"output\.clouds: input should be a valid boolean"),
         ("mapping.mount=5", r"mapping\.mount: "),
-        ("mapping.mount={surge: 1}", r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'"),
-        ("mapping.mount.surge=1", r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'"),
+        (
+            "mapping.mount={surge: 1}",
+            r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'",
+        ),
+        (
+            "mapping.mount.surge=1",
+            r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'",
+        ),
         ("mapping.voxel_m.x=1", r"there is no setting 'mapping\.voxel_m\.x'"),
         ("color.lock=2020-13-45", "the value cannot be read"),
     ],
@@ -76,16 +111,28 @@ def test_bad_overrides(override: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("color: {lok: survey}", r"run\.yaml: there is no setting 'color\.lok'; did you mean 'color\.lock'"),
+        (
+            "color: {lok: survey}",
+            r"run\.yaml: there is no setting 'color\.lok'; did you mean 'color\.lock'",
+        ),
         ("colr: {}", r"there is no setting 'colr'; did you mean 'color'"),
         ("- a", r"must hold sections .*got a list"),
         ("a: [", "is not YAML"),
         ("color: 5", r"run\.yaml: color: "),
-        ("matching: {max_range_m: .inf}", r"run\.yaml: matching\.max_range_m: input should be a finite number"),
-        ("matching: {min_range_m: yes}", r"run\.yaml: matching\.min_range_m: input should be a valid number"),
+        (
+            "matching: {max_range_m: .inf}",
+            r"run\.yaml: matching\.max_range_m: input should be a finite number",
+        ),
+        (
+            "matching: {min_range_m: yes}",
+            r"run\.yaml: matching\.min_range_m: input should be a valid number",
+        ),
         ("a: " + "[" * 5000, "is not YAML"),
         ("{1: 2}", r"run\.yaml: "),
-        ('{"format": "stereo-seecolor/run", "config": {"color": {"lok": 1}}}', r"no setting 'color\.lok'"),
+        (
+            '{"format": "stereo-seecolor/run", "config": {"color": {"lok": 1}}}',
+            r"no setting 'color\.lok'",
+        ),
         ('{"format": "stereo-seecolor/run", "config": 3}', "must hold sections .*got a int"),
     ],
 )
@@ -116,25 +163,45 @@ def test_every_setting_is_described() -> None:
 
 
 def test_a_mapping_sets_the_keys_it_names() -> None:
-    config = load_config(None, ["mapping.mount.roll_deg=3", "mapping.mount={surge_m: 0.4, yaw_deg: 45}", "color={lock: survey}"])
+    config = load_config(
+        None,
+        [
+            "mapping.mount.roll_deg=3",
+            "mapping.mount={surge_m: 0.4, yaw_deg: 45}",
+            "color={lock: survey}",
+        ],
+    )
     mount = config.mapping.mount
     assert (mount.roll_deg, mount.surge_m, mount.yaw_deg, mount.sway_m) == (3, 0.4, 45, 0)
     assert config.color.lock == "survey"
 
 
-@pytest.mark.parametrize(("text", "number"), [("1e-3", 0.001), ("2.5E+1", 25.0), ("3", 3.0), (".5e1", 5.0)])
+@pytest.mark.parametrize(
+    ("text", "number"), [("1e-3", 0.001), ("2.5E+1", 25.0), ("3", 3.0), (".5e1", 5.0)]
+)
 def test_numbers_as_people_write_them(text: str, number: float) -> None:
     assert load_config(None, [f"mapping.voxel_m={text}"]).mapping.voxel_m == number
 
 
 def test_lists_and_paths_are_read() -> None:
-    config = load_config(None, ["color.robust.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
-    assert (config.color.robust.white_point, config.matching.model) == ((1, 0.9, 0.8), Path("net.onnx"))
+    config = load_config(
+        None, ["color.robust.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"]
+    )
+    assert (config.color.robust.white_point, config.matching.model) == (
+        (1, 0.9, 0.8),
+        Path("net.onnx"),
+    )
 
 
 def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -> None:
-    files = ("matching.model=net.onnx", "input.exposures=exposures.csv", "mapping.markers={bars: bars.csv, points: places.csv}")
-    config = load_config(None, ["color.lock=survey", "color.robust.white_point=[1, 0.9, 0.8]", *files])
+    files = (
+        "matching.model=net.onnx",
+        "input.exposures=exposures.csv",
+        "mapping.markers={bars: bars.csv, points: places.csv}",
+    )
+    config = load_config(
+        None, ["color.lock=survey", "color.robust.white_point=[1, 0.9, 0.8]", *files]
+    )
     assert config.mapping.markers.bars == Path("bars.csv")
     run = {"format": "stereo-seecolor/run", "inputs": {}, "config": config.model_dump(mode="json")}
     (tmp_path / "run.json").write_text(json.dumps(run))
@@ -143,10 +210,14 @@ def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -
 
 
 def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:
-    (tmp_path / "run.yaml").write_text("color:\n  lock: survey\nmapping: {mount: {yaw_deg: 0}, voxel_m: 0.02}\n")
+    (tmp_path / "run.yaml").write_text(
+        "color:\n  lock: survey\nmapping: {mount: {yaw_deg: 0}, voxel_m: 0.02}\n"
+    )
     settings = {s.key: s for s in load_settings(tmp_path / "run.yaml", ["mapping.voxel_m=0.05"])}
     assert settings.keys() == set(known_keys())
-    found = {key: (s.value, s.default, s.origin) for key, s in settings.items() if s.origin != "default"}
+    found = {
+        key: (s.value, s.default, s.origin) for key, s in settings.items() if s.origin != "default"
+    }
     assert found == {
         "color.lock": ("survey", "auto", str(tmp_path / "run.yaml")),
         "mapping.mount.yaw_deg": (0, 90, str(tmp_path / "run.yaml")),

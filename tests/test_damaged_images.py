@@ -1,4 +1,6 @@
-"""Damaged files that decoders accept are named and left out; files whose form costs colors are named."""
+"""Damaged files that decoders accept are named and left out; files whose form costs colors are
+named.
+"""
 
 import io
 import zlib
@@ -34,7 +36,10 @@ def pillow(kind: str, **how: object) -> Encode:
 
 
 PLAIN: dict[str, Encode] = {"bmp": pillow("BMP"), "ppm": pillow("PPM"), "tif": pillow("TIFF")}
-JPEGS: dict[str, Encode] = {"jpg": pillow("JPEG", quality=90), "progressive.jpg": pillow("JPEG", quality=90, progressive=True)}
+JPEGS: dict[str, Encode] = {
+    "jpg": pillow("JPEG", quality=90),
+    "progressive.jpg": pillow("JPEG", quality=90, progressive=True),
+}
 KINDS = PLAIN | JPEGS
 
 
@@ -107,7 +112,9 @@ def test_a_compressed_tiff_with_a_broken_stream_is_refused(compression: str) -> 
     decode_image(bytes(content), Path("a.tif"), CONFIG)
     place = len(content) // 2
     content[place : place + 4096] = bytes(4096)
-    with pytest.raises(InputError, match=r"a.tif: is damaged: its compressed pixels cannot be unpacked"):
+    with pytest.raises(
+        InputError, match=r"a.tif: is damaged: its compressed pixels cannot be unpacked"
+    ):
         decode_image(bytes(content), Path("a.tif"), CONFIG)
 
 
@@ -124,7 +131,10 @@ def test_what_both_images_have_is_no_damage(tmp_path: Path) -> None:
     pair = Pair("a", tmp_path / "l.ppm", tmp_path / "r.ppm")
     assert FrameReader(CONFIG).read(pair).left.shape == (448, 576, 3)
     (tmp_path / "r.ppm").write_bytes(PLAIN["ppm"](read_pixels(RIGHTS[0])))
-    with pytest.raises(InputError, match=r"l.ppm: is damaged: what follows row 400 does not continue what lies above"):
+    with pytest.raises(
+        InputError,
+        match=r"l.ppm: is damaged: what follows row 400 does not continue what lies above",
+    ):
         FrameReader(CONFIG).read(pair)
 
 
@@ -138,7 +148,14 @@ def test_a_run_leaves_damaged_frames_out(cli, tmp_path: Path) -> None:
                 place = len(content) // 3
                 content[place : place + 2000] = bytes(2000)
             (tmp_path / side / f"{path.stem}.jpg").write_bytes(content)
-    sides = ("--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(REEF / "cam.yaml"))
+    sides = (
+        "--left",
+        str(tmp_path / "left"),
+        "--right",
+        str(tmp_path / "right"),
+        "--calib",
+        str(REEF / "cam.yaml"),
+    )
     code, printed, _ = cli("run", *sides, "--out", str(tmp_path / "out"))
     assert code == 3
     assert f"{RIGHTS[1].stem}.jpg: is damaged" in printed
@@ -160,7 +177,9 @@ def pages(*images: np.ndarray, **how: object) -> bytes:
 def test_forms_of_files_that_cost_colors_are_named(tmp_path: Path) -> None:
     rgb = read_pixels(LEFTS[0])[..., ::-1]
     assert notes(tmp_path, "a.png", pillow("PNG")(rgb)) == ""
-    assert "a.tif holds 2 pages, of which the first is read" in notes(tmp_path, "a.tif", pages(rgb, rgb[::-1]))
+    assert "a.tif holds 2 pages, of which the first is read" in notes(
+        tmp_path, "a.tif", pages(rgb, rgb[::-1])
+    )
     assert notes(tmp_path, "b.tif", pages(rgb)) == ""
     stream = io.BytesIO()
     PIL.Image.fromarray(rgb).quantize(64).save(stream, "PNG")
@@ -174,8 +193,16 @@ def test_linear_light_in_8_bits_is_named(tmp_path: Path) -> None:
     rgb = read_pixels(LEFTS[0])[..., ::-1] // 2
     linear = np.round(255 * decode_srgb(rgb / 255.0)).astype(np.uint8)
     linear[:40, :40] = 255  # something bright in a dark scene
-    assert "if it holds linear light: --set color.input_encoding=linear" in notes(tmp_path, "a.tif", pages(linear))
+    assert "if it holds linear light: --set color.input_encoding=linear" in notes(
+        tmp_path, "a.tif", pages(linear)
+    )
     declared = cv2.imencode(".png", rgb)[1].tobytes()
     chunk = b"gAMA" + (100_000).to_bytes(4, "big")
-    declared = declared[:33] + (4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big") + declared[33:]
+    declared = (
+        declared[:33]
+        + (4).to_bytes(4, "big")
+        + chunk
+        + zlib.crc32(chunk).to_bytes(4, "big")
+        + declared[33:]
+    )
     assert "says that it holds linear light (gAMA 1)" in notes(tmp_path, "a.png", declared)

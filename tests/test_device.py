@@ -1,4 +1,6 @@
-"""The stages of a frame in torch against the compiled ones, on torch's CPU device: what a GPU runs, but for its kernels."""
+"""The stages of a frame in torch against the compiled ones, on torch's CPU device: what a GPU runs,
+but for its kernels.
+"""
 
 import importlib.util
 import os
@@ -47,12 +49,21 @@ def one_thread():
     torch.set_num_threads(usual)
 
 
-def texture(seed: int, size: tuple[int, int], shift: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+def texture(
+    seed: int, size: tuple[int, int], shift: int, noise: float
+) -> tuple[np.ndarray, np.ndarray]:
     """A random gray image and the same ``shift`` pixels to the left, with noise."""
     rng = np.random.default_rng(seed)
-    wide = cv2.GaussianBlur(rng.uniform(0, 65535, (size[0], size[1] + abs(shift))).astype(np.float32), (0, 0), 1.0)
-    left, right = (wide[:, first : first + size[1]] for first in ((0, shift) if shift >= 0 else (-shift, 0)))
-    return tuple(np.clip(image + rng.normal(0, noise, image.shape), 0, 65535).astype(np.uint16) for image in (left, right))
+    wide = cv2.GaussianBlur(
+        rng.uniform(0, 65535, (size[0], size[1] + abs(shift))).astype(np.float32), (0, 0), 1.0
+    )
+    left, right = (
+        wide[:, first : first + size[1]] for first in ((0, shift) if shift >= 0 else (-shift, 0))
+    )
+    return tuple(
+        np.clip(image + rng.normal(0, noise, image.shape), 0, 65535).astype(np.uint16)
+        for image in (left, right)
+    )
 
 
 def on(device_type: str, image: np.ndarray) -> torch.Tensor:
@@ -72,7 +83,10 @@ def test_the_search_in_random_bands_is_equal_to_the_bit(seed, size, shift, noise
     lowest = (shift + rng.integers(-20, 3, tiles)).astype(np.int32)
     band = Band(lowest, (LANES * rng.integers(1, 4, tiles)).astype(np.int32))
     left, right = texture(seed, size, shift, noise)
-    wanted, found = compiled.search(left, right, band), sgm.search(on("cpu", left), on("cpu", right), band)
+    wanted, found = (
+        compiled.search(left, right, band),
+        sgm.search(on("cpu", left), on("cpu", right), band),
+    )
     for name, values in found._asdict().items():
         np.testing.assert_array_equal(values.numpy(), getattr(wanted, name), err_msg=name)
 
@@ -95,14 +109,22 @@ def paths(device_type: str, steps=sgm.along) -> torch.Tensor:
     cost[..., :5] = np.where(rng.random((*shape[:3], 5)) < 0.6, compiled.FAR, cost[..., :5])
     p2 = rng.integers(6, 100, (2, 8, 3)).astype(np.uint8)
     total = torch.zeros(shape, dtype=torch.int16, device=device_type)
-    steps(torch.from_numpy(cost).to(device_type), torch.from_numpy(p2).to(device_type), total, slice(1, 6))
+    steps(
+        torch.from_numpy(cost).to(device_type),
+        torch.from_numpy(p2).to(device_type),
+        total,
+        slice(1, 6),
+    )
     return total
 
 
 TRITON = importlib.util.find_spec("triton") is not None
 
 
-@pytest.mark.skipif(not TRITON, reason="Triton is not installed: pip install triton, which the CUDA builds of torch bring")
+@pytest.mark.skipif(
+    not TRITON,
+    reason="Triton is not installed: pip install triton, which the CUDA builds of torch bring",
+)
 @pytest.mark.slow
 def test_triton_kernels_sum_the_same_costs():
     """In a process of its own: the interpreter is chosen when the kernels are imported."""
@@ -110,14 +132,17 @@ def test_triton_kernels_sum_the_same_costs():
         import numpy, test_device
         from stereo_seecolor.device.triton_paths import along
         numpy.testing.assert_array_equal(test_device.paths("cpu", along).numpy(), test_device.paths("cpu").numpy())
-    """
+    """  # noqa: E501
     code = "\n".join(line.strip() for line in code.splitlines())
     search_path = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
     environment = {**os.environ, "TRITON_INTERPRET": "1", "PYTHONPATH": search_path}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=200)
 
 
-@pytest.mark.skipif(not TRITON, reason="Triton is not installed: pip install triton, which the CUDA builds of torch bring")
+@pytest.mark.skipif(
+    not TRITON,
+    reason="Triton is not installed: pip install triton, which the CUDA builds of torch bring",
+)
 @pytest.mark.slow
 @pytest.mark.parametrize("capability", [87, 90])
 def test_triton_kernels_compile_for_a_jetson_orin_and_an_h100(capability, monkeypatch):
@@ -128,7 +153,13 @@ def test_triton_kernels_compile_for_a_jetson_orin_and_an_h100(capability, monkey
 
     from stereo_seecolor.device.triton_paths import _path
 
-    kinds = {"cost": "*u8", "p2": "*u8", "total": "*i16", "forward": "constexpr", "block": "constexpr"}
+    kinds = {
+        "cost": "*u8",
+        "p2": "*u8",
+        "total": "*i16",
+        "forward": "constexpr",
+        "block": "constexpr",
+    }
     types = {name: kinds.get(name, "i32") for name in _path.arg_names}
     source = ASTSource(fn=_path, signature=types, constexprs={"forward": True, "block": 128})
     assert built(source, target=GPUTarget("cuda", capability, 32)).asm["cubin"]
@@ -143,7 +174,9 @@ def reef(number: int = 2) -> tuple[Pipeline, StereoFrame]:
     """The pipeline of the sample dive and a rectified pair of it."""
     pipeline = Pipeline(load_rig(str(REEF / "cam.yaml")), RunConfig())
     left, right = (sorted((REEF / side).iterdir())[number] for side in ("left", "right"))
-    return pipeline, pipeline.rectify(StereoFrame(left.name, *(read_image(path, pipeline.config.input) for path in (left, right))))
+    return pipeline, pipeline.rectify(
+        StereoFrame(left.name, *(read_image(path, pipeline.config.input) for path in (left, right)))
+    )
 
 
 @pytest.mark.slow
@@ -168,17 +201,32 @@ def test_holes_are_closed_and_black_pairs_named_as_by_the_compiled_matcher():
     pipeline, frame = reef()
     geometry, config = pipeline.rectification.matching_pair, MatchingConfig(fill=True)
     part = StereoFrame(
-        "part", *(np.where(np.arange(576)[:, None] < 60, 0, image).astype(np.uint8) for image in (frame.left, frame.right))
+        "part",
+        *(
+            np.where(np.arange(576)[:, None] < 60, 0, image).astype(np.uint8)
+            for image in (frame.left, frame.right)
+        ),
     )
-    wanted, found = (matcher.match(part) for matcher in (Matcher(geometry, config), DeviceMatcher(Memory(CPU), geometry, config)))
+    wanted, found = (
+        matcher.match(part)
+        for matcher in (Matcher(geometry, config), DeviceMatcher(Memory(CPU), geometry, config))
+    )
     assert (wanted.filled != found.filled).mean() < 1e-3
     off_px = np.abs(wanted.disparity - found.disparity)
-    measured, filled = (np.isfinite(off_px) & (wanted.filled == kind) & (found.filled == kind) for kind in (False, True))
-    assert (off_px[measured] > 0.1).mean() < 5e-4  # where rounding decides between two neighbors that are 1 px apart
+    measured, filled = (
+        np.isfinite(off_px) & (wanted.filled == kind) & (found.filled == kind)
+        for kind in (False, True)
+    )
+    assert (
+        off_px[measured] > 0.1
+    ).mean() < 5e-4  # where rounding decides between two neighbors that are 1 px apart
     assert filled.sum() > 10_000
     assert (off_px[filled] > 0.1).mean() < 0.03
     black = StereoFrame("black", np.zeros_like(frame.left), frame.right)
-    assert DeviceMatcher(Memory(CPU), geometry, config).match(black).warnings == Matcher(geometry, config).match(black).warnings
+    assert (
+        DeviceMatcher(Memory(CPU), geometry, config).match(black).warnings
+        == Matcher(geometry, config).match(black).warnings
+    )
 
 
 def test_the_memory_of_a_device_keeps_what_it_gave_out():
@@ -204,7 +252,9 @@ def test_without_a_gpu_auto_takes_the_compiled_loops_and_cuda_is_refused(monkeyp
 @pytest.fixture
 def torch_stages(monkeypatch):
     """Pipelines whose stages run in torch on its CPU device."""
-    monkeypatch.setattr(device, "memory_of", lambda name: None if name == "cpu" else device.memory_on("cpu"))
+    monkeypatch.setattr(
+        device, "memory_of", lambda name: None if name == "cpu" else device.memory_on("cpu")
+    )
     monkeypatch.setattr(pipeline_module, "memory_of", device.memory_of)
 
 
@@ -212,7 +262,9 @@ def torch_stages(monkeypatch):
 def test_rectified_images_are_those_of_opencv(depth):
     rectification = reef()[0].rectification
     width, height = rectification.raw_size
-    image = np.random.default_rng(0).integers(0, np.iinfo(depth).max, (height, width, 3)).astype(depth)
+    image = (
+        np.random.default_rng(0).integers(0, np.iinfo(depth).max, (height, width, 3)).astype(depth)
+    )
     found = Rectifier(Memory(CPU), rectification).apply_right(image)
     off = np.abs(found.astype(int) - rectification.apply_right(image).astype(int))
     assert found.dtype == depth
@@ -224,12 +276,17 @@ def test_rectified_images_are_those_of_opencv(depth):
 @pytest.mark.slow
 def test_a_frame_through_all_stages_is_that_of_the_compiled_pipeline(torch_stages):
     rig = load_rig(str(REEF / "cam.yaml"))
-    in_torch, compiled_stages = Pipeline(rig), Pipeline(rig, load_config(None, ["matching.device=cpu", "color.device=cpu"]))
+    in_torch, compiled_stages = (
+        Pipeline(rig),
+        Pipeline(rig, load_config(None, ["matching.device=cpu", "color.device=cpu"])),
+    )
     assert isinstance(in_torch.matcher._full, DeviceMatcher)
     assert isinstance(in_torch.corrector, DeviceCorrector)
     assert type(compiled_stages.corrector) is Corrector
     left, right = (sorted((REEF / side).iterdir())[2] for side in ("left", "right"))
-    frame = StereoFrame(left.name, *(read_image(path, in_torch.config.input) for path in (left, right)))
+    frame = StereoFrame(
+        left.name, *(read_image(path, in_torch.config.input) for path in (left, right))
+    )
     found, wanted = in_torch.process(frame), compiled_stages.process(frame)
     np.testing.assert_array_equal(found.frame.left, wanted.frame.left)
     off = np.abs(found.correction.image.astype(int) - wanted.correction.image.astype(int))
@@ -257,7 +314,10 @@ def test_colors_are_those_of_the_compiled_corrector(depth, unknown_pixels):
     water = wanted.fit(table)
     ranges = [ranges_for_color(corrector, image, range_map, water) for corrector in (wanted, found)]
     np.testing.assert_allclose(ranges[1].range_m, ranges[0].range_m, rtol=1e-5)
-    shown = [correct(corrector, config, image, of, water) for corrector, of in zip((wanted, found), ranges, strict=True)]
+    shown = [
+        correct(corrector, config, image, of, water)
+        for corrector, of in zip((wanted, found), ranges, strict=True)
+    ]
     off = np.abs(shown[0].image.astype(int) - shown[1].image.astype(int))
     assert off.max() <= (1 if depth == 8 else 257)
     assert (shown[0].unknown == shown[1].unknown).all()
@@ -265,14 +325,18 @@ def test_colors_are_those_of_the_compiled_corrector(depth, unknown_pixels):
 
 
 def test_the_shapes_of_the_color_stages_fit_on_the_meta_device():
-    """What has shapes that do not follow the values: the smoother, the limits of colors, and rectification."""
+    """What has shapes that do not follow the values: the smoother, the limits of colors, and
+    rectification.
+    """
     image, carried = (
         torch.zeros((60, 90, 3), dtype=torch.uint8, device="meta"),
         torch.zeros((60, 90), dtype=torch.bool, device="meta"),
     )
     limit = torch.ones(3, device="meta")
     assert color.within(image, carried, limit, limit).shape == (60, 90, 3)
-    smoothed = color.smooth(image.permute(2, 0, 1).float(), torch.zeros((2, 60, 90), device="meta"), 10.0, 5.0, 2)
+    smoothed = color.smooth(
+        image.permute(2, 0, 1).float(), torch.zeros((2, 60, 90), device="meta"), 10.0, 5.0, 2
+    )
     assert smoothed.shape == (2, 60, 90)
     places = torch.zeros((4, 40, 50), dtype=torch.int64, device="meta")
     assert remap(image[None].expand(3, -1, -1, -1), places, places.int()).shape == (3, 40, 50, 3)

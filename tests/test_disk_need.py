@@ -22,15 +22,26 @@ def free(monkeypatch: pytest.MonkeyPatch, free_bytes: float) -> None:
 
 @pytest.mark.parametrize(
     ("output", "corrected", "megabytes"),
-    [(OutputConfig(), True, 31), (OutputConfig(preset="lean"), True, 6.8), (OutputConfig(range_std=False), False, 5.6)],
+    [
+        (OutputConfig(), True, 31),
+        (OutputConfig(preset="lean"), True, 6.8),
+        (OutputConfig(range_std=False), False, 5.6),
+    ],
 )
-def test_the_need_is_that_of_the_table_in_the_documentation(output: OutputConfig, corrected: bool, megabytes: float) -> None:
+def test_the_need_is_that_of_the_table_in_the_documentation(
+    output: OutputConfig, corrected: bool, megabytes: float
+) -> None:
     assert need_bytes(output, PIXELS, corrected) == pytest.approx(megabytes * 1e6, rel=0.05)
 
 
-def test_a_disk_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_disk_that_is_too_small_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     free(monkeypatch, 1e9)
-    with pytest.raises(OutputError, match=r"disk: 2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean"):
+    with pytest.raises(
+        OutputError,
+        match=r"disk: 2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean",
+    ):
         Room.checked(tmp_path, 2000, 31e6)
 
 
@@ -42,9 +53,13 @@ def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_
     assert not Room.checked(tmp_path, 1000, 31e6).is_tight
 
 
-def test_the_need_is_printed_before_the_work_begins(make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path) -> None:
+def test_the_need_is_printed_before_the_work_begins(
+    make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path
+) -> None:
     dive = make_dive(2)
     _, _, said = cli(*dive.command(tmp_path / "out", command="range"))
-    assert re.match(r"disk: 2 pairs need about [\d.e-]+ GB, and [\d.e+]+ GB are free\nranges: 0 of 2\n", said)
+    assert re.match(
+        r"disk: 2 pairs need about [\d.e-]+ GB, and [\d.e+]+ GB are free\nranges: 0 of 2\n", said
+    )
     _, _, said = cli(*dive.command(tmp_path / "out", command="range"))
     assert "disk:" not in said  # nothing more is needed

@@ -1,4 +1,6 @@
-"""What the documentation tells people to type does what it says, and the generated pages are those of this program."""
+"""What the documentation tells people to type does what it says, and the generated pages are those
+of this program.
+"""
 
 import re
 import shlex
@@ -17,7 +19,9 @@ DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.glob("*.md"), *(DOCS / "lab").glob("*.md")])
 DIVE = Path("data_samples/reef")
 FRAMES = range(4, 8)
-"""The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
+"""The frames of the sample dive where its two lines overlap: enough for everything, and half the
+time.
+"""
 
 AIR = "air.yaml"
 FINISHED = (0, None)
@@ -32,11 +36,15 @@ MOST_BYTES = 200_000
 
 def blocks(path: Path) -> list[tuple[str, str]]:
     """(language, content) of every code block of a page."""
-    return re.findall(r"^```(\w+)\n(.*?)^```", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return re.findall(
+        r"^```(\w+)\n(.*?)^```", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
 
 
 def runnable(path: Path) -> list[tuple[str, str]]:
-    return [(language, content) for language, content in blocks(path) if language in ("sh", "python")]
+    return [
+        (language, content) for language, content in blocks(path) if language in ("sh", "python")
+    ]
 
 
 def short_dive(root: Path) -> None:
@@ -61,9 +69,9 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 class Shell:
     """Runs the lines of shell blocks, and keeps what they made of the shorter dive.
 
-    Pages repeat each other's lines: what was typed before, into a folder that was not there, is copied instead of made again, and
-    what only prints is not printed again. Any other ``run`` goes on from the run with the defaults, so that only what its settings
-    change is done.
+    Pages repeat each other's lines: what was typed before, into a folder that was not there, is
+    copied instead of made again, and what only prints is not printed again. Any other ``run`` goes
+    on from the run with the defaults, so that only what its settings change is done.
     """
 
     FIRST = "stereo-seecolor run --left left --right right --calib cam.yaml --out out"
@@ -83,11 +91,19 @@ class Shell:
         if words[0] == "cd":
             monkeypatch.chdir(words[1])
             return
-        assert words[0] == "stereo-seecolor", f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
+        assert words[0] == "stereo-seecolor", (
+            f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
+        )
         line = shlex.join(words)
-        out = Path(words[words.index("--out") + 1]) if "--left left" in line and "--out" in line else None
+        out = (
+            Path(words[words.index("--out") + 1])
+            if "--left left" in line and "--out" in line
+            else None
+        )
         if line in self._printed:
-            missing = [word for word in words[2:] if not word.startswith("-") and not Path(word).exists()]
+            missing = [
+                word for word in words[2:] if not word.startswith("-") and not Path(word).exists()
+            ]
             assert not missing, line
             return
         if words[1] in ONLY_PRINT and "--refine" not in words:
@@ -107,7 +123,9 @@ def _program(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", [*words[:2], "--help"] if words[1] in SHOWN_ONLY else words)
     with pytest.raises(SystemExit) as end:
         main()
-    expected = (3,) if AIR in words else FINISHED  # the sample dive was drawn without windows, and check says so
+    expected = (
+        (3,) if AIR in words else FINISHED
+    )  # the sample dive was drawn without windows, and check says so
     assert end.value.code in expected, shlex.join(words)
 
 
@@ -127,14 +145,24 @@ def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shel
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.usefixtures("demo_at_hand")
-@pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_commands_of_a_page_run(page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
-    if "board/left" in page.read_text(encoding="utf-8"):  # images of the chessboard that the examples calibrate with
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if runnable(page)],
+    ids=lambda page: page.relative_to(DOCS).as_posix(),
+)
+def test_commands_of_a_page_run(
+    page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if "board/left" in page.read_text(
+        encoding="utf-8"
+    ):  # images of the chessboard that the examples calibrate with
         (checkout / DIVE / "board").mkdir()
         photograph_board(checkout / DIVE / "board", "chessboard:9x6:30mm")
     if AIR in page.read_text(encoding="utf-8"):  # a rig that was calibrated before the dive
         rig = (checkout / DIVE / "cam.yaml").read_text(encoding="utf-8")
-        (checkout / DIVE / AIR).write_text(rig.replace("medium: water", "medium: air"), encoding="utf-8")
+        (checkout / DIVE / AIR).write_text(
+            rig.replace("medium: water", "medium: air"), encoding="utf-8"
+        )
     for language, content in runnable(page):
         if content.startswith("cd "):
             monkeypatch.chdir(checkout)
@@ -142,7 +170,9 @@ def test_commands_of_a_page_run(page: Path, checkout: Path, shell: Shell, monkey
 
 
 @pytest.mark.slow
-def test_commands_of_the_readme_run(checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_of_the_readme_run(
+    checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(checkout / DIVE)
     for language, content in runnable(ROOT / "README.md"):
         if ".venv" not in content:  # those two are run by tests/test_readme.py and .ci/run
@@ -158,7 +188,9 @@ def test_every_page_opens_with_an_example_and_a_picture(page: Path) -> None:
 
 def test_pictures_exist_and_are_small() -> None:
     text = "".join(page.read_text(encoding="utf-8") for page in (*PAGES, ROOT / "README.md"))
-    named = {Path(name).name for name in re.findall(r"!\[.*?\]\((?:docs/|\.\./)?images/(.+?)\)", text)}
+    named = {
+        Path(name).name for name in re.findall(r"!\[.*?\]\((?:docs/|\.\./)?images/(.+?)\)", text)
+    }
     files = {path.name: path.stat().st_size for path in (DOCS / "images").iterdir()}
     assert named == set(files)
     assert not [name for name, size in files.items() if size > MOST_BYTES]
@@ -171,7 +203,9 @@ def test_links_of_the_top_level_texts_lead_somewhere() -> None:
 
 
 def test_every_page_is_in_the_sites_index() -> None:
-    trees = re.findall(r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    trees = re.findall(
+        r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL
+    )
     listed = re.findall(r"^[\w/-]+$", "".join(trees), flags=re.MULTILINE)
     pages = (page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES)
     assert sorted(listed) == sorted(page for page in pages if page != "index")
@@ -185,4 +219,6 @@ def test_reference_pages_are_those_of_this_program() -> None:
 
 def test_every_command_has_an_example() -> None:
     for section in (DOCS / "commands.md").read_text(encoding="utf-8").split("\n## `")[1:]:
-        assert "```sh\n" in section, f"{section.splitlines()[0]}: add an example to docs/command_examples.py"
+        assert "```sh\n" in section, (
+            f"{section.splitlines()[0]}: add an example to docs/command_examples.py"
+        )

@@ -16,7 +16,9 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     return truth, np.broadcast_to(np.linspace(1, 5, SHAPE[0])[:, None], SHAPE).copy()
 
 
-def through(truth: np.ndarray, z: np.ndarray, rate: np.ndarray, veil: np.ndarray, white: np.ndarray) -> np.ndarray:
+def through(
+    truth: np.ndarray, z: np.ndarray, rate: np.ndarray, veil: np.ndarray, white: np.ndarray
+) -> np.ndarray:
     gone = np.exp(-rate * z[..., None])
     return truth * white * gone + veil * (1 - gone)
 
@@ -26,7 +28,11 @@ def angle(result: np.ndarray, truth: np.ndarray) -> float:
     return float(np.nanmean(angle_deg(result[lit], truth[lit])))
 
 
-RATE, VEIL, WHITE = np.array([0.4, 0.15, 0.1]), np.array([0.05, 0.15, 0.2]), np.array([0.4, 0.9, 1.0])
+RATE, VEIL, WHITE = (
+    np.array([0.4, 0.15, 0.1]),
+    np.array([0.05, 0.15, 0.2]),
+    np.array([0.4, 0.9, 1.0]),
+)
 
 
 def test_simple_model_undoes_its_own_water(scene: tuple[np.ndarray, np.ndarray]) -> None:
@@ -48,7 +54,9 @@ def test_gray_world_undoes_a_gain_a_channel(scene: tuple[np.ndarray, np.ndarray]
     assert angle(baselines.gray_world(truth * WHITE, z), truth) < 0.5
 
 
-def test_contrast_stretch_uses_the_whole_scale_and_clips_what_it_is_made_to(scene: tuple[np.ndarray, np.ndarray]) -> None:
+def test_contrast_stretch_uses_the_whole_scale_and_clips_what_it_is_made_to(
+    scene: tuple[np.ndarray, np.ndarray],
+) -> None:
     truth, z = scene
     result = baselines.contrast_stretch(0.2 + 0.3 * truth, z)
     assert result.min() == 0
@@ -70,13 +78,19 @@ def test_local_space_average_keeps_to_its_own_range() -> None:
     z[:, 40:] = 5.0
     direct = np.where(z[..., None] == 1.0, [0.4, 0.2, 0.1], [0.05, 0.2, 0.3])
     average = baselines.local_space_average(direct, z)
-    np.testing.assert_allclose(average[:, 5:35].mean(axis=(0, 1)), 2 * np.array([0.4, 0.2, 0.1]), rtol=0.02)
-    np.testing.assert_allclose(average[:, 45:75].mean(axis=(0, 1)), 2 * np.array([0.05, 0.2, 0.3]), rtol=0.02)
+    np.testing.assert_allclose(
+        average[:, 5:35].mean(axis=(0, 1)), 2 * np.array([0.4, 0.2, 0.1]), rtol=0.02
+    )
+    np.testing.assert_allclose(
+        average[:, 45:75].mean(axis=(0, 1)), 2 * np.array([0.05, 0.2, 0.3]), rtol=0.02
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(baselines.METHODS))
-def test_unknown_ranges_and_a_single_range_are_survived(name: str, scene: tuple[np.ndarray, np.ndarray]) -> None:
+def test_unknown_ranges_and_a_single_range_are_survived(
+    name: str, scene: tuple[np.ndarray, np.ndarray]
+) -> None:
     truth, z = scene
     z[:20] = np.nan
     result = baselines.METHODS[name](truth * WHITE, z)

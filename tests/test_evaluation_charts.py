@@ -11,9 +11,19 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import OURS, OtherResults
 from stereo_seecolor.extras.evaluation.charts.finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
-from stereo_seecolor.extras.evaluation.charts.scores import ChartReport, correct_by_all, evaluate_charts, score_target
+from stereo_seecolor.extras.evaluation.charts.scores import (
+    ChartReport,
+    correct_by_all,
+    evaluate_charts,
+    score_target,
+)
 from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
-from stereo_seecolor.extras.evaluation.charts.targets import chart, neutral, read_targets, targets_of
+from stereo_seecolor.extras.evaluation.charts.targets import (
+    chart,
+    neutral,
+    read_targets,
+    targets_of,
+)
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 CELL, GAP = 44, 8
@@ -56,20 +66,29 @@ def test_true_colors_score_zero(chart_image: tuple[np.ndarray, np.ndarray]) -> N
     assert row.clipped_fraction == 0
     assert row.range_m == 2.0
     darker = encode_srgb(0.5 * decode_srgb(image))
-    assert score_target("f", chart("c", corners, SIZE), "darker", darker, flat_range()).ciede2000 < 0.6
+    assert (
+        score_target("f", chart("c", corners, SIZE), "darker", darker, flat_range()).ciede2000 < 0.6
+    )
 
 
 def test_a_cast_is_seen(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     image, corners = chart_image
-    row = score_target("f", chart("c", corners, SIZE), "blue", image * [0.4, 0.9, 1.0], flat_range())
+    row = score_target(
+        "f", chart("c", corners, SIZE), "blue", image * [0.4, 0.9, 1.0], flat_range()
+    )
     assert row.psi_deg > 15
     assert row.ciede2000 > 8
 
 
-def test_a_picture_without_colors_is_seen_by_its_chroma(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+def test_a_picture_without_colors_is_seen_by_its_chroma(
+    chart_image: tuple[np.ndarray, np.ndarray],
+) -> None:
     image, corners = chart_image
     gray = np.repeat(image.mean(axis=-1, keepdims=True), 3, axis=-1)
-    true, row = (score_target("f", chart("c", corners, SIZE), "gray", one, flat_range()) for one in (image, gray))
+    true, row = (
+        score_target("f", chart("c", corners, SIZE), "gray", one, flat_range())
+        for one in (image, gray)
+    )
     assert (row.psi_deg, row.chroma) == pytest.approx((0, 0), abs=0.01)
     assert true.chroma > 3
 
@@ -114,22 +133,42 @@ def folders(tmp_path: Path, chart_image: tuple[np.ndarray, np.ndarray]) -> tuple
     rng = np.random.default_rng(2)
     z = np.linspace(1.5, 3.5, SIZE[0])[:, None] * np.ones(SIZE)
     for name, image in (("a", chart_image[0]), ("b", 0.4 + 0.05 * rng.standard_normal((*SIZE, 3)))):
-        light = decode_srgb(np.clip(image, 0, 1)) * [0.5, 0.9, 1.0] * np.exp(-z[..., None] * [0.35, 0.1, 0.08])
+        light = (
+            decode_srgb(np.clip(image, 0, 1))
+            * [0.5, 0.9, 1.0]
+            * np.exp(-z[..., None] * [0.35, 0.1, 0.08])
+        )
         light += np.array([0.02, 0.08, 0.1]) * -np.expm1(-z[..., None] * [0.35, 0.1, 0.08])
-        for folder, content in (("image", eight_bit(encode_srgb(light))[..., ::-1]), ("range", z.astype(np.float32))):
+        for folder, content in (
+            ("image", eight_bit(encode_srgb(light))[..., ::-1]),
+            ("range", z.astype(np.float32)),
+        ):
             (tmp_path / folder).mkdir(exist_ok=True)
             assert cv2.imwrite(str(tmp_path / folder / f"{name}.tiff"), content)
     return tmp_path / "image", tmp_path / "range"
 
 
 @pytest.mark.slow
-def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path, Path], tmp_path: Path) -> None:
+def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
     (tmp_path / "their tool").mkdir()
     (tmp_path / "their tool" / "a.tiff").write_bytes((folders[0] / "a.tiff").read_bytes())
-    report = evaluate_charts(*folders, sheet=tmp_path / "sheet.png", others=[tmp_path / "their tool"])
+    report = evaluate_charts(
+        *folders, sheet=tmp_path / "sheet.png", others=[tmp_path / "their tool"]
+    )
     means = {row.method: row for row in report.means()}
     assert means["their tool"].psi_deg == pytest.approx(means["raw"].psi_deg)
-    methods = {"their tool", "raw", "contrast stretch", "gray world", "simple model", "sea-thru", "paper", OURS}
+    methods = {
+        "their tool",
+        "raw",
+        "contrast stretch",
+        "gray world",
+        "simple model",
+        "sea-thru",
+        "paper",
+        OURS,
+    }
     assert set(means) == methods
     assert report.without_target == ("b",)
     assert len(report.rows) == len(methods)
@@ -145,11 +184,15 @@ def test_a_method_has_one_column_of_the_sheet(folders: tuple[Path, Path], tmp_pa
         (tmp_path / tool).mkdir()
         for name in names:
             image = cv2.imread(str(folders[0] / f"{name}.tiff"))
-            cv2.imwrite(str(tmp_path / tool / f"{name}.tiff"), image // (9 if tool == "dark" else 1))
+            cv2.imwrite(
+                str(tmp_path / tool / f"{name}.tiff"), image // (9 if tool == "dark" else 1)
+            )
     polygon = {"polygon": [[5, 5], [25, 5], [25, 25], [5, 25]]}
     (tmp_path / "targets.json").write_text(json.dumps({"a": [polygon], "b": [polygon]}))
     others = [tmp_path / "dark", tmp_path / "copy"]
-    report = evaluate_charts(*folders, tmp_path / "targets.json", sheet=tmp_path / "sheet.png", others=others)
+    report = evaluate_charts(
+        *folders, tmp_path / "targets.json", sheet=tmp_path / "sheet.png", others=others
+    )
     assert report.missing == {"dark": ("a",)}
     for frame in np.vsplit(cv2.imread(str(tmp_path / "sheet.png")), 2):
         raw, *_, copy, dark = (column[30:] for column in np.hsplit(frame, 9))  # without the labels
@@ -157,9 +200,15 @@ def test_a_method_has_one_column_of_the_sheet(folders: tuple[Path, Path], tmp_pa
         assert dark.mean() < 0.2 * raw.mean()
 
 
-def test_folders_of_other_tools_are_scored_and_black_is_unknown(chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+def test_folders_of_other_tools_are_scored_and_black_is_unknown(
+    chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
     truth, corners = eight_bit(chart_image[0]), chart_image[1]
-    for name, image in (("perfect", truth), ("green", truth // np.array([2, 1, 2], np.uint8)), ("holed", truth.copy())):
+    for name, image in (
+        ("perfect", truth),
+        ("green", truth // np.array([2, 1, 2], np.uint8)),
+        ("holed", truth.copy()),
+    ):
         (tmp_path / name).mkdir()
         if name == "holed":
             image[: int(corners[:, 1].mean())] = 0
@@ -169,7 +218,10 @@ def test_folders_of_other_tools_are_scored_and_black_is_unknown(chart_image: tup
     assert found.missing(["a"]) == {}
     assert found.missing(["a", "b"]) == dict.fromkeys(("perfect", "green", "holed"), ("b",))
     target = chart("c", corners, SIZE)
-    rows = {name: score_target("a", target, name, image, flat_range()) for name, image in found.corrected("a", SIZE).items()}
+    rows = {
+        name: score_target("a", target, name, image, flat_range())
+        for name, image in found.corrected("a", SIZE).items()
+    }
     assert rows["perfect"].psi_deg < 1 < 10 < rows["green"].psi_deg
     assert rows["perfect"].ciede2000 < 1
     assert rows["holed"].pixels < 0.6 * rows["perfect"].pixels
@@ -186,15 +238,23 @@ def test_wrong_folders_of_other_tools(
         cv2.imwrite(str(tmp_path / folder / "a.png"), np.full((*size, 3), 90, np.uint8))
     with pytest.raises(InputError, match=r"another folder of results is called 'out' too"):
         evaluate_charts(*folders, others=[tmp_path / "x/out", tmp_path / "y/out"])
-    with pytest.raises(InputError, match=r"paper: a method that is scored anyway is called 'paper' too"):
+    with pytest.raises(
+        InputError, match=r"paper: a method that is scored anyway is called 'paper' too"
+    ):
         evaluate_charts(*folders, others=[tmp_path / "paper"])
-    with pytest.raises(InputError, match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480"):
+    with pytest.raises(
+        InputError,
+        match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480",
+    ):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "small"])
     for folder, names in (("renamed", ["a_enhanced.png"]), ("twice", ["a.png", "a.jpg"])):
         (tmp_path / folder).mkdir()
         for name in names:
             cv2.imwrite(str(tmp_path / folder / name), np.full((*SIZE, 3), 90, np.uint8))
-    with pytest.raises(InputError, match=r"renamed: none of its images is called like .* first is 'a_enhanced', theirs is 'a'"):
+    with pytest.raises(
+        InputError,
+        match=r"renamed: none of its images is called like .* first is 'a_enhanced', theirs is 'a'",
+    ):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "renamed"])
     with pytest.raises(InputError, match=r"twice/a\.png: a\.jpg is an image of that name too"):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "twice"])
@@ -203,7 +263,9 @@ def test_wrong_folders_of_other_tools(
 
 
 @pytest.mark.slow
-def test_given_corners_are_used(folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+def test_given_corners_are_used(
+    folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}]}))
     report = evaluate_charts(*folders, targets=file)
@@ -216,10 +278,14 @@ def test_a_target_without_usable_pixels_is_named_and_no_mean_is_lost(
 ) -> None:
     file = tmp_path / "targets.json"
     beside_the_image = [[5000.0, 10.0], [5100.0, 10.0], [5100.0, 90.0]]
-    file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}, {"polygon": beside_the_image}]}))
+    file.write_text(
+        json.dumps({"a": [{"chart": chart_image[1].tolist()}, {"polygon": beside_the_image}]})
+    )
     report = evaluate_charts(*folders, targets=file)
     assert report.without_target == ("a: polygon 2", "b")
-    assert all(np.isfinite([row.psi_deg, row.ciede2000]).all() for row in (*report.rows, *report.means()))
+    assert all(
+        np.isfinite([row.psi_deg, row.ciede2000]).all() for row in (*report.rows, *report.means())
+    )
     assert {row.target for row in report.means()} == {"mean of 1"}
 
 
@@ -233,7 +299,9 @@ def test_patches_of_unknown_range_are_left_out(chart_image: tuple[np.ndarray, np
     assert row.psi_deg == pytest.approx(known.psi_deg, abs=1.5)
     assert row.ciede2000 == pytest.approx(known.ciede2000, abs=2)
     nothing = score_target("f", target, "nothing", np.full_like(image, np.nan), flat_range())
-    assert np.isnan([nothing.psi_deg, nothing.psi_linear_deg, nothing.ciede2000, nothing.clipped_fraction]).all()
+    assert np.isnan(
+        [nothing.psi_deg, nothing.psi_linear_deg, nothing.ciede2000, nothing.clipped_fraction]
+    ).all()
     assert nothing.pixels == 0
     (mean,) = ChartReport((row, replace(nothing, method="holed")), ()).means()
     assert (mean.psi_deg, mean.target) == (row.psi_deg, "mean of 1")
@@ -297,24 +365,42 @@ def test_unknown_ranges_are_left_out_by_ours(chart_image: tuple[np.ndarray, np.n
     assert np.isfinite(results[OURS][:, 100:]).all()
 
 
-def test_a_patch_that_fades_with_range_is_spread(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+def test_a_patch_that_fades_with_range_is_spread(
+    chart_image: tuple[np.ndarray, np.ndarray],
+) -> None:
     image, corners = chart_image
     target, none = chart("c", corners, SIZE), np.zeros(SIZE, np.bool_)
-    true = [seen_chart("true", target, image, np.full(SIZE, meters, np.float32), none) for meters in (1, 3)]
+    true = [
+        seen_chart("true", target, image, np.full(SIZE, meters, np.float32), none)
+        for meters in (1, 3)
+    ]
     cast = encode_srgb(decode_srgb(image) * [0.5, 1, 1])
-    faded = [seen_chart("faded", target, picture, np.full(SIZE, 2.0, np.float32), none) for picture in (image, cast)]
+    faded = [
+        seen_chart("faded", target, picture, np.full(SIZE, 2.0, np.float32), none)
+        for picture in (image, cast)
+    ]
     seen = [one for one in (*true, *faded) if one]
     alike, spread = spread_over_charts(seen)
     assert (alike.method, alike.charts, alike.nearest_m, alike.farthest_m) == ("true", 2, 1, 3)
-    assert (alike.angle_deg, alike.luminance) == (pytest.approx(0, abs=1e-4), pytest.approx(0, abs=1e-9))
+    assert (alike.angle_deg, alike.luminance) == (
+        pytest.approx(0, abs=1e-4),
+        pytest.approx(0, abs=1e-9),
+    )
     assert spread.angle_deg > 5
     assert spread_over_charts(seen[:1]) == ()
     first = none.copy()
     first[target.patches[0]] = True
     clipped = seen_chart("c", target, image, flat_range(), first)
     assert clipped is not None
-    assert np.isnan(clipped.colors).any(axis=1).tolist() == [True] + [False] * (len(target.patches) - 1)
-    assert seen_chart("n", neutral("w", corners, eight_bit(image), flat_range()), image, flat_range(), none) is None
+    assert np.isnan(clipped.colors).any(axis=1).tolist() == [True] + [False] * (
+        len(target.patches) - 1
+    )
+    assert (
+        seen_chart(
+            "n", neutral("w", corners, eight_bit(image), flat_range()), image, flat_range(), none
+        )
+        is None
+    )
 
 
 def test_names_of_frames_and_methods_are_written_whole_in_a_table() -> None:

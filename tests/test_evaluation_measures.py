@@ -10,7 +10,8 @@ from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.extras.evaluation import measures
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
-# Sharma, Wu and Dalal 2005, "The CIEDE2000 color-difference formula", five rows of table 1: L1 a1 b1 L2 a2 b2 dE.
+# Sharma, Wu and Dalal 2005, "The CIEDE2000 color-difference formula", five rows of table 1: L1 a1
+# b1 L2 a2 b2 dE.
 SHARMA = np.array(
     [
         [50.0000, 2.6772, -79.7751, 50.0000, 0.0000, -82.7485, 2.0425],
@@ -25,13 +26,21 @@ SHARMA = np.array(
 def test_ciede2000_gives_the_published_differences():
     difference = measures.ciede2000(SHARMA[:, :3], SHARMA[:, 3:6])
     np.testing.assert_allclose(difference, SHARMA[:, 6], atol=5e-5)
-    np.testing.assert_allclose(measures.ciede2000(SHARMA[:, 3:6], SHARMA[:, :3]), difference, atol=1e-9)
+    np.testing.assert_allclose(
+        measures.ciede2000(SHARMA[:, 3:6], SHARMA[:, :3]), difference, atol=1e-9
+    )
 
 
 @pytest.mark.slow
-def test_without_scikit_image_the_line_that_installs_it_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_scikit_image_the_line_that_installs_it_is_given(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "skimage.color", None)
-    with pytest.raises(DeviceError, match=r"color differences need scikit-image .*: pip install 'stereo-seecolor\[evaluation\]'$"):
+    with pytest.raises(
+        DeviceError,
+        match=r"color differences need scikit-image .*: pip install "
+        r"'stereo-seecolor\[evaluation\]'$",
+    ):
         measures.ciede2000(SHARMA[:, :3], SHARMA[:, 3:6])
 
 
@@ -39,7 +48,9 @@ def test_ciede2000_agrees_with_opencv_lab_and_color_science():
     rng = np.random.default_rng(4)
     lab = rng.uniform([0, -80, -80], [100, 80, 80], (500, 3))
     other = rng.uniform([0, -80, -80], [100, 80, 80], (500, 3))
-    np.testing.assert_allclose(measures.ciede2000(lab, other), delta_E_CIE2000(lab, other), atol=1e-9)
+    np.testing.assert_allclose(
+        measures.ciede2000(lab, other), delta_E_CIE2000(lab, other), atol=1e-9
+    )
 
 
 def test_lab_agrees_with_opencv():
@@ -47,11 +58,15 @@ def test_lab_agrees_with_opencv():
 
     linear = np.random.default_rng(0).uniform(0, 1, (50, 1, 3)).astype(np.float32)
     opencv = cv2.cvtColor(linear, cv2.COLOR_LRGB2Lab)
-    np.testing.assert_allclose(measures.lab_from_linear(linear), opencv, atol=0.2)  # OpenCV interpolates in a table
+    np.testing.assert_allclose(
+        measures.lab_from_linear(linear), opencv, atol=0.2
+    )  # OpenCV interpolates in a table
 
 
 @given(st.floats(0.01, 10), st.lists(st.floats(0.01, 1), min_size=3, max_size=3))
-def test_psi_does_not_see_exposure_and_equals_the_papers_formula(exposure: float, color: list[float]):
+def test_psi_does_not_see_exposure_and_equals_the_papers_formula(
+    exposure: float, color: list[float]
+):
     pixel = np.array(color)
     psi = measures.gray_angle_deg(pixel * exposure)
     paper = np.degrees(np.arccos(np.minimum(pixel.sum() / np.sqrt(3 * (pixel**2).sum()), 1)))
@@ -105,5 +120,7 @@ def test_red_lost_with_range_is_a_range_inconsistency():
     truth, range_m = scene(np.random.default_rng(1))
     bluer = truth * np.exp(-np.array([0.3, 0, 0]) * range_m[..., None])
     expected = np.exp(-0.3 * (4.333 - 1.667))  # medians of the outer thirds
-    assert measures.score_truth(bluer, truth, range_m, darkest=0).range_consistency == pytest.approx(expected, rel=0.02)
+    assert measures.score_truth(
+        bluer, truth, range_m, darkest=0
+    ).range_consistency == pytest.approx(expected, rel=0.02)
     assert measures.range_consistency(bluer, None, range_m) < 0.7

@@ -1,4 +1,6 @@
-"""A run against known truth: perfect results score perfectly, known faults are found, and the sample dive meets its bar."""
+"""A run against known truth: perfect results score perfectly, known faults are found, and the
+sample dive meets its bar.
+"""
 
 import shutil
 from dataclasses import replace
@@ -115,7 +117,9 @@ def small_dive(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(small_dive: Path, tmp_path: Path) -> None:
+def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(
+    small_dive: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     config = load_config(overrides=["output.clouds=false"])
     run(small_dive / "left", small_dive / "right", small_dive / "cam.yaml", out, config)
@@ -127,14 +131,21 @@ def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(small_dive: Path,
         evaluate(out, tmp_path / "nowhere")
 
     rig = (small_dive / "cam.yaml").read_text()
-    native.write(replace(load_rig(SAMPLES / "cam.yaml"), T_right_left=shifted(1.25)), small_dive / "cam.yaml")
-    with pytest.raises(InputError, match=r"made with another calibration .* its baseline_m is .*, not "):
+    native.write(
+        replace(load_rig(SAMPLES / "cam.yaml"), T_right_left=shifted(1.25)), small_dive / "cam.yaml"
+    )
+    with pytest.raises(
+        InputError, match=r"made with another calibration .* its baseline_m is .*, not "
+    ):
         evaluate(out, small_dive / "truth")
     (small_dive / "cam.yaml").write_text(rig)
 
     first, second = (small_dive / "left" / f"{name}.png" for name in NAMES)
     shutil.copy(first, second)
-    with pytest.raises(InputError, match=f"made from other images .*{NAMES[1]}.png is not the image {NAMES[1]} of the run"):
+    with pytest.raises(
+        InputError,
+        match=f"made from other images .*{NAMES[1]}.png is not the image {NAMES[1]} of the run",
+    ):
         evaluate(out, small_dive / "truth")
 
 

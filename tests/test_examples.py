@@ -27,8 +27,18 @@ def test_notebook_runs(notebook: Path, tmp_path: Path) -> None:
     executed = tmp_path / "executed.ipynb"
     read, write = "book = nbformat.read(sys.argv[1], 4)", "nbformat.write(book, sys.argv[2])"
     run = f"import sys, nbformat, nbclient; {read}; nbclient.execute(book); {write}"
-    command = [sys.executable, "-W", "ignore", "-c", run, str(notebook), str(executed)]  # the warnings of Jupyter are not ours
-    finished = subprocess.run(command, cwd=EXAMPLES, env=ENVIRONMENT, capture_output=True, text=True)
+    command = [
+        sys.executable,
+        "-W",
+        "ignore",
+        "-c",
+        run,
+        str(notebook),
+        str(executed),
+    ]  # the warnings of Jupyter are not ours
+    finished = subprocess.run(
+        command, cwd=EXAMPLES, env=ENVIRONMENT, capture_output=True, text=True
+    )
     assert finished.returncode == 0, finished.stderr
     cells = [cell for cell in nbformat.read(executed, 4).cells if cell.cell_type == "code"]
     assert any("image/png" in output.get("data", {}) for cell in cells for output in cell.outputs)

@@ -14,7 +14,11 @@ from mapping_scene import PAIR, flat_frames, track, write_map
 from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocentric, north_east_from_degrees
+from stereo_seecolor.earth import (
+    degrees_from_north_east,
+    geodetic_from_geocentric,
+    north_east_from_degrees,
+)
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles
 from stereo_seecolor.extras.export.command import export, export_formats
@@ -42,7 +46,9 @@ def test_the_run_is_left_as_it_is(fused: Path, tmp_path: Path, format: str) -> N
     result = export(fused, format, tmp_path / "to")
     assert {path: path.stat().st_mtime_ns for path in fused.rglob("*")} == before
     assert (result.frames, result.folder) == (FRAMES, tmp_path / "to")
-    assert result.bytes == sum(path.stat().st_size for path in (tmp_path / "to").rglob("*") if path.is_file())
+    assert result.bytes == sum(
+        path.stat().st_size for path in (tmp_path / "to").rglob("*") if path.is_file()
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["to"]
 
 
@@ -59,18 +65,29 @@ def test_colmap_reads_the_model(fused: Path, tmp_path: Path) -> None:
     for number, point in list(model.points3D.items())[::100]:
         other = binary.points3D[number]
         np.testing.assert_allclose(other.xyz, point.xyz, rtol=1e-8)
-        assert (other.color == point.color).all() and len(other.track.elements) == len(point.track.elements)
+        assert (other.color == point.color).all() and len(other.track.elements) == len(
+            point.track.elements
+        )
     for number, image in model.images.items():
         assert binary.images[number].name == image.name
-        np.testing.assert_allclose(binary.images[number].projection_center(), image.projection_center(), atol=1e-7)
+        np.testing.assert_allclose(
+            binary.images[number].projection_center(), image.projection_center(), atol=1e-7
+        )
     assert (model.num_images(), model.num_cameras()) == (FRAMES, 1)
     assert model.compute_mean_track_length() > 2
     (camera,) = model.cameras.values()
-    assert camera.params.tolist() == [PAIR.focal_px, PAIR.focal_px, PAIR.cx_left_px + 0.5, PAIR.cy_px + 0.5]
+    assert camera.params.tolist() == [
+        PAIR.focal_px,
+        PAIR.focal_px,
+        PAIR.cx_left_px + 0.5,
+        PAIR.cy_px + 0.5,
+    ]
     truth = track(FRAMES)
     for image in model.images.values():
         number = truth.names.index(Path(image.name).stem)
-        np.testing.assert_allclose(image.projection_center(), truth.T_world_camera[number, :3, 3], atol=1e-6)
+        np.testing.assert_allclose(
+            image.projection_center(), truth.T_world_camera[number, :3, 3], atol=1e-6
+        )
         seen = [point for point in image.points2D if point.has_point3D()]
         assert len(seen) > 500
         for point in seen[::50]:
@@ -80,7 +97,9 @@ def test_colmap_reads_the_model(fused: Path, tmp_path: Path) -> None:
             np.testing.assert_allclose(position.color, (200, 120, 40), atol=2)
 
 
-@pytest.mark.skipif(not shutil.which("colmap"), reason="COLMAP is not installed (Debian: apt-get install colmap)")
+@pytest.mark.skipif(
+    not shutil.which("colmap"), reason="COLMAP is not installed (Debian: apt-get install colmap)"
+)
 def test_the_colmap_program_analyzes_the_model(fused: Path, tmp_path: Path) -> None:
     export(fused, "colmap", tmp_path / "to")
     command = ["colmap", "model_analyzer", "--path", str(tmp_path / "to" / "sparse" / "0")]
@@ -110,16 +129,22 @@ def test_metashapes_cameras_are_the_tracks_poses(fused: Path, tmp_path: Path) ->
     truth = track(FRAMES)
     assert again.names == truth.names
     np.testing.assert_allclose(again.T_world_camera, truth.T_world_camera, atol=1e-6)
-    assert sorted(path.stem for path in (tmp_path / "to" / "images").iterdir()) == sorted(truth.names)
+    assert sorted(path.stem for path in (tmp_path / "to" / "images").iterdir()) == sorted(
+        truth.names
+    )
 
 
-def test_kwivers_cameras_project_the_map_to_where_the_frames_saw_it(fused: Path, tmp_path: Path) -> None:
+def test_kwivers_cameras_project_the_map_to_where_the_frames_saw_it(
+    fused: Path, tmp_path: Path
+) -> None:
     export(fused, "kwiver", tmp_path / "to")
     truth = track(FRAMES)
     for number, image in enumerate((tmp_path / "to" / "image_list.txt").read_text().splitlines()):
         assert (tmp_path / "to" / image).is_file()
         parts = (tmp_path / "to" / "krtd" / f"{Path(image).stem}.krtd").read_text().split("\n\n")
-        K, R, t, distortion = (np.array([row.split() for row in part.strip().split("\n")], float) for part in parts)
+        K, R, t, distortion = (
+            np.array([row.split() for row in part.strip().split("\n")], float) for part in parts
+        )
         np.testing.assert_allclose(K, PAIR.P_left)
         np.testing.assert_allclose(-R.T @ t[0], truth.T_world_camera[number, :3, 3], atol=1e-6)
         assert R[2, 2] == pytest.approx(-1, abs=1e-6) and distortion.tolist() == [[0]]
@@ -145,12 +170,20 @@ def test_the_glb_is_the_mesh(fused: Path, tmp_path: Path) -> None:
 def test_the_khronos_validator_finds_nothing(fused: Path, tmp_path: Path) -> None:
     folder = tmp_path / "validator"
     folder.mkdir()
-    install = ["npm", "install", "--silent", "--prefix", str(folder), "gltf-validator@2.0.0-dev.3.10"]
+    install = [
+        "npm",
+        "install",
+        "--silent",
+        "--prefix",
+        str(folder),
+        "gltf-validator@2.0.0-dev.3.10",
+    ]
     if subprocess.run(install, capture_output=True, check=False).returncode:
         pytest.skip("npm cannot install gltf-validator here")
     export(fused, "glb", tmp_path / "to")
     script = (
-        "const fs=require('fs');require('gltf-validator').validateBytes(new Uint8Array(fs.readFileSync(process.argv[1])))"
+        "const fs=require('fs');require('gltf-validator').validateBytes(new "
+        "Uint8Array(fs.readFileSync(process.argv[1])))"
         ".then(r=>console.log(JSON.stringify(r.issues.messages)))"
     )
     command = ["node", "-e", script, str(tmp_path / "to" / "mesh.glb")]
@@ -158,7 +191,9 @@ def test_the_khronos_validator_finds_nothing(fused: Path, tmp_path: Path) -> Non
     assert json.loads(said.stdout) == []
 
 
-def test_tiles_put_together_are_the_mosaic(fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiles_put_together_are_the_mosaic(
+    fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import rasterio
 
     monkeypatch.setattr(mosaic_tiles, "MOST_PX", 30)
@@ -169,10 +204,16 @@ def test_tiles_put_together_are_the_mosaic(fused: Path, tmp_path: Path, monkeypa
         rows = list(csv.DictReader(file))
     assert len(rows) > 3
     for row in rows:
-        tile = cv2.cvtColor(cv2.imread(str(tmp_path / "to" / "tiles" / row["name"])), cv2.COLOR_BGR2RGB)
+        tile = cv2.cvtColor(
+            cv2.imread(str(tmp_path / "to" / "tiles" / row["name"])), cv2.COLOR_BGR2RGB
+        )
         assert max(tile.shape[:2]) <= 30
-        left, top = (round(value) for value in ~transform @ (float(row["west_m"]), float(row["north_m"])))
-        part = np.moveaxis(pixels[:3, top : top + tile.shape[0], left : left + tile.shape[1]], 0, -1)
+        left, top = (
+            round(value) for value in ~transform @ (float(row["west_m"]), float(row["north_m"]))
+        )
+        part = np.moveaxis(
+            pixels[:3, top : top + tile.shape[0], left : left + tile.shape[1]], 0, -1
+        )
         np.testing.assert_array_equal(tile, part)
         assert float(row["meters_per_pixel"]) == pytest.approx(0.02)
 
@@ -182,7 +223,9 @@ def test_ifdo_is_valid(fused: Path, tmp_path: Path) -> None:
 
     export(fused, "ifdo", tmp_path / "to")
     read = ifdo.iFDO.load(tmp_path / "to" / "image-set.ifdo.yaml")
-    assert set(read.image_set_items) == {path.name for path in (tmp_path / "to" / "images").iterdir()}
+    assert set(read.image_set_items) == {
+        path.name for path in (tmp_path / "to" / "images").iterdir()
+    }
     for item in read.image_set_items.values():
         assert item.image_meters_above_ground == pytest.approx(1.5, abs=0.01)
         assert item.image_datetime is None, "a counter is no date"
@@ -199,7 +242,9 @@ def test_ifdo_of_a_map_on_earth_has_positions(fused: Path, tmp_path: Path) -> No
     for i in range(FRAMES):
         item = items[f"f{i}.png"]
         north, east = north_east_from_degrees(item.image_latitude, item.image_longitude, origin)
-        np.testing.assert_allclose((north, east, item.image_altitude_meters), (0, 0.3 * i, 1.5), atol=1e-6)
+        np.testing.assert_allclose(
+            (north, east, item.image_altitude_meters), (0, 0.3 * i, 1.5), atol=1e-6
+        )
 
 
 def on_earth(fused: Path, out: Path) -> Path:
@@ -217,7 +262,9 @@ def test_tiles_for_globes_lie_where_the_map_lies(fused: Path, tmp_path: Path) ->
 
     export(on_earth(fused, tmp_path / "out"), "3d-tiles", tmp_path / "to")
     root = json.loads((tmp_path / "to" / "tileset.json").read_text())["root"]
-    turned = np.asarray(trimesh.load(tmp_path / "to" / root["content"]["uri"], force="mesh").vertices)
+    turned = np.asarray(
+        trimesh.load(tmp_path / "to" / root["content"]["uri"], force="mesh").vertices
+    )
     points = turned @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T  # y up to z up, as viewers do
     box = np.array(root["boundingVolume"]["box"])
     assert (np.abs(points - box[:3]) <= np.diag(box[3:].reshape(3, 3)) + 1e-6).all()
@@ -250,7 +297,9 @@ def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
 def test_degrees_are_the_inverse_of_meters(latitude_deg: float) -> None:
     origin = GeoOrigin(latitude_deg, 179.999)
     latitude, longitude = degrees_from_north_east(-800.0, 2500.0, origin)
-    np.testing.assert_allclose(north_east_from_degrees(latitude, longitude, origin), (-800.0, 2500.0), atol=1e-5)
+    np.testing.assert_allclose(
+        north_east_from_degrees(latitude, longitude, origin), (-800.0, 2500.0), atol=1e-5
+    )
 
 
 def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
@@ -265,7 +314,9 @@ def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
 
 def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(OutputError, match="is there already: this goes into a new or an empty folder"):
+    with pytest.raises(
+        OutputError, match="is there already: this goes into a new or an empty folder"
+    ):
         export(fused, "glb", tmp_path)
     with pytest.raises(OutputError, match="is there already"):
         export(fused, "glb", tmp_path / "mine.txt")
@@ -285,7 +336,9 @@ def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> Non
 
 
 def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--to gaussian: is not a known format: one of 3d-tiles, biigle, "):
+    with pytest.raises(
+        InputError, match="--to gaussian: is not a known format: one of 3d-tiles, biigle, "
+    ):
         export(fused, "gaussian", tmp_path / "to")
     out = tmp_path / "out"
     shutil.copytree(fused, out)
@@ -297,45 +350,67 @@ def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
         open_posed_run(out)
 
 
-def test_the_command_line(fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]) -> None:
+def test_the_command_line(
+    fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]
+) -> None:
     code, said, _ = cli("export", "--list")
     assert code == 0
     assert all(name in said for name in export_formats())
-    code, said, _ = cli("export", str(fused), "--to", "glb", "--out", str(tmp_path / "to"), "--json")
+    code, said, _ = cli(
+        "export", str(fused), "--to", "glb", "--out", str(tmp_path / "to"), "--json"
+    )
     assert (code, json.loads(said)["files"]) == (0, 1)
     code, _, error = cli("export", str(fused))
     assert code == 2
     assert "give OUT, --to FORMAT and --out FOLDER, or --list" in error
 
 
-def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(fused: Path, tmp_path: Path) -> None:
+def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(
+    fused: Path, tmp_path: Path
+) -> None:
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
     from rosbags.rosbag2 import Reader
     from rosbags.typesys import Stores, get_typestore
 
     export(fused, "mcap", tmp_path / "to")
-    file, posed, store = tmp_path / "to/dive.mcap", open_posed_run(fused), get_typestore(Stores.ROS2_HUMBLE)
+    file, posed, store = (
+        tmp_path / "to/dive.mcap",
+        open_posed_run(fused),
+        get_typestore(Stores.ROS2_HUMBLE),
+    )
     with Reader(file) as reader:
-        assert {topic: info.msgcount for topic, info in reader.topics.items()} == dict.fromkeys(TOPICS, FRAMES)
+        assert {topic: info.msgcount for topic, info in reader.topics.items()} == dict.fromkeys(
+            TOPICS, FRAMES
+        )
         decoded = [
-            (c.topic, time_ns, store.deserialize_cdr(data, c.msgtype)) for c, time_ns, data in reader.messages(reader.connections)
+            (c.topic, time_ns, store.deserialize_cdr(data, c.msgtype))
+            for c, time_ns, data in reader.messages(reader.connections)
         ]
     with file.open("rb") as opened:
         library = make_reader(opened, decoder_factories=[DecoderFactory()])
-        by_library = {(channel.topic, m.log_time): ros for _, channel, m, ros in library.iter_decoded_messages()}
+        by_library = {
+            (channel.topic, m.log_time): ros
+            for _, channel, m, ros in library.iter_decoded_messages()
+        }
     assert len(by_library) == len(decoded) == FRAMES * len(TOPICS)
     frame, T = posed.frames[1], posed.T_map_camera[1]
     stamp_ns = recording.stamp_of(frame.name, frame.timestamp_s, 1)
     found = {topic: message for topic, time_ns, message in decoded if time_ns == stamp_ns}
     image = found["/stereo/left/image_rect_color/compressed"]
     assert bytes(image.data) == frame.products["corrected"].read_bytes()
-    range_m = found["/stereo/range/image_rect"].data.view("<f4").reshape(frame.measured_range_m().shape)
+    range_m = (
+        found["/stereo/range/image_rect"].data.view("<f4").reshape(frame.measured_range_m().shape)
+    )
     np.testing.assert_array_equal(range_m, frame.measured_range_m())
     pose = found["/tf"].transforms[0].transform
     q = pose.rotation
-    np.testing.assert_allclose((pose.translation.x, pose.translation.y, pose.translation.z), T[:3, 3])
-    np.testing.assert_allclose(Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), T[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(
+        (pose.translation.x, pose.translation.y, pose.translation.z), T[:3, 3]
+    )
+    np.testing.assert_allclose(
+        Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), T[:3, :3], atol=1e-12
+    )
     cloud = found["/stereo/points2"]
     values = cloud.data.reshape(-1, 16)
     xyz_m = values[:, :12].copy().view("<f4") @ T[:3, :3].T + T[:3, 3]
@@ -367,7 +442,14 @@ def test_a_run_is_recorded_with_or_without_a_map(make_dive, cli, tmp_path: Path)
     from rosbags.rosbag2 import Reader
 
     dive = make_dive(2)
-    sides = ("--left", dive.root / "L", "--right", dive.root / "R", "--calib", dive.root / "cam.yaml")
+    sides = (
+        "--left",
+        dive.root / "L",
+        "--right",
+        dive.root / "R",
+        "--calib",
+        dive.root / "cam.yaml",
+    )
     words = ("run", *sides, "--out", tmp_path / "out")
     code, printed, said = cli(*words, "--out-mcap", tmp_path / "a/dive.mcap")
     assert code == 0, said
@@ -385,17 +467,27 @@ def test_a_taglab_project_has_colors_and_heights_of_one_size(fused: Path, tmp_pa
     export(fused, "taglab", tmp_path / "to")
     project = json.loads((tmp_path / "to/project.json").read_text())
     (image,) = project["images"]
-    with rasterio.open(tmp_path / "to/rgb.tif") as rgb, rasterio.open(tmp_path / "to/dem.tif") as dem:
-        assert (rgb.width, rgb.height) == (dem.width, dem.height) == (image["width"], image["height"])
+    with (
+        rasterio.open(tmp_path / "to/rgb.tif") as rgb,
+        rasterio.open(tmp_path / "to/dem.tif") as dem,
+    ):
+        assert (
+            (rgb.width, rgb.height) == (dem.width, dem.height) == (image["width"], image["height"])
+        )
         assert (rgb.count, rgb.transform, dem.nodata) == (3, dem.transform, -9999)
         heights = dem.read(1)
         assert float(image["map_px_to_mm_factor"]) == pytest.approx(1000 * rgb.res[0])
     assert np.isfinite(heights).all()
     assert np.abs(heights[heights > -9999]).max() < 0.01 and (heights > -9999).mean() > 0.5
-    assert [(each["filename"], each["type"]) for each in image["channels"]] == [("rgb.tif", "RGB"), ("dem.tif", "DEM")]
+    assert [(each["filename"], each["type"]) for each in image["channels"]] == [
+        ("rgb.tif", "RGB"),
+        ("dem.tif", "DEM"),
+    ]
     assert len(image["acquisition_date"]) == 10
     corner = [[10, 10], [40, 10], [40, 40], [10, 40]]
-    image["annotations"]["regions"] = [{"id": 1, "class name": "coral", "contour": corner, "inner contours": []}]
+    image["annotations"]["regions"] = [
+        {"id": 1, "class name": "coral", "contour": corner, "inner contours": []}
+    ]
     (tmp_path / "drawn.json").write_text(json.dumps(project))
     (outline,) = read_outlines(tmp_path / "drawn.json", open_posed_run(fused))
     assert np.ptp(outline.rings[0], axis=0) == pytest.approx([0.6, 0.6])
@@ -405,13 +497,17 @@ def test_biigle_gets_a_row_for_each_image(fused: Path, tmp_path: Path) -> None:
     export(fused, "biigle", tmp_path / "to")
     with (tmp_path / "to/metadata.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert {row["filename"] for row in rows} == {path.name for path in (tmp_path / "to/images").iterdir()}
+    assert {row["filename"] for row in rows} == {
+        path.name for path in (tmp_path / "to/images").iterdir()
+    }
     assert float(rows[0]["distance_to_ground"]) == pytest.approx(1.5, abs=0.01)
     assert float(rows[0]["area"]) == pytest.approx(160 * 128 * (1.5 / 200) ** 2, rel=0.01)
     assert (rows[0]["taken_at"], rows[0]["lat"]) == ("", "")
 
 
-def test_laspy_reads_the_cloud_level_by_level(fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_laspy_reads_the_cloud_level_by_level(
+    fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import laspy
 
     monkeypatch.setattr(copc_file, "FEW", 300)
@@ -424,12 +520,18 @@ def test_laspy_reads_the_cloud_level_by_level(fused: Path, tmp_path: Path, monke
         box = laspy.copc.Bounds(mins=np.array([0.2, -0.2]), maxs=np.array([0.5, 0.2]))
         part = file.query(box)
     with laspy.open(tmp_path / "to" / "cloud.copc.laz") as file:
-        assert file.header.parse_crs().to_authority() is None and "Transverse_Mercator" in file.header.parse_crs().to_wkt(
-            "WKT1_GDAL"
+        assert (
+            file.header.parse_crs().to_authority() is None
+            and "Transverse_Mercator" in file.header.parse_crs().to_wkt("WKT1_GDAL")
         )
     assert 20 < len(coarse) < len(whole) / 10
-    assert result.note == f"{len(cloud):,} points in {result.note.split()[-2]} nodes" and int(result.note.split()[-2]) > 5
-    found = np.stack([whole.x, whole.y, whole.z, whole.red // 257, whole.green // 257, whole.blue // 257], axis=1)
+    assert (
+        result.note == f"{len(cloud):,} points in {result.note.split()[-2]} nodes"
+        and int(result.note.split()[-2]) > 5
+    )
+    found = np.stack(
+        [whole.x, whole.y, whole.z, whole.red // 257, whole.green // 257, whole.blue // 257], axis=1
+    )
     wanted = np.concatenate([cloud["position"] + posed.offset_m, cloud["color"]], axis=1)
     found, wanted = (rows[np.lexsort(np.round(rows[:, :3], 3).T)] for rows in (found, wanted))
     np.testing.assert_allclose(np.sort(found, axis=0), np.sort(wanted, axis=0), atol=6e-5)

@@ -29,7 +29,10 @@ def lowered(rig: StereoRig, by_px: float) -> StereoRig:
 def test_a_run_names_rows_that_check_would_not_accept(by_px: float, said: bool) -> None:
     pairs = pairs_of(REEF / "left", REEF / "right", RunConfig().input).pairs
     notes = first_notes(Pipeline(lowered(load_rig(REEF / "cam.yaml"), by_px), RunConfig()), pairs)
-    assert any("a vertical disparity of 0.3" in note and "run --refine" in note for note in notes) == said
+    assert (
+        any("a vertical disparity of 0.3" in note and "run --refine" in note for note in notes)
+        == said
+    )
     assert bool(notes) == said
 
 
@@ -44,28 +47,51 @@ def test_a_run_refuses_rectified_images_with_the_raw_calibration(cli, tmp_path: 
     assert cli("rectify", *words, "--calib", REEF / "cam.yaml", "--out", tmp_path / "flat")[0] == 0
     sides = [f"--{side}={tmp_path / 'flat' / f'rectified_{side}'}" for side in ("left", "right")]
     for more in ((), ("--refine",)):
-        code, _, said = cli("run", *sides, "--calib", REEF / "cam.yaml", "--out", tmp_path / "out", *more)
+        code, _, said = cli(
+            "run", *sides, "--calib", REEF / "cam.yaml", "--out", tmp_path / "out", *more
+        )
         assert code == 1
         assert "the images are rectified already" in said.splitlines()[-1]
     code, printed, _ = cli(
-        "inspect", tmp_path / "flat" / "rectified_left", tmp_path / "flat" / "rectified_right", REEF / "cam.yaml"
+        "inspect",
+        tmp_path / "flat" / "rectified_left",
+        tmp_path / "flat" / "rectified_right",
+        REEF / "cam.yaml",
     )
     assert code == 3
-    assert "the images are rectified already" in printed and "--calib CALIBRATION" in printed and "flat_port" not in printed
+    assert (
+        "the images are rectified already" in printed
+        and "--calib CALIBRATION" in printed
+        and "flat_port" not in printed
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quality", [None, 80])
-def test_one_cameras_pictures_on_both_sides_are_refused(quality: int | None, cli, tmp_path: Path) -> None:
+def test_one_cameras_pictures_on_both_sides_are_refused(
+    quality: int | None, cli, tmp_path: Path
+) -> None:
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
     for image in sorted((REEF / "left").iterdir())[:3]:
         pixels = cv2.imread(str(image))
         cv2.imwrite(str(tmp_path / "left" / image.name), pixels)
-        again = pixels if quality is None else cv2.imdecode(cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 1)
+        again = (
+            pixels
+            if quality is None
+            else cv2.imdecode(
+                cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 1
+            )
+        )
         cv2.imwrite(str(tmp_path / "right" / image.name), again)
-    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + ["--calib", str(REEF / "cam.yaml")]
-    for command, expected in ((["run", *words, "--out", str(tmp_path / "out")], 1), (["check", *words], 3)):
+    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [
+        "--calib",
+        str(REEF / "cam.yaml"),
+    ]
+    for command, expected in (
+        (["run", *words, "--out", str(tmp_path / "out")], 1),
+        (["check", *words], 3),
+    ):
         code, printed, said = cli(*command)
         assert code == expected
         assert "both sides show one camera's picture" in printed + said

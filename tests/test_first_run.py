@@ -30,7 +30,9 @@ def cold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warm_up, "cores", lambda: 2)
 
 
-def test_each_function_is_called_and_one_that_fails_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_function_is_called_and_one_that_fails_stops_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "called.py").write_text(CALLED)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
@@ -44,7 +46,9 @@ def test_a_copy_of_the_package_in_the_present_folder_is_not_what_is_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "stereo_seecolor").mkdir()
-    (tmp_path / "stereo_seecolor/__init__.py").write_text("from pathlib import Path\nPath('imported').touch()\n")
+    (tmp_path / "stereo_seecolor/__init__.py").write_text(
+        "from pathlib import Path\nPath('imported').touch()\n"
+    )
     monkeypatch.chdir(tmp_path)
     assert list(call_in_processes(["stereo_seecolor.compute.process:collect_seldom"]))
     assert not (tmp_path / "imported").exists()
@@ -56,7 +60,9 @@ def test_works_run(work: str) -> None:
     getattr(__import__(module, fromlist=[function]), function)()
 
 
-def test_a_first_run_says_that_it_compiles(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_first_run_says_that_it_compiles(
+    calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     cold(monkeypatch)
     said: list[tuple[str, int]] = []
 
@@ -69,7 +75,9 @@ def test_a_first_run_says_that_it_compiles(calls: list[str], monkeypatch: pytest
     assert tuple(calls) == warm_up.WORKS
 
 
-def test_nothing_is_compiled_twice_or_for_another_engine(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_compiled_twice_or_for_another_engine(
+    calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     cold(monkeypatch)
     warm_up.compile_for(RunConfig(matching=MatchingConfig(engine="opencv")), RunOptions())
     monkeypatch.setattr(warm_up, "is_first_run", lambda: False)
@@ -77,7 +85,9 @@ def test_nothing_is_compiled_twice_or_for_another_engine(calls: list[str], monke
     assert calls == []
 
 
-def test_a_later_run_begins_to_load_what_it_needs_unless_it_may_have_to_compile(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_later_run_begins_to_load_what_it_needs_unless_it_may_have_to_compile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     begun: list[object] = []
     monkeypatch.setattr(warm_up.Alongside, "put", lambda _, work: begun.append(work))
     cold(monkeypatch)

@@ -29,9 +29,16 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
     (dive.root / "R/0001.png").rename(dive.root / "later.png")
     (dive.root / "R/0001.png").write_bytes(b"")
     entries = (f"{{name: gone, {SIDES.replace('dive/L', 'nowhere')}}}", f"{{name: part, {SIDES}}}")
-    file = write(tmp_path / "campaign.yaml", *entries, more="settings: {color.lock: survey, output.clouds: false}\n")
+    file = write(
+        tmp_path / "campaign.yaml",
+        *entries,
+        more="settings: {color.lock: survey, output.clouds: false}\n",
+    )
     result = campaign(file)
-    assert [(found.state, found.ok, found.failed) for found in result.dives] == [("failed", 0, 0), ("some pairs failed", 1, 1)]
+    assert [(found.state, found.ok, found.failed) for found in result.dives] == [
+        ("failed", 0, 0),
+        ("some pairs failed", 1, 1),
+    ]
     assert "nowhere" in result.dives[0].error
     assert not (tmp_path / "results/part/clouds").exists()
     (dive.root / "later.png").replace(dive.root / "R/0001.png")
@@ -45,21 +52,35 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
 
 
 @pytest.mark.slow
-def test_dives_of_a_site_share_the_water_that_one_run_over_all_their_pairs_has(make_dive, tmp_path) -> None:
+def test_dives_of_a_site_share_the_water_that_one_run_over_all_their_pairs_has(
+    make_dive, tmp_path
+) -> None:
     whole = make_dive(4)
     for number in range(4):
         for side in "LR":
             place = tmp_path / "ab"[number // 2] / side / f"{number}.png"
             place.parent.mkdir(parents=True, exist_ok=True)
             place.symlink_to(whole.root / side / f"{number:04d}.png")
-    entries = [f"{{name: {name}, site: reef, left: {name}/L, right: {name}/R, calib: dive/cam.yaml}}" for name in "ab"]
+    entries = [
+        f"{{name: {name}, site: reef, left: {name}/L, right: {name}/R, calib: dive/cam.yaml}}"
+        for name in "ab"
+    ]
     gone = f"{{name: gone, site: reef, {SIDES.replace('dive/L', 'nowhere')}}}"
     result = campaign(write(tmp_path / "campaign.yaml", *entries, gone))
     assert [found.state for found in result.dives] == ["done", "done", "failed"]
-    run(whole.root / "L", whole.root / "R", whole.root / "cam.yaml", tmp_path / "whole", load_config(None, ["color.lock=survey"]))
+    run(
+        whole.root / "L",
+        whole.root / "R",
+        whole.root / "cam.yaml",
+        tmp_path / "whole",
+        load_config(None, ["color.lock=survey"]),
+    )
     expected = json.loads((tmp_path / "whole/water.json").read_bytes())["water"]
     for name in "ab":
-        assert json.loads((tmp_path / "results" / name / "water.json").read_bytes())["water"] == expected
+        assert (
+            json.loads((tmp_path / "results" / name / "water.json").read_bytes())["water"]
+            == expected
+        )
     again = campaign(tmp_path / "campaign.yaml", only_failed=True)
     assert again.dives[:2] == result.dives[:2]
 
@@ -80,19 +101,31 @@ class Interrupts:
 
 def test_a_campaign_that_is_stopped_says_so_of_its_dive_and_goes_on(make_dive, tmp_path) -> None:
     make_dive(2)
-    entries = [f"{{name: a, {SIDES}}}", f"{{name: b, site: s, {SIDES}}}", f"{{name: c, site: s, {SIDES}}}"]
+    entries = [
+        f"{{name: a, {SIDES}}}",
+        f"{{name: b, site: s, {SIDES}}}",
+        f"{{name: c, site: s, {SIDES}}}",
+    ]
     file = write(tmp_path / "campaign.yaml", *entries)
     listener = Interrupts("colors")
-    assert [found.state for found in campaign(file, RunOptions(listener=listener)).dives] == ["stopped", "not begun", "not begun"]
+    assert [found.state for found in campaign(file, RunOptions(listener=listener)).dives] == [
+        "stopped",
+        "not begun",
+        "not begun",
+    ]
     campaign(write(tmp_path / "one.yaml", entries[0]))
-    stopped = campaign(file, RunOptions(listener=Interrupts("ranges")), only_failed=True)  # in the fit of the site's water
+    stopped = campaign(
+        file, RunOptions(listener=Interrupts("ranges")), only_failed=True
+    )  # in the fit of the site's water
     assert [found.state for found in stopped.dives] == ["done", "stopped", "not begun"]
     with stopped.table.open() as table:
         assert [row["state"] for row in csv.DictReader(table)] == ["done", "stopped", "not begun"]
     assert campaign(file, only_failed=True).all_done
 
 
-def test_a_dive_whose_map_fails_has_its_frames_and_the_reason(make_dive, tmp_path, monkeypatch) -> None:
+def test_a_dive_whose_map_fails_has_its_frames_and_the_reason(
+    make_dive, tmp_path, monkeypatch
+) -> None:
     make_dive(1)
     (tmp_path / "nav.tum").write_text("no number\n")
     file = write(tmp_path / "campaign.yaml", f"{{name: a, poses: nav.tum, {SIDES}}}")
@@ -130,7 +163,10 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
         (f"{{out: x, dives: [{{name: a, water: w.json, site: s, {SIDES}}}]}}", "give one of both"),
-        (f"{{out: x, dives: [{{name: a, {SIDES}}}, {{name: a, {SIDES}}}]}}", "two dives are called 'a'"),
+        (
+            f"{{out: x, dives: [{{name: a, {SIDES}}}, {{name: a, {SIDES}}}]}}",
+            "two dives are called 'a'",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_campaigns_file_is_said(tmp_path, text: str, message: str) -> None:
@@ -145,7 +181,9 @@ def test_a_plan_grows_with_the_pairs_and_shrinks_with_the_workers(make_dive) -> 
     found = plan(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", workers=(1, 2))
     assert (found.pairs, found.measured) == (12, 10)
     assert 3600 * found.core_hours == pytest.approx(12 * found.core_seconds_per_pair + found.fit_s)
-    assert found.wall_hours[1] - found.wall_hours[2] == pytest.approx(12 * found.core_seconds_per_pair / 2 / 3600)
+    assert found.wall_hours[1] - found.wall_hours[2] == pytest.approx(
+        12 * found.core_seconds_per_pair / 2 / 3600
+    )
     assert sum(found.stage_seconds.values()) == pytest.approx(found.core_seconds_per_pair)
     assert found.stage_seconds["light"] > 0
     assert found.disk_bytes > 12 * dive.range_m.size * 4

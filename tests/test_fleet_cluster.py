@@ -1,4 +1,6 @@
-"""The work on a cluster: the same bytes as on threads, whatever is lost on the way, and one line for what is wrong."""
+"""The work on a cluster: the same bytes as on threads, whatever is lost on the way, and one line
+for what is wrong.
+"""
 
 import asyncio
 import os
@@ -60,15 +62,22 @@ def test_a_worker_that_can_do_the_work_is_admitted(mine: Ticket) -> None:
 
 def test_a_worker_with_other_versions_is_named_with_them(mine: Ticket) -> None:
     other = tuple((name, "0.1" if name == "numpy" else version) for name, version in mine.versions)
-    with pytest.raises(ClusterError, match=r"worker on .*: has other versions \(numpy .* there, 0.1 here\): install the same"):
+    with pytest.raises(
+        ClusterError,
+        match=r"worker on .*: has other versions \(numpy .* there, 0.1 here\): install the same",
+    ):
         admit(replace(mine, versions=other))
 
 
-def test_a_worker_that_does_not_see_the_folders_is_named_with_them(mine: Ticket, tmp_path: Path) -> None:
+def test_a_worker_that_does_not_see_the_folders_is_named_with_them(
+    mine: Ticket, tmp_path: Path
+) -> None:
     gone = tmp_path / "gone"
     (probe,) = mine.probes
     for changed in (replace(probe, file=gone / "probe"), replace(probe, inputs=(gone,))):
-        with pytest.raises(ClusterError, match=f"worker on .*: does not see {gone} .*mount it there"):
+        with pytest.raises(
+            ClusterError, match=f"worker on .*: does not see {gone} .*mount it there"
+        ):
             admit(replace(mine, probes=(changed,)))
     with pytest.raises(ClusterError, match=r"does not see .*gone"):
         admit(replace(mine, folder=gone))
@@ -89,8 +98,14 @@ def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
         ("a: [", "is no YAML"),
         ("jobs: 0", "jobs: .*give at least jobs, cores and memory"),
         ("{cores: 1, memory: 1GB}", "either jobs or adaptive is needed"),
-        ("{jobs: 1, adaptive: {maximum: 2}, cores: 1, memory: 1GB}", "either jobs or adaptive is needed"),
-        ("{adaptive: {minimum: 3, maximum: 2}, cores: 1, memory: 1GB}", "adaptive: .*minimum is more than maximum"),
+        (
+            "{jobs: 1, adaptive: {maximum: 2}, cores: 1, memory: 1GB}",
+            "either jobs or adaptive is needed",
+        ),
+        (
+            "{adaptive: {minimum: 3, maximum: 2}, cores: 1, memory: 1GB}",
+            "adaptive: .*minimum is more than maximum",
+        ),
     ):
         if text is not None:
             file.write_text(text)
@@ -100,20 +115,31 @@ def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
 
 def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stereo_seecolor.extras.fleet.cluster.connect.SCHEDULER_TIMEOUT_S", 0.2)
-    with pytest.raises(ClusterError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"), cluster("tcp://127.0.0.1:1"):
+    with (
+        pytest.raises(ClusterError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"),
+        cluster("tcp://127.0.0.1:1"),
+    ):
         pass
 
 
 def test_a_scheduler_of_another_version_is_said() -> None:
-    found = {"scheduler": {"packages": {"distributed": "1.0"}}, "client": {"packages": {"distributed": "2.0"}}}
-    with pytest.raises(ClusterError, match=r"tcp://a:1: the scheduler has another version \(distributed 1.0 there, 2.0 here\)"):
+    found = {
+        "scheduler": {"packages": {"distributed": "1.0"}},
+        "client": {"packages": {"distributed": "2.0"}},
+    }
+    with pytest.raises(
+        ClusterError,
+        match=r"tcp://a:1: the scheduler has another version \(distributed 1.0 there, 2.0 here\)",
+    ):
         connect._check_scheduler(SimpleNamespace(get_versions=lambda: found), "tcp://a:1")
 
 
 class LostScheduler:
     """A client of Dask whose scheduler goes: while it is asked for workers, or for a result."""
 
-    def __init__(self, status: str, asked: Exception | None = None, result: Exception | None = None) -> None:
+    def __init__(
+        self, status: str, asked: Exception | None = None, result: Exception | None = None
+    ) -> None:
         self.status, self._asked, self._result = status, asked, result
 
     def nthreads(self) -> dict[str, int]:
@@ -137,13 +163,17 @@ class LostScheduler:
     [
         LostScheduler("closed", asked=UnboundLocalError("result")),
         LostScheduler("connecting", asked=OSError("timed out")),
-        LostScheduler("connecting", asked=AttributeError("'NoneType' object has no attribute 'ncores'")),
+        LostScheduler(
+            "connecting", asked=AttributeError("'NoneType' object has no attribute 'ncores'")
+        ),
         LostScheduler("closed", result=UnboundLocalError("result")),
         LostScheduler("closed", result=CommClosedError("gone")),
     ],
 )
 def test_a_scheduler_that_goes_while_it_is_asked_is_said(client: LostScheduler) -> None:
-    with pytest.raises(ClusterError, match=r"tcp://a:1: the scheduler is gone .*run the same line again"):
+    with pytest.raises(
+        ClusterError, match=r"tcp://a:1: the scheduler is gone .*run the same line again"
+    ):
         list(DaskCompute(client, "tcp://a:1", lambda: None).each(abs, [1]))
 
 
@@ -154,7 +184,9 @@ def test_a_defect_of_the_work_is_not_the_schedulers() -> None:
 
 
 def test_dask_returns_what_it_never_had_where_its_question_is_cancelled() -> None:
-    """Why an UnboundLocalError is taken for a lost scheduler: to be dropped when this test fails."""
+    """Why an UnboundLocalError is taken for a lost scheduler: to be dropped when this test
+    fails.
+    """
     runner = LoopRunner()
     runner.start()
     try:
@@ -168,24 +200,33 @@ async def raising(error: BaseException) -> None:
     raise error
 
 
-def test_a_program_of_another_version_on_a_worker_is_said(local: DaskCompute, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_of_another_version_on_a_worker_is_said(
+    local: DaskCompute, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def newer(*_: object) -> None:
         """Not on the workers."""
 
     newer.__module__, newer.__qualname__ = worker.__name__, "newer"
     monkeypatch.setattr(worker, "newer", newer, raising=False)
     monkeypatch.setattr(dask_compute, "do_batch", newer)
-    with pytest.raises(ClusterError, match=r"local:2: a worker has another version: install the same there"):
+    with pytest.raises(
+        ClusterError, match=r"local:2: a worker has another version: install the same there"
+    ):
         list(local.each(square, range(2)))
 
 
 @pytest.fixture
 def slurm_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BatchJobs:
     """Job 12, of which squeue says what is in the file ``queue``."""
-    (tmp_path / "squeue").write_text(f'#!/bin/sh\ncat {tmp_path}/queue || {{ echo "squeue: error: no controller" >&2; exit 1; }}\n')
+    (tmp_path / "squeue").write_text(
+        f'#!/bin/sh\ncat {tmp_path}/queue || {{ echo "squeue: error: no controller" >&2; exit 1; '
+        f"}}\n"
+    )
     (tmp_path / "squeue").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    return BatchJobs("slurm", SimpleNamespace(workers={0: SimpleNamespace(job_id="12")}), tmp_path / "logs")
+    return BatchJobs(
+        "slurm", SimpleNamespace(workers={0: SimpleNamespace(job_id="12")}), tmp_path / "logs"
+    )
 
 
 def test_the_state_of_a_job_that_waits_is_told(slurm_job: BatchJobs, tmp_path: Path) -> None:
@@ -206,12 +247,21 @@ def test_the_log_of_a_job_that_ended_is_told(slurm_job: BatchJobs, tmp_path: Pat
     assert slurm_job.ended().endswith("dask-worker-12.err ends with 'no module named dask'")
 
 
-def test_what_a_killed_client_left_of_its_workers_is_deleted_by_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_killed_client_left_of_its_workers_is_deleted_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(connect.tempfile, "gettempdir", lambda: str(tmp_path))
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    kept = [tmp_path / f"{connect.SCRATCH}{os.getpid()}-a", tmp_path / "stereo-seecolor-elsewhere-1-a", tmp_path / "other"]
-    left, mine = tmp_path / f"{connect.SCRATCH}{gone.pid}-a", tmp_path / f"{connect.SCRATCH}{gone.pid}-my-dives"
+    kept = [
+        tmp_path / f"{connect.SCRATCH}{os.getpid()}-a",
+        tmp_path / "stereo-seecolor-elsewhere-1-a",
+        tmp_path / "other",
+    ]
+    left, mine = (
+        tmp_path / f"{connect.SCRATCH}{gone.pid}-a",
+        tmp_path / f"{connect.SCRATCH}{gone.pid}-my-dives",
+    )
     for folder in (*kept, left):
         (folder / "dask-scratch-space").mkdir(parents=True)
         (folder / connect.MARK).touch()
@@ -246,7 +296,9 @@ def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> Non
 
 @dataclass(frozen=True)
 class Large:
-    """Work that takes more memory than a worker has, the first so many times. tries: a file with a line for each worker it met."""
+    """Work that takes more memory than a worker has, the first so many times. tries: a file with a
+    line for each worker it met.
+    """
 
     name: str
     tries: Path
@@ -272,11 +324,21 @@ def test_a_local_worker_beyond_its_memory_is_ended_and_its_batch_done_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(connect, "_memory_bytes", lambda: LIMIT_BYTES)
-    monkeypatch.setattr(connect, "DASK_SETTINGS", {**connect.DASK_SETTINGS, "distributed.scheduler.allowed-failures": 1})
+    monkeypatch.setattr(
+        connect,
+        "DASK_SETTINGS",
+        {**connect.DASK_SETTINGS, "distributed.scheduler.allowed-failures": 1},
+    )
     once, always = (Large(f"frame{times}", tmp_path / str(times), times) for times in (1, 9))
     with cluster("local:1") as compute:
-        assert list(compute.each(take_memory, [once, replace(once, name="next")])) == ["frame1", "next"]
-        with pytest.raises(ClusterError, match="local:1: the batch of frame9 ended 2 workers, most likely for want of memory"):
+        assert list(compute.each(take_memory, [once, replace(once, name="next")])) == [
+            "frame1",
+            "next",
+        ]
+        with pytest.raises(
+            ClusterError,
+            match="local:1: the batch of frame9 ended 2 workers, most likely for want of memory",
+        ):
             list(compute.each(take_memory, [always]))
         assert list(compute.each(square, range(3))) == [0, 1, 4]
     assert len(set(once.tries.read_text().split())) == 2

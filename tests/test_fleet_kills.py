@@ -1,4 +1,6 @@
-"""Runs on a cluster whose workers or client are killed: the same bytes as on threads, and no process left."""
+"""Runs on a cluster whose workers or client are killed: the same bytes as on threads, and no
+process left.
+"""
 
 import contextlib
 import os
@@ -21,7 +23,9 @@ from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 
 def workers() -> list[psutil.Process]:
-    """Those that run now: a process may end, or be no more than an entry of the system's table, while it is looked at."""
+    """Those that run now: a process may end, or be no more than an entry of the system's table,
+    while it is looked at.
+    """
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
@@ -49,7 +53,9 @@ class Killer:
 
 
 @pytest.mark.slow
-def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(make_dive, tmp_path: Path, monkeypatch) -> None:
+def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(
+    make_dive, tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.setattr("stereo_seecolor.dive.passes.LONG_DIVE", 2)
     monkeypatch.setattr("stereo_seecolor.dive.source.GROUP", 2)
     dive = make_dive(6)
@@ -58,7 +64,9 @@ def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(make_d
     summary = run(*sides, tmp_path / "threads")
     assert (summary.count("ok"), summary.count("failed")) == (5, 1)
     with cluster("local:2") as compute:
-        assert run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute)).count("ok") == 5
+        assert (
+            run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute)).count("ok") == 5
+        )
     assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
     before = (tmp_path / "threads/water.json").read_bytes()
     again = run(*sides, tmp_path / "threads")
@@ -73,11 +81,15 @@ def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
     sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
     killer = Killer((2, 8))
     with cluster("local:2") as compute:
-        summary = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute, listener=killer))
+        summary = run(
+            *sides, tmp_path / "cluster", options=RunOptions(cluster=compute, listener=killer)
+        )
         again = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute))
     assert killer.killed == 2
     logs = list((tmp_path / "cluster/.state/logs").iterdir())
-    assert 2 <= len(logs) <= 4, "one for each worker that was given work, those started anew among them"
+    assert 2 <= len(logs) <= 4, (
+        "one for each worker that was given work, those started anew among them"
+    )
     assert all("worker begins" in log.read_text() for log in logs)
     assert (summary.count("ok"), summary.count("failed"), again.kept) == (5, 1, 5)
     run(*sides, tmp_path / "threads")
@@ -86,7 +98,9 @@ def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
 
 
 class NewWorkers(Threads):
-    """Every item goes to a worker that begins with it, and makes sure that it sees the shared folder."""
+    """Every item goes to a worker that begins with it, and makes sure that it sees the shared
+    folder.
+    """
 
     @contextlib.contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
@@ -103,10 +117,16 @@ class NewWorkers(Threads):
     tiles = each
 
 
-def test_a_worker_that_begins_at_the_very_end_sees_the_shared_folder(make_dive, tmp_path: Path) -> None:
+def test_a_worker_that_begins_at_the_very_end_sees_the_shared_folder(
+    make_dive, tmp_path: Path
+) -> None:
     dive = make_dive(2)
     summary = run(
-        dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", options=RunOptions(cluster=NewWorkers(1))
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        options=RunOptions(cluster=NewWorkers(1)),
     )
     assert summary.count("ok") == 2
 
@@ -115,13 +135,21 @@ def test_a_worker_that_begins_at_the_very_end_sees_the_shared_folder(make_dive, 
 @pytest.mark.timeout(600)
 def test_the_client_is_killed(make_dive, tmp_path: Path) -> None:
     dive, out = make_dive(5), tmp_path / "cluster"
-    words = [sys.executable, "-m", "stereo_seecolor", *dive.command(out, "--cluster", "local:1", "--progress", "none")]
+    words = [
+        sys.executable,
+        "-m",
+        "stereo_seecolor",
+        *dive.command(out, "--cluster", "local:1", "--progress", "none"),
+    ]
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     client = subprocess.Popen(words, env={**os.environ, "TMPDIR": str(temporary)})
     wait_for(lambda: client.poll() is not None or len(list((out / "range").glob("*.tiff"))) >= 2)
     assert client.poll() is None, "the client ended before it was killed"
-    family = [client.pid, *(child.pid for child in psutil.Process(client.pid).children(recursive=True))]
+    family = [
+        client.pid,
+        *(child.pid for child in psutil.Process(client.pid).children(recursive=True)),
+    ]
     client.kill()
     client.wait()
     wait_for(lambda: not any(map(running, family)))

@@ -1,4 +1,6 @@
-"""Who writes into a folder that many machines see: nobody beside another, and nobody's place is taken without a word."""
+"""Who writes into a folder that many machines see: nobody beside another, and nobody's place is
+taken without a word.
+"""
 
 import json
 import os
@@ -34,7 +36,10 @@ ELSEWHERE = Holder("ana", "node7", 4242, "t")
 def test_a_holder_on_another_machine_is_named(out: Path) -> None:
     hold(out, ELSEWHERE, age_s=60)
     assert writer(out) == "ana@node7, process 4242"
-    with pytest.raises(OutputError, match=r"writing into it now \(ana@node7, process 4242\)"), leased(out, locked=True):
+    with (
+        pytest.raises(OutputError, match=r"writing into it now \(ana@node7, process 4242\)"),
+        leased(out, locked=True),
+    ):
         pass
 
 
@@ -65,7 +70,9 @@ def test_a_live_process_of_this_machine_is_refused_where_the_system_has_no_locks
         pass
 
 
-def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(lock, "TIMES", LeaseTimes(beat_s=0.01))
     beaten, utime = threading.Event(), os.utime
     monkeypatch.setattr(lock.os, "utime", lambda *of: (utime(*of), beaten.set()))
@@ -73,7 +80,10 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(out: Path, mon
         assert beaten.wait(10)
         check_lease(out, me.token)
         hold(out, ELSEWHERE)
-        with pytest.raises(OutputError, match=r"no longer held by this run: ana@node7, process 4242 writes into it now"):
+        with pytest.raises(
+            OutputError,
+            match=r"no longer held by this run: ana@node7, process 4242 writes into it now",
+        ):
             check_lease(out, me.token)
     assert Holder.load(out) == ELSEWHERE
     (out / ".state/lease.json").unlink()
@@ -81,7 +91,9 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(out: Path, mon
         check_lease(out, me.token)
 
 
-def test_a_network_that_fails_for_a_moment_costs_no_lease(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_that_fails_for_a_moment_costs_no_lease(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with leased(out, locked=True) as me:
         with monkeypatch.context() as failing:
             failing.setattr(Path, "read_bytes", stale_handle)
@@ -96,10 +108,16 @@ def stale_handle(path: Path) -> bytes:
     raise OSError(116, "Stale file handle")
 
 
-def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(tmp_path: Path, monkeypatch) -> None:
+def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(
+    tmp_path: Path, monkeypatch
+) -> None:
     def no_locks(self) -> None:
         raise OSError(lock.errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(lock.FileLock, "_acquire", no_locks)
-    with lock.held(tmp_path), pytest.raises(OutputError, match="another run is writing"), lock.held(tmp_path):
+    with (
+        lock.held(tmp_path),
+        pytest.raises(OutputError, match="another run is writing"),
+        lock.held(tmp_path),
+    ):
         pass

@@ -18,7 +18,9 @@ assert local_workers._one_thread()
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how many threads a process has")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux says how many threads a process has"
+)
 def test_no_thread_is_under_way_when_workers_are_forked() -> None:
     """One that ends may hold a lock of OpenCV's, which a worker would find held for ever."""
     environment = {**os.environ, **dict.fromkeys(VARIABLES, "1")}

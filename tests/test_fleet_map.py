@@ -1,4 +1,6 @@
-"""A map whose frames, pairs of frames and tiles are work for the processes of a cluster: the same bytes as on threads."""
+"""A map whose frames, pairs of frames and tiles are work for the processes of a cluster: the same
+bytes as on threads.
+"""
 
 import shutil
 from pathlib import Path
@@ -16,7 +18,11 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 
 
 def map_files(out: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(out)): path.read_bytes() for path in (out / "map").rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in (out / "map").rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.mark.slow
@@ -38,7 +44,9 @@ def test_a_map_is_made_on_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
-def test_a_map_that_was_stopped_goes_on_from_the_features_and_tiles_that_were_done(tmp_path: Path) -> None:
+def test_a_map_that_was_stopped_goes_on_from_the_features_and_tiles_that_were_done(
+    tmp_path: Path,
+) -> None:
     frames = ReefFrames(SurveySpec(pairs=6, lines=2, image_size=(240, 192)), noise_px=0.05)
     write_run(tmp_path / "out", frames, frames.pair)
     config = RunConfig(mapping=CONFIG)
@@ -55,7 +63,9 @@ def test_a_map_that_was_stopped_goes_on_from_the_features_and_tiles_that_were_do
 
     with pytest.raises(MappingError, match="stopped"):
         fuse(tmp_path / "out", None, config, Stops())
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out/.state/fusion").rglob("*.npz")}
+    kept = {
+        path: path.stat().st_mtime_ns for path in (tmp_path / "out/.state/fusion").rglob("*.npz")
+    }
     assert {path.parts[-3] for path in kept} == {"features", "0"}  # 0: tiles of the first component
     seen: set[str] = set()
 
@@ -66,7 +76,11 @@ def test_a_map_that_was_stopped_goes_on_from_the_features_and_tiles_that_were_do
             pass
 
         def advance(self, row: object) -> None:
-            seen.update(path.name for path in kept if path.exists() and path.stat().st_mtime_ns == kept[path])
+            seen.update(
+                path.name
+                for path in kept
+                if path.exists() and path.stat().st_mtime_ns == kept[path]
+            )
 
     fuse(tmp_path / "out", None, config, Looks())
     assert seen == {path.name for path in kept}

@@ -36,7 +36,9 @@ def test_what_is_no_shard_is_refused(cli, text: str) -> None:
     assert "such as 2/8" in said
 
 
-def sharded(dive, tmp_path: Path, of: int = 2, config: RunConfig | None = None, water: Path | None = None) -> list[Path]:
+def sharded(
+    dive, tmp_path: Path, of: int = 2, config: RunConfig | None = None, water: Path | None = None
+) -> list[Path]:
     sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
     outs = [tmp_path / f"part{number}" for number in range(1, of + 1)]
     for number, out in enumerate(outs, 1):
@@ -50,7 +52,9 @@ def whole(dive, tmp_path: Path, config: RunConfig | None = None) -> dict[str, by
 
 
 @pytest.mark.slow
-def test_merged_shards_are_the_same_bytes_as_one_run_and_a_run_into_them_has_nothing_to_do(make_dive, tmp_path) -> None:
+def test_merged_shards_are_the_same_bytes_as_one_run_and_a_run_into_them_has_nothing_to_do(
+    make_dive, tmp_path
+) -> None:
     dive = make_dive(5)
     (dive.root / "R/0003.png").write_bytes(b"")
     (dive.root / "L/alone.png").write_bytes((dive.root / "L/0000.png").read_bytes())
@@ -122,12 +126,22 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
         def advance(self, row) -> None:
             seen.append(status(tmp_path / "out"))
 
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", options=RunOptions(listener=Watcher()))
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        options=RunOptions(listener=Watcher()),
+    )
     assert {found.state for found in seen} == {"running"}
     assert f"process {os.getpid()}" in seen[0].writer
     assert seen[-1].stage == "colors"
     assert seen[-1].remaining_s is not None
-    assert (seen[0].stage, seen[0].to_come[-1], seen[0].rests_on) == ("ranges", "colors", "the usual shares of passes")
+    assert (seen[0].stage, seen[0].to_come[-1], seen[0].rests_on) == (
+        "ranges",
+        "colors",
+        "the usual shares of passes",
+    )
     assert seen[0].run_remaining_s > seen[0].remaining_s
     done = status(tmp_path / "out")
     assert (done.state, done.done, done.failed, done.left) == ("complete", 2, 1, 0)
@@ -138,7 +152,9 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     assert "is empty" in printed
 
 
-def test_folders_without_a_run_are_told_apart_and_dives_of_a_campaign_found(make_dive, tmp_path, cli) -> None:
+def test_folders_without_a_run_are_told_apart_and_dives_of_a_campaign_found(
+    make_dive, tmp_path, cli
+) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "all/one")
     save_states(tmp_path / "all", {"one": DiveState("one", "done")})
@@ -161,7 +177,9 @@ def test_a_merge_that_stops_at_the_water_expects_no_correction(make_dive, tmp_pa
         def advance(self, row) -> None:
             seen.append(list(status(tmp_path / "whole").to_come))
 
-    merge(sharded(dive, tmp_path), tmp_path / "whole", RunOptions(listener=Watcher()), fit_only=True)
+    merge(
+        sharded(dive, tmp_path), tmp_path / "whole", RunOptions(listener=Watcher()), fit_only=True
+    )
     assert seen == [[], []]
 
 
@@ -170,10 +188,14 @@ def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> No
     ranges = Progress("ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected)  # as fast as expected
     assert ranges.ends_s == 1200
     assert ranges.run_ends_s == 1200 + 100 * (1 + 3)
-    light = Progress("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)  # by two workers
+    light = Progress(
+        "light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected
+    )  # by two workers
     assert light.ends_s is None
     assert light.run_ends_s == 1000 + 100 * (1 + 3) / 2
-    kept = Progress("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)  # nothing tells how fast it goes
+    kept = Progress(
+        "ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected
+    )  # nothing tells how fast it goes
     assert kept.run_ends_s is None
     assert kept.to_come == ["light", "colors"]
     tiles = Progress("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], Expected({}))
@@ -192,7 +214,13 @@ def test_the_end_of_a_run_follows_from_its_plan(make_dive, tmp_path, cli) -> Non
         def advance(self, row) -> None:
             pass
 
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=RunOptions(listener=Watcher()))
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        out,
+        options=RunOptions(listener=Watcher()),
+    )
     assert (told[0].state, told[0].stage) == ("running", "")
     assert told[1].rests_on == "the plan"
     assert "page and map not counted; by the plan)" in status_text(told)
@@ -233,7 +261,10 @@ def test_a_merge_takes_shards_of_one_cut_each_once(make_dive, tmp_path, cli) -> 
     run(*sides, tmp_path / "third", options=RunOptions(shard=Shard(3, 3)))
     for parts, message in (
         ([one, one, two], f"{one}: is given twice"),
-        ([one, tmp_path / "third"], "is shard 1/2, and .*third is shard 3/3: merge shards of one cut"),
+        (
+            [one, tmp_path / "third"],
+            "is shard 1/2, and .*third is shard 3/3: merge shards of one cut",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             merge(parts, tmp_path / "merged", partial=True)
@@ -246,8 +277,13 @@ def test_a_png_with_a_jpeg_of_one_name_is_named_once_in_a_merge(make_dive, tmp_p
     (dive.root / "L/0000.jpg").write_bytes((dive.root / "L/0000.png").read_bytes())
     code, printed, _ = cli("merge", *sharded(dive, tmp_path), "--out", tmp_path / "merged")
     assert code == 3
-    (line,) = [line for line in printed.splitlines() if line.startswith("unpaired: ") and "0000.jpg: " in line]
+    (line,) = [
+        line
+        for line in printed.splitlines()
+        if line.startswith("unpaired: ") and "0000.jpg: " in line
+    ]
     assert line.endswith(
-        "0000.jpg: several files are called '0000' (0000.jpg, 0000.png): keep one of them, or name a pattern such as 'L/*.png'"
+        "0000.jpg: several files are called '0000' (0000.jpg, 0000.png): keep one of them, or "
+        "name a pattern such as 'L/*.png'"
     )
     assert line.count(f"{dive.root / 'L/0000.jpg'}: ") == 1

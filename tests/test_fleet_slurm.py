@@ -37,7 +37,10 @@ def slurm(controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setenv("SLURM_CONF", str(controller))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     file = tmp_path / "cluster.yaml"
-    file.write_text(f"{{jobs: 1, cores: 1, memory: 2GB, interface: lo, wait_s: 180, log_directory: {tmp_path / 'logs'}}}")
+    file.write_text(
+        f"{{jobs: 1, cores: 1, memory: 2GB, interface: lo, wait_s: 180, log_directory: "
+        f"{tmp_path / 'logs'}}}"
+    )
     return file
 
 
@@ -45,14 +48,22 @@ def slurm(controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # libraries of the cluster warn of their own
 def test_what_slurm_says_of_jobs_without_a_worker_is_told(tmp_path: Path, slurm: Path) -> None:
-    usual = slurm.read_text().removesuffix("}").replace("wait_s: 180", "wait_s: 4").replace("jobs: 1", "jobs: 2")
+    usual = (
+        slurm.read_text()
+        .removesuffix("}")
+        .replace("wait_s: 180", "wait_s: 4")
+        .replace("jobs: 1", "jobs: 2")
+    )
     for more, message in (
         ("queue: nowhere", r"a job was refused: .*Invalid partition"),
         (
             "job_extra_directives: ['--begin=now+1hour']",
             r"no worker came within 4 s: job \d+ is PENDING \(BeginTime\); .*logs are in",
         ),
-        ("wait_s: 60, job_script_prologue: ['echo no environment >&2; exit 3']", r"job \d+ has ended: .* 'no environment'"),
+        (
+            "wait_s: 60, job_script_prologue: ['echo no environment >&2; exit 3']",
+            r"job \d+ has ended: .* 'no environment'",
+        ),
     ):
         base = usual.replace(", wait_s: 4", "") if "wait_s" in more else usual
         slurm.write_text(f"{base}, {more}}}")

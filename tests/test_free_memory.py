@@ -15,7 +15,9 @@ GIB = 1 << 30
 def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A machine with 16 GiB to be had; its control groups lie in the folder given."""
     meminfo = tmp_path / "meminfo"
-    meminfo.write_text("MemTotal:       33554432 kB\nMemFree:         1048576 kB\nMemAvailable:   16777216 kB\n")
+    meminfo.write_text(
+        "MemTotal:       33554432 kB\nMemFree:         1048576 kB\nMemAvailable:   16777216 kB\n"
+    )
     monkeypatch.setattr(process, "_MEMINFO", meminfo)
     monkeypatch.setattr(process, "_GROUPS", tmp_path)
     return tmp_path
@@ -41,10 +43,15 @@ def test_fewer_pairs_at_once_are_said_once_and_enough_memory_nothing() -> None:
     assert options.within_memory(1e9) is options
     assert said == []
     assert options.within_memory(5 * GIB).workers == 2
-    assert said == ["memory: a pair takes about 5.4 GB while it is worked on: 2 at once instead of 4, for more are not free"]
+    assert said == [
+        "memory: a pair takes about 5.4 GB while it is worked on: 2 at once instead of 4, for "
+        "more are not free"
+    ]
 
 
-def test_where_the_system_does_not_say_all_are_done_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_the_system_does_not_say_all_are_done_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(process, "_MEMINFO", tmp_path / "absent")
     monkeypatch.setattr(process, "_GROUPS", tmp_path)
     assert at_once(6, 1e15) == 6

@@ -1,4 +1,6 @@
-"""Damaged files of every kind that the program reads: each is taken, or refused in one line, quickly and in little memory."""
+"""Damaged files of every kind that the program reads: each is taken, or refused in one line,
+quickly and in little memory.
+"""
 
 import random
 import signal
@@ -86,7 +88,9 @@ def mutate(content: bytes, rng: random.Random) -> bytes:
             case 5:
                 data[place:end] = rng.choice(NUMBERS)
             case 6 if len(data) > 8:
-                data[place : place + 4] = rng.choice([b"\xff\xff\xff\xff", b"\x00\x00\x00\x00", b"\x7f\xff\xff\xff"])
+                data[place : place + 4] = rng.choice(
+                    [b"\xff\xff\xff\xff", b"\x00\x00\x00\x00", b"\x7f\xff\xff\xff"]
+                )
     return bytes(data)
 
 
@@ -115,7 +119,9 @@ def range_maps(folder: Path) -> list[Path]:
     np.save(folder / "e.npy", range_m)
     np.savez_compressed(folder / "f.npz", range_m)
     scipy.io.savemat(folder / "g.mat", {"range": range_m}, do_compression=True)
-    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"Z": range_m}) as file:
+    with OpenEXR.File(
+        {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"Z": range_m}
+    ) as file:
         file.write(str(folder / "h.exr"))
     return sorted(folder.iterdir())
 
@@ -133,27 +139,40 @@ def calibrations(folder: Path) -> list[Path]:
 
 def configs(folder: Path) -> list[Path]:
     (folder / "run.yaml").write_text(
-        "color:\n  lock: survey\n  median_luminance: 0.1\nmatching: {max_range_m: 7}\noutput:\n  clouds: no\n"
+        "color:\n  lock: survey\n  median_luminance: 0.1\nmatching: {max_range_m: 7}\noutput:\n  "
+        "clouds: no\n"
     )
     return sorted(folder.iterdir())
 
 
 def trajectories(folder: Path) -> list[Path]:
-    (folder / "a.tum").write_text("# t x y z\n" + "".join(f"{i}.5 {i * 0.1} 0.2 -1 0 0 0 1\n" for i in range(9)))
+    (folder / "a.tum").write_text(
+        "# t x y z\n" + "".join(f"{i}.5 {i * 0.1} 0.2 -1 0 0 0 1\n" for i in range(9))
+    )
     (folder / "b.txt").write_text("".join(f"1 0 0 {i} 0 1 0 0 0 0 1 0\n" for i in range(9)))
-    (folder / "c.txt").write_text("# Image list\n" + "".join(f"{i} 1 0 0 0 {i} 0 0 1 im{i}.png\n1 2 -1\n" for i in range(1, 9)))
+    (folder / "c.txt").write_text(
+        "# Image list\n"
+        + "".join(f"{i} 1 0 0 0 {i} 0 0 1 im{i}.png\n1 2 -1\n" for i in range(1, 9))
+    )
     (folder / "d.data").write_text(
         "% STEREO_POSE_FILE\n-23.5\n152.0\n"
         + "".join(f"{i} {i}.5 -23.5 152 {i} 2 3 0 0 1 L{i}.png R{i}.png 2 1 0\n" for i in range(9))
     )
     (folder / "e.xml").write_text(
-        '<?xml version="1.0"?>\n<document>\n<chunk>\n<reference>GEOGCS["WGS 84"]</reference>\n<transform>'
-        "<rotation>1 0 0 0 1 0 0 0 1</rotation><translation>6378137 0 0</translation><scale>2</scale></transform>\n<cameras>\n"
-        + "".join(f'<camera label="{i}"><transform>1 0 0 {i} 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera>\n' for i in range(9))
+        '<?xml version="1.0"?>\n<document>\n<chunk>\n<reference>GEOGCS["WGS '
+        '84"]</reference>\n<transform>'
+        "<rotation>1 0 0 0 1 0 0 0 1</rotation><translation>6378137 0 "
+        "0</translation><scale>2</scale></transform>\n<cameras>\n"
+        + "".join(
+            f'<camera label="{i}"><transform>1 0 0 {i} 0 1 0 0 0 0 1 0 0 0 0 '
+            "1</transform></camera>\n"
+            for i in range(9)
+        )
         + "</cameras>\n</chunk>\n</document>\n"
     )
     (folder / "f.txt").write_text(
-        '# CoordinateSystem: GEOGCS["WGS 84"]\n#Label,X/Longitude,Y/Latitude,Z/Altitude,Yaw,Pitch,Roll\n'
+        '# CoordinateSystem: GEOGCS["WGS '
+        '84"]\n#Label,X/Longitude,Y/Latitude,Z/Altitude,Yaw,Pitch,Roll\n'
         + "".join(f"{i}.jpg,152.{i},-23.5,-5,10,1,2\n" for i in range(9))
     )
     return sorted(folder.iterdir())
@@ -166,18 +185,26 @@ def navigation(folder: Path) -> list[Path]:
 
 
 def exposures(folder: Path) -> list[Path]:
-    (folder / "log.csv").write_text("name,exposure_ms,gain_db\n" + "".join(f"{i:04d}.png,{i + 1},3.5\n" for i in range(9)))
+    (folder / "log.csv").write_text(
+        "name,exposure_ms,gain_db\n" + "".join(f"{i:04d}.png,{i + 1},3.5\n" for i in range(9))
+    )
     return sorted(folder.iterdir())
 
 
 def waters(folder: Path) -> list[Path]:
-    (folder / "water.json").write_bytes(b"".join(waters_content({"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))})))
+    (folder / "water.json").write_bytes(
+        b"".join(waters_content({"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))}))
+    )
     return sorted(folder.iterdir())
 
 
 def bags(folder: Path) -> list[Path]:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8)
-    sent = [raw(f"{camera}/image_raw", START_NS + i * STEP_NS, pixels, "rgb8") for i in range(3) for camera in (LEFT, RIGHT)]
+    sent = [
+        raw(f"{camera}/image_raw", START_NS + i * STEP_NS, pixels, "rgb8")
+        for i in range(3)
+        for camera in (LEFT, RIGHT)
+    ]
     return [write_bag(folder / f"b{suffix}", sent) for suffix in (".bag", ".db3", ".mcap")]
 
 
@@ -205,7 +232,10 @@ KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] 
     "calibrations": (calibrations, lambda path: load_rig(path, (640, 480))),
     "configs": (configs, load_config),
     "trajectories": (trajectories, read_trajectory),
-    "navigation": (navigation, lambda path: read_trajectory(Path(f"{path}:time=t,lat=lat,lon=lon,depth=d,heading=h"))),
+    "navigation": (
+        navigation,
+        lambda path: read_trajectory(Path(f"{path}:time=t,lat=lat,lon=lon,depth=d,heading=h")),
+    ),
     "exposures": (exposures, ExposureTable.read),
     "waters": (waters, lambda path: read_waters(path, ["a"])),
     "bags": (bags, read_bag),
@@ -238,5 +268,7 @@ def test_damaged_files(kind: str, tmp_path: Path) -> None:
         except BaseException as error:
             kept = Path("/tmp") / f"crash-{kind.replace(' ', '-')}-{case}{seed.suffix}"
             kept.write_bytes(damaged.read_bytes())
-            raise AssertionError(f"case {case} of {kind} ({kept}): {type(error).__name__}: {error}") from error
+            raise AssertionError(
+                f"case {case} of {kind} ({kept}): {type(error).__name__}: {error}"
+            ) from error
     assert refused > CASES // 10

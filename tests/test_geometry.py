@@ -8,19 +8,27 @@ from scipy.spatial.transform import Rotation
 from calibration import Camera, Rectification, RectifiedPair, StereoRig
 from stereo_seecolor.geometry import rotation_from_vector
 
-PAIR = RectifiedPair(focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60))
+PAIR = RectifiedPair(
+    focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60)
+)
 
 
 @given(st.floats(0.2, 30))
 def test_disparity_depth_round_trip(depth: float) -> None:
     depth_m = np.full((60, 80), depth, np.float32)
-    np.testing.assert_allclose(PAIR.depth_from_disparity(PAIR.disparity_from_depth(depth_m)), depth_m, rtol=1e-4)
-    np.testing.assert_allclose(PAIR.depth_from_range(PAIR.range_from_depth(depth_m)), depth_m, rtol=1e-6)
+    np.testing.assert_allclose(
+        PAIR.depth_from_disparity(PAIR.disparity_from_depth(depth_m)), depth_m, rtol=1e-4
+    )
+    np.testing.assert_allclose(
+        PAIR.depth_from_range(PAIR.range_from_depth(depth_m)), depth_m, rtol=1e-6
+    )
 
 
 def test_differing_principal_points_are_honoured() -> None:
     disparity = np.full((60, 80), 35.0, np.float32)
-    np.testing.assert_allclose(PAIR.depth_from_disparity(disparity), 500 * 0.1 / (35 - 10), rtol=1e-6)
+    np.testing.assert_allclose(
+        PAIR.depth_from_disparity(disparity), 500 * 0.1 / (35 - 10), rtol=1e-6
+    )
 
 
 def test_unknown_and_infinite_disparity_is_nan() -> None:
@@ -30,7 +38,9 @@ def test_unknown_and_infinite_disparity_is_nan() -> None:
 
 def test_range_is_length_of_point() -> None:
     range_m = np.full((60, 80), 2.0, np.float32)
-    np.testing.assert_allclose(np.linalg.norm(PAIR.points_from_range(range_m), axis=2), 2.0, rtol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.norm(PAIR.points_from_range(range_m), axis=2), 2.0, rtol=1e-6
+    )
 
 
 def test_rectified_rig_passes_images_through_untouched() -> None:
@@ -39,13 +49,17 @@ def test_rectified_rig_passes_images_through_untouched() -> None:
     T = np.eye(4)
     T[0, 3] = -0.1
     none = np.zeros(0)
-    rectification = Rectification.from_rig(StereoRig(Camera(K_left, none, (80, 60)), Camera(K_right, none, (80, 60)), T))
+    rectification = Rectification.from_rig(
+        StereoRig(Camera(K_left, none, (80, 60)), Camera(K_right, none, (80, 60)), T)
+    )
     image = np.zeros((60, 80, 3), np.uint16)
     assert rectification.apply_left(image) is image
     assert rectification.pair.cx_left_px - rectification.pair.cx_right_px == 10
 
 
 def test_rotations_from_vectors_agree_with_scipy() -> None:
-    vectors = np.random.default_rng(3).normal(size=(50, 4, 3)) * np.array([0, 1e-9, 1e-3, 3])[:, None]
+    vectors = (
+        np.random.default_rng(3).normal(size=(50, 4, 3)) * np.array([0, 1e-9, 1e-3, 3])[:, None]
+    )
     expected = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(50, 4, 3, 3)
     np.testing.assert_allclose(rotation_from_vector(vectors), expected, atol=1e-14)

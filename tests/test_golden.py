@@ -1,6 +1,8 @@
-"""Numbers of whole runs from the command line stay what they were: the sample dive, its map, and real frames.
+"""Numbers of whole runs from the command line stay what they were: the sample dive, its map, and
+real frames.
 
-Where a change of method moves them on purpose, see what moved and store the new numbers, naming the change in CHANGELOG.md:
+Where a change of method moves them on purpose, see what moved and store the new numbers, naming the
+change in CHANGELOG.md:
 
     python tests/test_golden.py           # prints what differs
     python tests/test_golden.py --write   # and stores it in tests/golden/
@@ -36,33 +38,66 @@ ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
 GOLDEN = ROOT / "tests" / "golden"
 
-SAMPLE_DIVE = ("--left", str(REEF / "left"), "--right", str(REEF / "right"), "--calib", str(REEF / "cam.yaml"))
-REAL_FRAMES = ("--images", str(REAL_DATA / "flsea" / "rgb"), "--range", str(REAL_DATA / "flsea" / "range"))
+SAMPLE_DIVE = (
+    "--left",
+    str(REEF / "left"),
+    "--right",
+    str(REEF / "right"),
+    "--calib",
+    str(REEF / "cam.yaml"),
+)
+REAL_FRAMES = (
+    "--images",
+    str(REAL_DATA / "flsea" / "rgb"),
+    "--range",
+    str(REAL_DATA / "flsea" / "range"),
+)
 ACFR = REAL_DATA / "acfr"
-REAL_DIVE = ("--left", str(ACFR / "left"), "--right", str(ACFR / "right"), "--calib", str(ACFR / "stereo_calib.mat"))
+REAL_DIVE = (
+    "--left",
+    str(ACFR / "left"),
+    "--right",
+    str(ACFR / "right"),
+    "--calib",
+    str(ACFR / "stereo_calib.mat"),
+)
 
 RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = {
     "sample_dive": {
         "run": (("run", *SAMPLE_DIVE), run_numbers),
-        "run, a water a frame": (("run", *SAMPLE_DIVE, "--set", "color.lock=frame"), color_run_numbers),
-        "range, filled": (("range", *SAMPLE_DIVE, "--set", "matching.fill=true"), range_run_numbers),
+        "run, a water a frame": (
+            ("run", *SAMPLE_DIVE, "--set", "color.lock=frame"),
+            color_run_numbers,
+        ),
+        "range, filled": (
+            ("range", *SAMPLE_DIVE, "--set", "matching.fill=true"),
+            range_run_numbers,
+        ),
     },
     "flsea": {
         "correct": (("correct", *REAL_FRAMES), color_run_numbers),
-        "correct, one water": (("correct", *REAL_FRAMES, "--set", "color.lock=survey"), color_run_numbers),
+        "correct, one water": (
+            ("correct", *REAL_FRAMES, "--set", "color.lock=survey"),
+            color_run_numbers,
+        ),
     },
     "acfr": {"run": (("run", *REAL_DIVE, "--refine"), run_numbers)},
 }
-"""By the file of the numbers, then by a name in it: the command without --out, and what is kept of its folder."""
+"""By the file of the numbers, then by a name in it: the command without --out, and what is kept of
+its folder.
+"""
 MAPS: dict[str, dict[str, tuple[tuple[str, ...], Tolerances]]] = {
     "sample_dive": {
         "map, own track": ((), OWN_TRACK),
-        "map, given poses": (("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given"), SAME_FILES),
+        "map, given poses": (
+            ("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given"),
+            SAME_FILES,
+        ),
     },
     "acfr": {"map, own track": ((), OWN_TRACK)},
 }
-"""Of the run that a file of numbers names "run": by that file, then by a name in it, what is typed after ``fuse OUT``, and the
-tolerances.
+"""Of the run that a file of numbers names "run": by that file, then by a name in it, what is typed
+after ``fuse OUT``, and the tolerances.
 """
 
 
@@ -97,12 +132,17 @@ def test_the_sample_dive(dive: Path) -> None:
 
 @pytest.mark.slow
 def test_the_sample_dive_with_a_water_a_frame(waters_a_frame: Path) -> None:
-    assert not differences(golden("sample_dive")["run, a water a frame"], color_run_numbers(waters_a_frame))
+    assert not differences(
+        golden("sample_dive")["run, a water a frame"], color_run_numbers(waters_a_frame)
+    )
 
 
 @pytest.mark.slow
 def test_the_filled_ranges_of_the_sample_dive(tmp_path: Path) -> None:
-    assert not differences(golden("sample_dive")["range, filled"], run("sample_dive", "range, filled", tmp_path / "out"))
+    assert not differences(
+        golden("sample_dive")["range, filled"],
+        run("sample_dive", "range, filled", tmp_path / "out"),
+    )
 
 
 @pytest.mark.slow
@@ -127,16 +167,24 @@ def test_real_frames(name: str, real_data: Path, tmp_path: Path) -> None:
 @pytest.mark.real_data
 def test_a_real_dive_and_its_map(real_data: Path, tmp_path: Path) -> None:
     assert not differences(golden("acfr")["run"], run("acfr", "run", tmp_path / "out"))
-    assert not differences(golden("acfr")["map, own track"], fuse("acfr", "map, own track", tmp_path / "out"), OWN_TRACK)
+    assert not differences(
+        golden("acfr")["map, own track"],
+        fuse("acfr", "map, own track", tmp_path / "out"),
+        OWN_TRACK,
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("product", "shift"), [("range/{}.tiff", 1e-4), ("corrected/{}.png", 2)])
-def test_a_shift_of_one_frame_is_noticed(product: str, shift: float, dive: Path, tmp_path: Path) -> None:
+def test_a_shift_of_one_frame_is_noticed(
+    product: str, shift: float, dive: Path, tmp_path: Path
+) -> None:
     expected = golden("sample_dive")["run"]
     name = list(expected["frames"])[5]
     moved = tmp_path / "out"
-    shutil.copytree(dive, moved, copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map"))
+    shutil.copytree(
+        dive, moved, copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map")
+    )
     path = moved / product.format(name)
     image = read_image(path)
     path.unlink()
@@ -147,7 +195,9 @@ def test_a_shift_of_one_frame_is_noticed(product: str, shift: float, dive: Path,
 @pytest.mark.slow
 def test_a_shift_of_one_block_is_noticed(dive: Path, tmp_path: Path) -> None:
     name = next(iter(golden("sample_dive")["run"]["frames"]))
-    shutil.copytree(dive, tmp_path / "out", copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map"))
+    shutil.copytree(
+        dive, tmp_path / "out", copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map")
+    )
     path = tmp_path / "out/range" / f"{name}.tiff"
     range_m = read_image(path)
     range_m[:149, :144] += 1e-4
@@ -162,18 +212,29 @@ def changes(file: str, measured: Numbers) -> list[str]:
         return ["new"]
     stored = golden(file)
     tolerances = {name: MAPS.get(file, {}).get(name, ((), SAME_FILES))[1] for name in measured}
-    return [f"{name}: {line}" for name in measured for line in differences(stored.get(name, {}), measured[name], tolerances[name])]
+    return [
+        f"{name}: {line}"
+        for name in measured
+        for line in differences(stored.get(name, {}), measured[name], tolerances[name])
+    ]
 
 
 def renew(write: bool) -> None:
-    """Print how the numbers of every run differ from those stored, beyond the tolerances; with write, store them all."""
+    """Print how the numbers of every run differ from those stored, beyond the tolerances; with
+    write, store them all.
+    """
     with tempfile.TemporaryDirectory() as folder:
         for file, runs in RUNS.items():
             if file != "sample_dive" and not REAL_DATA.is_dir():
-                print(f"{file}: STEREO_SEECOLOR_DATA names no folder of real frames (tests/DATA.md): left as it is")
+                print(
+                    f"{file}: STEREO_SEECOLOR_DATA names no folder of real frames "
+                    "(tests/DATA.md): left as it is"
+                )
                 continue
             measured = {name: run(file, name, Path(folder) / file / name) for name in runs}
-            measured |= {name: fuse(file, name, Path(folder) / file / "run") for name in MAPS.get(file, {})}
+            measured |= {
+                name: fuse(file, name, Path(folder) / file / "run") for name in MAPS.get(file, {})
+            }
             print(f"{file}:", *(changes(file, measured) or ["nothing differs"]), sep="\n  ")
             if write:
                 write_numbers(GOLDEN / f"{file}.json", measured)

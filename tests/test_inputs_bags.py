@@ -1,4 +1,6 @@
-"""ROS bags as input: the same outputs as from folders, whatever the format; and one clear line for what is wrong."""
+"""ROS bags as input: the same outputs as from folders, whatever the format; and one clear line for
+what is wrong.
+"""
 
 import shutil
 import sqlite3
@@ -91,13 +93,30 @@ def run_as_folders_and_bags(
         (tmp_path / side).mkdir()
         for image in images:
             shutil.copy(image, tmp_path / side)
-    assert cli("run", "--left", tmp_path / "L", "--right", tmp_path / "R", "--calib", calib, "--out", tmp_path / "folders")[0] == 0
+    assert (
+        cli(
+            "run",
+            "--left",
+            tmp_path / "L",
+            "--right",
+            tmp_path / "R",
+            "--calib",
+            calib,
+            "--out",
+            tmp_path / "folders",
+        )[0]
+        == 0
+    )
     name_by_stamps(tmp_path)
     for suffix in formats:
         bag = write_bag(tmp_path / f"dive{suffix}", dive_messages(tmp_path))
-        code, _, said = cli("run", "--bag", bag, "--calib", calib, "--out", tmp_path / suffix.strip("."))
+        code, _, said = cli(
+            "run", "--bag", bag, "--calib", calib, "--out", tmp_path / suffix.strip(".")
+        )
         assert code == 0, said
-        assert products_in_order(tmp_path / suffix.strip(".")) == products_in_order(tmp_path / "folders")
+        assert products_in_order(tmp_path / suffix.strip(".")) == products_in_order(
+            tmp_path / "folders"
+        )
 
 
 @pytest.mark.slow
@@ -110,8 +129,12 @@ def test_the_sample_dive_in_a_bag(cli, tmp_path) -> None:
 @pytest.mark.real_data
 def test_a_real_dive_in_bags(real_data: Path, cli, tmp_path) -> None:
     """Color left, gray right."""
-    left, right = (sorted((real_data / "acfr" / side).glob("*.png"))[:1] for side in ("left", "right"))
-    run_as_folders_and_bags(left, right, real_data / "acfr/stereo_calib.mat", FORMATS, cli, tmp_path)
+    left, right = (
+        sorted((real_data / "acfr" / side).glob("*.png"))[:1] for side in ("left", "right")
+    )
+    run_as_folders_and_bags(
+        left, right, real_data / "acfr/stereo_calib.mat", FORMATS, cli, tmp_path
+    )
 
 
 @pytest.mark.slow
@@ -128,8 +151,13 @@ def test_shards_of_a_bag_are_merged(dive, messages, cli, tmp_path) -> None:
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_stamps_pair_the_images_and_not_their_arrival(suffix, dive, messages, tmp_path) -> None:
     found = open_dive(write_bag(tmp_path / f"dive{suffix}", messages), "", InputConfig())
-    assert [pair.name for pair in found.pairing.pairs] == [path.stem for path in sorted((dive.root / "L").iterdir())]
-    assert (found.sides.left.name, found.sides.right.name) == (f"{LEFT}/image_raw", f"{RIGHT}/image_raw")
+    assert [pair.name for pair in found.pairing.pairs] == [
+        path.stem for path in sorted((dive.root / "L").iterdir())
+    ]
+    assert (found.sides.left.name, found.sides.right.name) == (
+        f"{LEFT}/image_raw",
+        f"{RIGHT}/image_raw",
+    )
     assert found.rig().baseline_m == pytest.approx(0.1)
     for pair in found.pairing.pairs:
         for side, image in zip("LR", pixels_of(pair), strict=True):
@@ -138,13 +166,17 @@ def test_stamps_pair_the_images_and_not_their_arrival(suffix, dive, messages, tm
 
 @pytest.mark.parametrize(
     ("encoding", "dtype", "channels"),
-    [("rgb8", np.uint8, 3), ("bgr8", np.uint8, 3), ("mono8", np.uint8, 1), ("rgba8", np.uint8, 4), ("bgra8", np.uint8, 4),
+    [("rgb8", np.uint8, 3), ("bgr8", np.uint8, 3), ("mono8", np.uint8, 1), ("rgba8", np.uint8, 4),
+    ("bgra8", np.uint8, 4),
      ("rgb16", np.uint16, 3), ("bgr16", np.uint16, 3), ("mono16", np.uint16, 1)],
 )  # fmt: skip
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_raw_pixels_of_every_encoding(suffix, encoding, dtype, channels, tmp_path) -> None:
     both = [picture(seed, dtype, channels) for seed in (1, 2)]
-    sent = [raw(f"{camera}/image_raw", START_NS, pixels, encoding) for camera, pixels in zip((LEFT, RIGHT), both, strict=True)]
+    sent = [
+        raw(f"{camera}/image_raw", START_NS, pixels, encoding)
+        for camera, pixels in zip((LEFT, RIGHT), both, strict=True)
+    ]
     (pair,) = open_dive(write_bag(tmp_path / f"b{suffix}", sent), "", InputConfig()).pairing.pairs
     for pixels, image in zip(both, pixels_of(pair), strict=True):
         rgb = pixels[..., [2, 1, 0]] if encoding.startswith("bgr") else pixels
@@ -165,8 +197,13 @@ def test_a_mosaic_is_interpolated_as_input_bayer_does(tmp_path) -> None:
 def test_compressed_images_are_read_as_they_are(tmp_path) -> None:
     encoded = [cv2.imencode(suffix, picture(3))[1].tobytes() for suffix in (".png", ".jpg")]
     for content, suffix in zip(encoded, (".png", ".jpg"), strict=True):
-        sent = [compressed(f"{camera}/image_raw/compressed", START_NS, content) for camera in (LEFT, RIGHT)]
-        (pair,) = open_dive(write_bag(tmp_path / f"{suffix[1:]}.mcap", sent), "", InputConfig()).pairing.pairs
+        sent = [
+            compressed(f"{camera}/image_raw/compressed", START_NS, content)
+            for camera in (LEFT, RIGHT)
+        ]
+        (pair,) = open_dive(
+            write_bag(tmp_path / f"{suffix[1:]}.mcap", sent), "", InputConfig()
+        ).pairing.pairs
         assert pair.left.suffix == suffix
         (tmp_path / f"file{suffix}").write_bytes(content)
         assert (read_image(pair.left) == read_image(tmp_path / f"file{suffix}")).all()
@@ -177,7 +214,10 @@ def test_both_spellings_of_compressed_depth(tmp_path, form: str) -> None:
     """Twelve bytes of the transport stand before the PNG."""
     pixels = picture(3, np.uint16, 1)
     content = bytes(12) + cv2.imencode(".png", pixels)[1].tobytes()
-    sent = [compressed(f"{camera}/image_raw/compressedDepth", START_NS, content, form) for camera in (LEFT, RIGHT)]
+    sent = [
+        compressed(f"{camera}/image_raw/compressedDepth", START_NS, content, form)
+        for camera in (LEFT, RIGHT)
+    ]
     topics = f"left={LEFT}/image_raw/compressedDepth,right={RIGHT}/image_raw/compressedDepth"
     (pair,) = open_dive(write_bag(tmp_path / "b.mcap", sent), topics, InputConfig()).pairing.pairs
     assert pair.left.suffix == ".png"
@@ -207,7 +247,12 @@ def test_images_are_found_by_their_paths_alone(messages, tmp_path, monkeypatch) 
 
 
 def test_a_tiff_of_raw_pixels_is_what_opencv_reads() -> None:
-    for pixels in (picture(1), picture(1, np.uint16), picture(1, channels=1), picture(1, np.uint16, 1)):
+    for pixels in (
+        picture(1),
+        picture(1, np.uint16),
+        picture(1, channels=1),
+        picture(1, np.uint16, 1),
+    ):
         read = cv2.imdecode(np.frombuffer(encode_tiff(pixels), np.uint8), cv2.IMREAD_UNCHANGED)
         assert read.dtype == pixels.dtype
         assert ((read[..., ::-1] if read.ndim == 3 else read) == pixels).all()
@@ -215,14 +260,20 @@ def test_a_tiff_of_raw_pixels_is_what_opencv_reads() -> None:
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4"])
 def test_compressed_chunks_of_ros_1(compression, dive, messages, tmp_path) -> None:
-    bag = write_bag(tmp_path / "b.bag", messages, compression=[getattr(Writer1.CompressionFormat, compression.upper())])
+    bag = write_bag(
+        tmp_path / "b.bag",
+        messages,
+        compression=[getattr(Writer1.CompressionFormat, compression.upper())],
+    )
     plain = write_bag(tmp_path / "plain.bag", messages)
     assert bag.stat().st_size < plain.stat().st_size
     pair = open_dive(bag, "", InputConfig()).pairing.pairs[1]
     assert (pixels_of(pair)[1] == read_image(dive.root / "R" / f"{pair.name}.png")).all()
 
 
-@pytest.mark.parametrize(("suffix", "mode"), [(".mcap", CompressionMode.STORAGE), (".db3", CompressionMode.MESSAGE)])
+@pytest.mark.parametrize(
+    ("suffix", "mode"), [(".mcap", CompressionMode.STORAGE), (".db3", CompressionMode.MESSAGE)]
+)
 def test_compressed_bags_of_ros_2(suffix, mode, dive, messages, tmp_path) -> None:
     bag = write_bag(tmp_path / f"b{suffix}", messages, compression=[mode, CompressionFormat.ZSTD])
     pair = open_dive(bag, "", InputConfig()).pairing.pairs[1]
@@ -238,21 +289,33 @@ def test_a_split_bag_is_read_from_its_folder(messages, dive, tmp_path) -> None:
     found = open_dive(folder, "", InputConfig())
     assert len(found.pairing.pairs) == 2
     assert len({pair.left.parent.parent for pair in found.pairing.pairs}) == 2
-    assert (read_image(found.pairing.pairs[1].left) == read_image(sorted((dive.root / "L").iterdir())[1])).all()
+    assert (
+        read_image(found.pairing.pairs[1].left)
+        == read_image(sorted((dive.root / "L").iterdir())[1])
+    ).all()
 
 
 def many(count: int = 8, jitter_ns: int = 0, lost: tuple[int, ...] = ()) -> list[Sent]:
     """Small pairs; the right clock runs away by ``jitter_ns`` a pair."""
     stamps = [START_NS + i * STEP_NS for i in range(count) if i not in lost]
     left = [raw(f"{LEFT}/image_raw", stamp, picture(1), "rgb8") for stamp in stamps]
-    return left + [raw(f"{RIGHT}/image_raw", stamp + i * jitter_ns, picture(2), "rgb8") for i, stamp in enumerate(stamps)]
+    return left + [
+        raw(f"{RIGHT}/image_raw", stamp + i * jitter_ns, picture(2), "rgb8")
+        for i, stamp in enumerate(stamps)
+    ]
 
 
 def test_drift_and_gaps_are_reported(tmp_path) -> None:
-    notes = open_dive(write_bag(tmp_path / "drift.bag", many(8, 600_000)), "", InputConfig()).pairing.notes
+    notes = open_dive(
+        write_bag(tmp_path / "drift.bag", many(8, 600_000)), "", InputConfig()
+    ).pairing.notes
     assert any("the right clock moved by +3.6 ms" in note for note in notes)
-    notes = open_dive(write_bag(tmp_path / "gap.bag", many(12, lost=(5, 6, 7, 8))), "", InputConfig()).pairing.notes
-    assert any("1 gap between pairs, which are 0.25 s apart; the longest 1.25 s" in note for note in notes)
+    notes = open_dive(
+        write_bag(tmp_path / "gap.bag", many(12, lost=(5, 6, 7, 8))), "", InputConfig()
+    ).pairing.notes
+    assert any(
+        "1 gap between pairs, which are 0.25 s apart; the longest 1.25 s" in note for note in notes
+    )
 
 
 def test_headers_without_time_and_repeated_stamps(tmp_path) -> None:
@@ -260,7 +323,9 @@ def test_headers_without_time_and_repeated_stamps(tmp_path) -> None:
     found = open_dive(write_bag(tmp_path / "zero.mcap", sent), "", InputConfig()).pairing
     assert len(found.pairs) == 3
     assert any("headers hold no time" in note for note in found.notes)
-    found = open_dive(write_bag(tmp_path / "twice.mcap", [*many(3), *many(1)]), "", InputConfig()).pairing
+    found = open_dive(
+        write_bag(tmp_path / "twice.mcap", [*many(3), *many(1)]), "", InputConfig()
+    ).pairing
     assert len(found.pairs) == 3
     assert any("1 of 4 messages repeat the stamp" in note for note in found.notes)
 
@@ -271,7 +336,12 @@ def test_headers_without_time_and_repeated_stamps(tmp_path) -> None:
         (("/cam1/image_raw", "/cam0/image_raw"), ("/cam0/image_raw", "/cam1/image_raw")),
         (("/infra1/image", "/infra2/image", "/depth/image"), ("/infra1/image", "/infra2/image")),
         (
-            ("/a/right/image_rect", "/a/left/image_rect", "/a/left/image_raw", "/a/right/image_raw"),
+            (
+                "/a/right/image_rect",
+                "/a/left/image_rect",
+                "/a/left/image_raw",
+                "/a/right/image_raw",
+            ),
             ("/a/left/image_raw", "/a/right/image_raw"),
         ),
         (("/fwd/image", "/aft/image"), ("/aft/image", "/fwd/image")),
@@ -285,9 +355,13 @@ def test_sides_are_told_from_the_names_of_topics(names, chosen, tmp_path) -> Non
 
 
 def test_topics_can_be_given(tmp_path) -> None:
-    sent = [raw(name, START_NS, picture(i), "rgb8") for i, name in enumerate(("/a/x", "/b/y", "/c"))]
+    sent = [
+        raw(name, START_NS, picture(i), "rgb8") for i, name in enumerate(("/a/x", "/b/y", "/c"))
+    ]
     bag = write_bag(tmp_path / "b.bag", sent)
-    with pytest.raises(InputError, match=r"no two of its image topics .* \(/a/x, /b/y, /c\): give --topics"):
+    with pytest.raises(
+        InputError, match=r"no two of its image topics .* \(/a/x, /b/y, /c\): give --topics"
+    ):
         open_dive(bag, "", InputConfig())
     sides = open_dive(bag, "left=/c,right=a/x", InputConfig()).sides
     assert (sides.left.name, sides.right.name) == ("/c", "/a/x")
@@ -300,8 +374,13 @@ def test_topics_can_be_given(tmp_path) -> None:
 def test_a_bag_without_a_calibration_asks_for_one(dive, cli, tmp_path) -> None:
     bag = write_bag(tmp_path / "b.mcap", dive_messages(dive.root))
     code, _, said = cli("run", "--bag", bag, "--out", tmp_path / "out")
-    assert (code, "holds no camera_info of the left and right camera: give --calib FILE" in said) == (1, True)
-    left_only = write_bag(tmp_path / "left.mcap", [camera_infos(dive.root / "cam.yaml")[0], *dive_messages(dive.root)])
+    assert (
+        code,
+        "holds no camera_info of the left and right camera: give --calib FILE" in said,
+    ) == (1, True)
+    left_only = write_bag(
+        tmp_path / "left.mcap", [camera_infos(dive.root / "cam.yaml")[0], *dive_messages(dive.root)]
+    )
     with pytest.raises(InputError, match="no camera_info of the right camera"):
         open_dive(left_only, "", InputConfig()).rig()
 
@@ -311,37 +390,61 @@ def test_camera_infos_of_two_single_cameras_are_no_rig(dive, tmp_path) -> None:
         info._replace(fields={**info.fields, "p": info.fields["p"] * ([1] * 3 + [0] + [1] * 8)})
         for info in camera_infos(dive.root / "cam.yaml")
     ]
-    found = open_dive(write_bag(tmp_path / "b.bag", [*infos, *dive_messages(dive.root)]), "", InputConfig())
-    with pytest.raises(CalibrationError, match=r"b.bag: camera_info: both projection matrices have P\[0, 3\] = 0"):
+    found = open_dive(
+        write_bag(tmp_path / "b.bag", [*infos, *dive_messages(dive.root)]), "", InputConfig()
+    )
+    with pytest.raises(
+        CalibrationError, match=r"b.bag: camera_info: both projection matrices have P\[0, 3\] = 0"
+    ):
         found.rig()
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_the_baseline_is_taken_from_static_transforms_where_camera_info_has_none(suffix, dive, tmp_path) -> None:
+def test_the_baseline_is_taken_from_static_transforms_where_camera_info_has_none(
+    suffix, dive, tmp_path
+) -> None:
     rig = load_rig(str(dive.root / "cam.yaml"))
     infos = [
-        info._replace(fields={**info.fields, "p": info.fields["p"] * ([1] * 3 + [0] + [1] * 8)}, frame=f"{side}_optical")
+        info._replace(
+            fields={**info.fields, "p": info.fields["p"] * ([1] * 3 + [0] + [1] * 8)},
+            frame=f"{side}_optical",
+        )
         for info, side in zip(camera_infos(dive.root / "cam.yaml"), ("left", "right"), strict=True)
     ]
-    T_left_right, turn = np.linalg.inv(rig.T_right_left), Rotation.from_euler("xyz", [20, -70, 10], degrees=True)
+    T_left_right, turn = (
+        np.linalg.inv(rig.T_right_left),
+        Rotation.from_euler("xyz", [20, -70, 10], degrees=True),
+    )
     R, t = Rotation.from_matrix(T_left_right[:3, :3]), T_left_right[:3, 3]
-    statics = [  # both cameras on a frame of the vehicle: left turned in it, right by the rig from left
+    # both cameras on a frame of the vehicle: left turned in it, right by the rig from left
+    statics = [
         static_transform(suffix, "body", "left_optical", (1, 2, 3), turn),
-        static_transform(suffix, "body", "right_optical", turn.apply(t) + np.array([1, 2, 3]), turn * R),
+        static_transform(
+            suffix, "body", "right_optical", turn.apply(t) + np.array([1, 2, 3]), turn * R
+        ),
     ]
     bag = write_bag(tmp_path / f"b{suffix}", [*infos, *statics, *dive_messages(dive.root)])
     found = open_dive(bag, "", InputConfig())
     np.testing.assert_allclose(found.rig().T_right_left, rig.T_right_left, atol=1e-9)
-    assert "camera_info holds no baseline: 100.0 mm from left_optical to right_optical by /tf_static" in bag_info(bag).notes[-1]
+    assert (
+        "camera_info holds no baseline: 100.0 mm from left_optical to right_optical by /tf_static"
+        in bag_info(bag).notes[-1]
+    )
     apart = write_bag(tmp_path / f"apart{suffix}", [*infos, statics[0], *dive_messages(dive.root)])
     assert any("its frames: body, left_optical" in note for note in bag_info(apart).notes)
     assert bag_info(apart).baseline_m is None
 
 
 def test_a_camera_info_of_another_frame_is_noted(messages, tmp_path) -> None:
-    turned = [sent._replace(frame="wrong") if sent.topic == f"{RIGHT}/camera_info" else sent for sent in messages]
+    turned = [
+        sent._replace(frame="wrong") if sent.topic == f"{RIGHT}/camera_info" else sent
+        for sent in messages
+    ]
     found = open_dive(write_bag(tmp_path / "b.mcap", turned), "", InputConfig())
-    assert "camera_info is of the frame wrong, /stereo/right/image_raw of camera: is it of this camera?" in found.pairing.notes[-1]
+    assert (
+        "camera_info is of the frame wrong, /stereo/right/image_raw of camera: is it of this "
+        "camera?" in found.pairing.notes[-1]
+    )
     assert found.rig().baseline_m == pytest.approx(0.1)
 
 
@@ -362,22 +465,33 @@ def test_bag_info_says_what_run_would_take(messages, cli, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "compressed_chunks"), [(".bag", False), (".bag", True), (".mcap", False), (".mcap", True), (".db3", False)]
+    ("suffix", "compressed_chunks"),
+    [(".bag", False), (".bag", True), (".mcap", False), (".mcap", True), (".db3", False)],
 )
 def test_a_cut_bag_is_read_as_far_as_it_goes(suffix, compressed_chunks, tmp_path) -> None:
     options = {}
     if compressed_chunks:
         ros2 = [CompressionMode.STORAGE, CompressionFormat.ZSTD]
         options = {"compression": [Writer1.CompressionFormat.LZ4] if suffix == ".bag" else ros2}
-    noise = np.random.default_rng(0).integers(0, 256, (120, 160, 3), np.uint8)  # cannot be compressed: several chunks
+    noise = np.random.default_rng(0).integers(
+        0, 256, (120, 160, 3), np.uint8
+    )  # cannot be compressed: several chunks
     stamps = [START_NS + i * STEP_NS for i in range(40)]
-    sent = [raw(f"{camera}/image_raw", stamp, noise, "rgb8") for stamp in stamps for camera in (LEFT, RIGHT)]
+    sent = [
+        raw(f"{camera}/image_raw", stamp, noise, "rgb8")
+        for stamp in stamps
+        for camera in (LEFT, RIGHT)
+    ]
     bag = write_bag(tmp_path / f"b{suffix}", sent, **options)
     cut = tmp_path / f"cut{suffix}"
     cut.write_bytes(bag.read_bytes()[: bag.stat().st_size // 3])
     found = open_dive(cut, "", InputConfig()).pairing
     assert 3 < len(found.pairs) < 40
-    reason = "cannot be read further" if suffix == ".db3" else f"ends at byte {cut.stat().st_size}, in the middle of a record"
+    reason = (
+        "cannot be read further"
+        if suffix == ".db3"
+        else f"ends at byte {cut.stat().st_size}, in the middle of a record"
+    )
     assert sum(f"{cut}: {reason}" in note for note in found.notes) == 1
     assert (read_image(found.pairs[-1].left) == noise).all()
 
@@ -410,8 +524,10 @@ def test_what_is_no_bag_is_one_line(tmp_path, cli) -> None:
     (tmp_path / "renamed.mcap").write_bytes(bytes.fromhex("1f8b0800") + bytes(9))
     sqlite3.connect(tmp_path / "other.db3").execute("CREATE TABLE x (y)").connection.close()
     for name, message in (
-        ("text.bag", "is no ROS bag"), ("empty.mcap", "is empty"), ("folder", "holds no bag"), ("missing.bag", "does not exist"),
-        ("b.db3.zstd", "unpack it first with zstd -d"), ("renamed.mcap", "unpack it first with gunzip"),
+        ("text.bag", "is no ROS bag"), ("empty.mcap", "is empty"), ("folder", "holds no bag"),
+        ("missing.bag", "does not exist"),
+        ("b.db3.zstd", "unpack it first with zstd -d"), ("renamed.mcap",
+        "unpack it first with gunzip"),
         ("other.db3", "no such table: topics"),
     ):  # fmt: skip
         code, _, said = cli("run", "--bag", tmp_path / name, "--out", tmp_path / "out")
@@ -423,7 +539,10 @@ def test_wrong_usage_of_a_bag(cli, tmp_path) -> None:
     for words, message in (
         (("--bag", "b", "--left", "l"), "stereo-seecolor: --bag holds both sides"),
         (("--left", "l", "--right", "r"), "--calib is missing"),
-        (("--left", "l", "--right", "r", "--calib", "c", "--topics", "left=a,right=b"), "give --bag too"),
+        (
+            ("--left", "l", "--right", "r", "--calib", "c", "--topics", "left=a,right=b"),
+            "give --bag too",
+        ),
     ):
         code, _, said = cli("run", *words, "--out", tmp_path / "out")
         assert (code, message in " ".join(said.split())) == (2, True), said
@@ -431,7 +550,9 @@ def test_wrong_usage_of_a_bag(cli, tmp_path) -> None:
 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_damage_anywhere_is_one_line_or_fewer_pairs(suffix, tmp_path) -> None:
-    """Bytes overwritten, inserted and removed at random: every pair can be read, fails with one line, or is not there."""
+    """Bytes overwritten, inserted and removed at random: every pair can be read, fails with one
+    line, or is not there.
+    """
     content = write_bag(tmp_path / f"b{suffix}", many(6)).read_bytes()
     rng = np.random.default_rng(5)
     for trial in range(40):
@@ -470,7 +591,13 @@ def test_other_topics_are_counted(tmp_path) -> None:
             "/altitude",
             "sensor_msgs/msg/Range",
             START_NS,
-            {"radiation_type": 0, "field_of_view": 0.0, "min_range": 0.0, "max_range": 1.0, "range": 1.5},
+            {
+                "radiation_type": 0,
+                "field_of_view": 0.0,
+                "min_range": 0.0,
+                "max_range": 1.0,
+                "range": 1.5,
+            },
         )
     ]
     topic = open_bag(write_bag(tmp_path / "b.bag", sent * 3)).topic("/altitude")
@@ -485,7 +612,9 @@ def test_a_bag_that_changed_is_measured_again(dive, messages, cli, tmp_path) -> 
     assert cli(*command)[0] == 0
     before = [path.read_bytes() for path in sorted((tmp_path / "out/range").iterdir())]
     bag.unlink()
-    darker = messages[-1]._replace(fields={**messages[-1].fields, "data": messages[-1].fields["data"] // 4})
+    darker = messages[-1]._replace(
+        fields={**messages[-1].fields, "data": messages[-1].fields["data"] // 4}
+    )
     write_bag(bag, [*messages[:-1], darker])
     assert cli(*command)[0] == 0
     after = [path.read_bytes() for path in sorted((tmp_path / "out/range").iterdir())]

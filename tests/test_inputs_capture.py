@@ -28,7 +28,9 @@ TIME = {0x9003: "2021:03:04 05:06:07", 0x9291: "250", 0x9011: "+10:00"}
 GPS = {1: "S", 2: (23.0, 30.0, 36.0), 3: "E", 4: (152.0, 6.0, 0.0)}
 
 
-def encoded(kind: str, details: dict[int, Any], gps: dict[int, Any] | None = None, orientation: int = 1) -> bytes:
+def encoded(
+    kind: str, details: dict[int, Any], gps: dict[int, Any] | None = None, orientation: int = 1
+) -> bytes:
     exif = Image.Exif()
     exif[0x0112] = orientation
     exif[0x010F] = "Reef Cameras"
@@ -48,7 +50,10 @@ def test_exif_of_every_kind_of_file(kind: str) -> None:
     assert found.gain == 4
     assert found.aperture == pytest.approx(2.8)
     assert found.captured_s == 1614798367.25  # 2021-03-03T19:06:07.25Z
-    assert (found.latitude_deg, found.longitude_deg) == (pytest.approx(-23.51), pytest.approx(152.1))
+    assert (found.latitude_deg, found.longitude_deg) == (
+        pytest.approx(-23.51),
+        pytest.approx(152.1),
+    )
     assert found.relative_exposure == pytest.approx(0.004 * 4 / 2.8**2)
 
 
@@ -60,7 +65,12 @@ def test_a_time_without_zone_is_utc_and_a_bad_one_is_none() -> None:
 @pytest.mark.parametrize("details", [{0x829A: 0.0}, {0x8827: 0}, {}])
 def test_what_is_not_recorded_is_none(details: dict[int, Any]) -> None:
     found = read_capture(encoded("JPEG", details))
-    assert (found.exposure_s, found.gain, found.relative_exposure, found.latitude_deg) == (None, None, None, None)
+    assert (found.exposure_s, found.gain, found.relative_exposure, found.latitude_deg) == (
+        None,
+        None,
+        None,
+        None,
+    )
 
 
 def test_no_exif_at_all() -> None:
@@ -85,7 +95,10 @@ def test_the_kept_block_is_upright_and_holds_what_the_camera_wrote() -> None:
 
 @pytest.mark.slow
 @settings(max_examples=200)
-@given(st.sampled_from(["JPEG", "PNG", "TIFF"]), st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=6))
+@given(
+    st.sampled_from(["JPEG", "PNG", "TIFF"]),
+    st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=6),
+)
 def test_damaged_exif_never_fails_a_frame(kind: str, changes: list[tuple[int, int]]) -> None:
     content = bytearray(encoded(kind, CAMERA | TIME, GPS))
     for place, value in changes:
@@ -110,8 +123,14 @@ def table(tmp_path: Path, text: str) -> ExposureTable:
     ],
 )
 def test_tables_of_exposures(tmp_path: Path, text: str, exposure_s: float, gain: float) -> None:
-    found = table(tmp_path, text).applied(Capture(exposure_s=1.0, gain=7.0, aperture=4.0), Path("L/a.png"))
-    assert (found.exposure_s, found.gain, found.aperture) == (pytest.approx(exposure_s), pytest.approx(gain, rel=1e-4), 4.0)
+    found = table(tmp_path, text).applied(
+        Capture(exposure_s=1.0, gain=7.0, aperture=4.0), Path("L/a.png")
+    )
+    assert (found.exposure_s, found.gain, found.aperture) == (
+        pytest.approx(exposure_s),
+        pytest.approx(gain, rel=1e-4),
+        4.0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -137,17 +156,23 @@ def test_corrected_images_carry_exif_and_the_profile(image_format: ImageFormat) 
     content = encode_image(RGB, image_format, capture.exif)
     assert replace(read_capture(content), exif=b"") == replace(capture, exif=b"")
     image = Image.open(io.BytesIO(content))
-    assert "sRGB" in ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(image.info["icc_profile"])))
+    assert "sRGB" in ImageCms.getProfileDescription(
+        ImageCms.ImageCmsProfile(io.BytesIO(image.info["icc_profile"]))
+    )
     if image_format == "png":
         np.testing.assert_array_equal(np.asarray(image), RGB)
 
 
 @pytest.mark.parametrize("image_format", ["png", "png16", "jpg", "tiff32"])
 @pytest.mark.parametrize("mono", [True, False])
-def test_a_monochrome_image_is_written_as_one_channel(image_format: ImageFormat, mono: bool) -> None:
+def test_a_monochrome_image_is_written_as_one_channel(
+    image_format: ImageFormat, mono: bool
+) -> None:
     rgb = np.repeat(RGB[..., :1], 3, axis=2) if mono else RGB
     pixels = rgb.astype(np.float32) if image_format == "tiff32" else rgb
-    decoded = cv2.imdecode(np.frombuffer(encode_image(pixels, image_format), np.uint8), cv2.IMREAD_UNCHANGED)
+    decoded = cv2.imdecode(
+        np.frombuffer(encode_image(pixels, image_format), np.uint8), cv2.IMREAD_UNCHANGED
+    )
     assert decoded.ndim == (2 if mono else 3)
 
 
@@ -160,7 +185,10 @@ def test_frames_come_with_what_was_recorded(tmp_path: Path) -> None:
     (pair,) = pair_folders(tmp_path / "L", tmp_path / "R", config).pairs
     frame = FrameReader(config).read(pair)
     assert frame.left.shape == frame.right.shape == RGB.shape
-    assert [capture.relative_exposure for capture in (frame.left_capture, frame.right_capture)] == [0.002, 0.032]
+    assert [capture.relative_exposure for capture in (frame.left_capture, frame.right_capture)] == [
+        0.002,
+        0.032,
+    ]
 
 
 def test_readers_of_different_tables_have_different_settings(tmp_path: Path) -> None:
@@ -191,9 +219,19 @@ def test_a_run_carries_what_the_camera_recorded(make_dive, tmp_path: Path, lock:
     for path in [dive.root / side / f"{i:04d}.png" for side in "LR" for i in range(2)]:
         Image.open(path).save(path, exif=exif)
     out = tmp_path / "out"
-    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, [f"color.lock={lock}"]))
+    summary = run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        out,
+        load_config(None, [f"color.lock={lock}"]),
+    )
     corrected = read_capture((out / "corrected" / "0001.png").read_bytes())
-    assert (corrected.exposure_s, corrected.gain, corrected.captured_s) == (pytest.approx(0.004), 4, 1614798367.25)
+    assert (corrected.exposure_s, corrected.gain, corrected.captured_s) == (
+        pytest.approx(0.004),
+        4,
+        1614798367.25,
+    )
     facts = summary.rows[0].facts
     recorded = facts["camera_exposure_s"], facts["camera_gain"], facts["camera_aperture"]
     assert recorded == (pytest.approx(0.004), 4, pytest.approx(2.8))

@@ -21,7 +21,9 @@ def test_the_quality_of_a_jpeg_is_read_from_its_tables(quality: int) -> None:
     assert jpeg_quality(content[:30]) is None
 
 
-@pytest.mark.parametrize(("suffix", "quality", "said"), [(".jpg", 60, True), (".jpg", 90, False), (".png", 60, False)])
+@pytest.mark.parametrize(
+    ("suffix", "quality", "said"), [(".jpg", 60, True), (".jpg", 90, False), (".png", 60, False)]
+)
 def test_strong_compression_is_named(tmp_path: Path, suffix: str, quality: int, said: bool) -> None:
     path = tmp_path / f"0001{suffix}"
     cv2.imwrite(str(path), IMAGE, [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [])

@@ -24,10 +24,14 @@ def save(path: Path, rgb: np.ndarray) -> Path:
     return path
 
 
-KINDS = [(suffix, image) for suffix in (".png", ".tiff", ".TIF", ".ppm") for image in (RGB8, RGB16)] + [(".bmp", RGB8)]
+KINDS = [
+    (suffix, image) for suffix in (".png", ".tiff", ".TIF", ".ppm") for image in (RGB8, RGB16)
+] + [(".bmp", RGB8)]
 
 
-@pytest.mark.parametrize(("suffix", "image"), KINDS, ids=[f"{suffix} {image.dtype}" for suffix, image in KINDS])
+@pytest.mark.parametrize(
+    ("suffix", "image"), KINDS, ids=[f"{suffix} {image.dtype}" for suffix, image in KINDS]
+)
 def test_lossless_round_trip(tmp_path: Path, suffix: str, image: np.ndarray) -> None:
     np.testing.assert_array_equal(read_image(save(tmp_path / f"a{suffix}", image)), image)
 
@@ -39,7 +43,9 @@ def test_jpeg_is_near(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".bmp", ".pgm"])
 def test_kinds_of_one_channel(tmp_path: Path, suffix: str) -> None:
-    np.testing.assert_array_equal(read_image(save(tmp_path / f"a{suffix}", RGB8[..., 0])), np.repeat(RGB8[..., :1], 3, axis=2))
+    np.testing.assert_array_equal(
+        read_image(save(tmp_path / f"a{suffix}", RGB8[..., 0])), np.repeat(RGB8[..., :1], 3, axis=2)
+    )
 
 
 def test_a_pgm_with_comments_and_twelve_bits(tmp_path: Path) -> None:
@@ -57,7 +63,9 @@ def test_gray_is_repeated_and_alpha_dropped(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_bayer_patterns_give_the_color_they_were_made_of(tmp_path: Path, pattern: str, bits: int) -> None:
+def test_bayer_patterns_give_the_color_they_were_made_of(
+    tmp_path: Path, pattern: str, bits: int
+) -> None:
     color = np.array([200, 120, 40]) * (1 if bits == 8 else 257)
     mosaic = np.empty((20, 30), np.uint8 if bits == 8 else np.uint16)
     for place, letter in enumerate(pattern):
@@ -67,7 +75,9 @@ def test_bayer_patterns_give_the_color_they_were_made_of(tmp_path: Path, pattern
 
 
 def test_bayer_needs_one_channel(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"3 channels, but input\.bayer=rggb needs a single-channel"):
+    with pytest.raises(
+        InputError, match=r"3 channels, but input\.bayer=rggb needs a single-channel"
+    ):
         read_image(save(tmp_path / "a.png", RGB8), InputConfig(bayer="rggb"))
 
 
@@ -75,7 +85,9 @@ def test_twelve_bits_are_scaled_to_full(tmp_path: Path) -> None:
     raw = np.array([[0, 4095], [2048, 1]], np.uint16)
     image = read_image(save(tmp_path / "a.png", raw), InputConfig(significant_bits=12))
     assert image[..., 0].tolist() == [[0, 65535], [32776, 16]]
-    with pytest.raises(InputError, match=r"holds 5000, more than input\.significant_bits=12 allow \(4095\)"):
+    with pytest.raises(
+        InputError, match=r"holds 5000, more than input\.significant_bits=12 allow \(4095\)"
+    ):
         read_image(save(tmp_path / "b.png", raw + 905), InputConfig(significant_bits=12))
     with pytest.raises(InputError, match=r"8 bits a channel, but input\.significant_bits=12"):
         read_image(save(tmp_path / "c.png", RGB8), InputConfig(significant_bits=12))
@@ -87,7 +99,9 @@ def test_truncated_files_are_refused(tmp_path: Path, suffix: str, fraction: floa
     path = save(tmp_path / f"a{suffix}", RNG.integers(0, 256, (64, 64, 3), dtype=np.uint8))
     content = path.read_bytes()
     path.write_bytes(content[: int(fraction * len(content))])
-    with pytest.raises(InputError, match=rf"a\{suffix}: (is (truncated|empty|damaged|no PNG)|cannot be decoded)"):
+    with pytest.raises(
+        InputError, match=rf"a\{suffix}: (is (truncated|empty|damaged|no PNG)|cannot be decoded)"
+    ):
         read_image(path)
 
 
@@ -135,11 +149,17 @@ def test_errors_about_odd_names_can_be_printed(tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(b"caf\xe9\n.png")
     with pytest.raises(InputError) as error:
         read_image(path)
-    assert str(error.value).encode().endswith(b"caf%E9%0A.png: cannot be read: No such file or directory")
+    assert (
+        str(error.value)
+        .encode()
+        .endswith(b"caf%E9%0A.png: cannot be read: No such file or directory")
+    )
 
 
 def test_float_images_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"holds float32 pixels.*save it as a 16-bit PNG or TIFF.*times 65535"):
+    with pytest.raises(
+        InputError, match=r"holds float32 pixels.*save it as a 16-bit PNG or TIFF.*times 65535"
+    ):
         read_image(save(tmp_path / "a.tiff", RGB8[..., 0].astype(np.float32)))
 
 
@@ -150,11 +170,15 @@ def test_float_images_are_refused(tmp_path: Path) -> None:
     st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), max_size=8),
     st.data(),
 )
-def test_mutated_files_give_an_image_or_one_clear_line(suffix: str, changes: list[tuple[int, int]], data: st.DataObject) -> None:
+def test_mutated_files_give_an_image_or_one_clear_line(
+    suffix: str, changes: list[tuple[int, int]], data: st.DataObject
+) -> None:
     content = bytearray(cv2.imencode(suffix, RGB8)[1].tobytes())
     for place, value in changes:
         content[place % len(content)] = value
-    content = content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content
+    content = (
+        content[: data.draw(st.integers(0, len(content)))] if data.draw(st.booleans()) else content
+    )
     try:
         image = decode_image(bytes(content), Path("a" + suffix), InputConfig())
     except InputError as error:
@@ -173,7 +197,9 @@ def test_range_maps_in_meters_and_millimeters(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_range_map(save(tmp_path / "a.png", millimeters)), expected)
 
 
-@pytest.mark.parametrize(("image", "message"), [(RGB8, "has 3 channels"), (RGB8[..., 0], "holds uint8 pixels")])
+@pytest.mark.parametrize(
+    ("image", "message"), [(RGB8, "has 3 channels"), (RGB8[..., 0], "holds uint8 pixels")]
+)
 def test_what_is_no_range_map(tmp_path: Path, image: np.ndarray, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_range_map(save(tmp_path / "a.png", image))
@@ -183,9 +209,11 @@ def test_exif_orientation_is_applied(tmp_path: Path) -> None:
     bright_left = np.zeros((20, 40, 3), np.uint8)
     bright_left[:, :20] = 250
     jpeg = cv2.imencode(".jpg", bright_left)[1].tobytes()
-    turn_right = b"II*\x00\x08\x00\x00\x00\x01\x00\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00\x00\x00\x00\x00"
+    turn_right = b"II*\x00\x08\x00\x00\x00\x01\x00\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00\x00\x00\x00\x00"  # noqa: E501
     exif = b"Exif\x00\x00" + turn_right
-    (tmp_path / "a.jpg").write_bytes(jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:])
+    (tmp_path / "a.jpg").write_bytes(
+        jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:]
+    )
     image = read_image(tmp_path / "a.jpg")
     assert image.shape == (40, 20, 3)
     assert image[:15].mean() > 200 > 50 > image[25:].mean()

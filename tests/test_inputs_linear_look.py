@@ -11,7 +11,9 @@ from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.file_form import encoding_notes, stored_facts
 from stereo_seecolor.inputs.pairing import Pair
 
-ENCODED = np.repeat(np.clip(np.random.default_rng(1).normal(0.3, 0.17, (64, 80, 1)), 0.02, 1), 3, axis=2)
+ENCODED = np.repeat(
+    np.clip(np.random.default_rng(1).normal(0.3, 0.17, (64, 80, 1)), 0.02, 1), 3, axis=2
+)
 
 
 @pytest.mark.parametrize(
@@ -24,13 +26,17 @@ ENCODED = np.repeat(np.clip(np.random.default_rng(1).normal(0.3, 0.17, (64, 80, 
         (decode_srgb(ENCODED), 255, "srgb", False),
     ],
 )
-def test_linear_light_read_as_encoded_is_named(tmp_path: Path, light: np.ndarray, full: int, encoding: str, said: bool) -> None:
+def test_linear_light_read_as_encoded_is_named(
+    tmp_path: Path, light: np.ndarray, full: int, encoding: str, said: bool
+) -> None:
     path = tmp_path / "0001.tiff"
     cv2.imwrite(str(path), np.round(light * full).astype(np.uint16 if full > 255 else np.uint8))
     config = RunConfig.model_validate({"color": {"input_encoding": encoding}})
     notes = encoding_notes(config.color, stored_facts(config.input, [Pair("0001", path, path)]))
     assert bool(notes) == said
-    assert all("0001.tiff" in note and "--set color.input_encoding=linear" in note for note in notes)
+    assert all(
+        "0001.tiff" in note and "--set color.input_encoding=linear" in note for note in notes
+    )
 
 
 def test_an_image_that_cannot_be_read_is_left_to_the_run(tmp_path: Path) -> None:

@@ -41,7 +41,9 @@ def test_true_pairs_agree_a_hundred_times_better_than_false_ones() -> None:
     pairs = pair_folders(SAMPLES / "left", SAMPLES / "right", InputConfig()).pairs
     rectification = Rectification.from_rig(load_rig(SAMPLES / "cam.yaml"))
     left = read_image(pairs[0].left)
-    true, false = (agreeing_points(rectification, left, read_image(pair.right)) for pair in pairs[:2])
+    true, false = (
+        agreeing_points(rectification, left, read_image(pair.right)) for pair in pairs[:2]
+    )
     assert true > 500
     assert false < 5
 
@@ -73,7 +75,10 @@ def test_notes_are_given_for_a_few_pairs_and_none_for_files_that_are_gone(make_d
     pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
     pairs[0].left.unlink()
     notes = misfit_notes(pairs, {pair.name for pair in pairs[:4]}, rectification, InputConfig())
-    assert [note.partition(",")[0] for note in notes] == ["0022.png fits 0023.png", "0023.png fits 0024.png"]
+    assert [note.partition(",")[0] for note in notes] == [
+        "0022.png fits 0023.png",
+        "0023.png fits 0024.png",
+    ]
 
 
 @pytest.mark.slow
@@ -88,7 +93,10 @@ def test_where_a_slip_begins_is_named(make_dive, lost: str, short: str) -> None:
     rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
     failed = {pair.name for pair in pairs[3:]}
     (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
-    assert f"from {pairs[3].name} to {pairs[-1].name} (5 pairs that failed) left and right are 1 image out of step" in note
+    assert (
+        f"from {pairs[3].name} to {pairs[-1].name} (5 pairs that failed) left and right are 1 "
+        "image out of step" in note
+    )
     assert f"{short} lacks 1 image before {pairs[3].name}" in note
 
 
@@ -107,5 +115,8 @@ def test_parts_that_are_out_of_step_are_named_where_both_sides_lost_images(make_
     failed = {pairs[number].name for number in (2, 3, 4, 7, 8, 9)}
     (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
     assert "out of step in several parts" in note
-    assert f"{pairs[2].name} to {pairs[4].name} by +1 ({pairs[3].left.name} fits {pairs[4].right.name}" in note
+    assert (
+        f"{pairs[2].name} to {pairs[4].name} by +1 ({pairs[3].left.name} fits {pairs[4].right.name}"
+        in note
+    )
     assert f"{pairs[7].name} to {pairs[9].name} by +1" in note

@@ -25,7 +25,9 @@ def folders(tmp_path: Path, lefts: list[str], rights: list[str]) -> tuple[Path, 
     return tmp_path / "L", tmp_path / "R"
 
 
-def names(tmp_path: Path, lefts: list[str], rights: list[str], **config: object) -> list[tuple[str, str, str]]:
+def names(
+    tmp_path: Path, lefts: list[str], rights: list[str], **config: object
+) -> list[tuple[str, str, str]]:
     pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig.model_validate(config))
     return [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs]
 
@@ -40,7 +42,11 @@ def names(tmp_path: Path, lefts: list[str], rights: list[str], **config: object)
         ("0001_L.png", "0001_R.png", "0001"),
         ("0001L.png", "0001R.png", "0001"),
         ("dive 3-left-07.png", "dive 3-right-07.png", "dive 3-07"),
-        ("PR_20180811_153729_762_LC16.tif", "PR_20180811_153729_762_RC16.tif", "PR_20180811_153729_762_16"),
+        (
+            "PR_20180811_153729_762_LC16.tif",
+            "PR_20180811_153729_762_RC16.tif",
+            "PR_20180811_153729_762_16",
+        ),
         ("fwd_0001.png", "aft_0001.png", "0001"),
         ("récif_links_5.png", "récif_rechts_5.png", "récif_5"),
         ("lc_5.png", "rc_5.png", "5"),
@@ -56,11 +62,22 @@ def test_pairs_by_name(tmp_path: Path, left: str, right: str, name: str) -> None
 
 def test_names_beginning_with_a_side_letter_are_left_alone(tmp_path: Path) -> None:
     files = ["reef_l_1.png", "rock_2.png"]
-    assert [n for n, _, _ in names(tmp_path, files, ["reef_r_1.png", "rock_2.png"])] == ["reef_1", "rock_2"]
+    assert [n for n, _, _ in names(tmp_path, files, ["reef_r_1.png", "rock_2.png"])] == [
+        "reef_1",
+        "rock_2",
+    ]
 
 
 def test_patterns_name_the_sides_of_one_folder(tmp_path: Path) -> None:
-    for name in ("left1.png", "right1.png", "left2.png", "right2.png", "left_map.txt", ".left3.png", "disparity.png"):
+    for name in (
+        "left1.png",
+        "right1.png",
+        "left2.png",
+        "right2.png",
+        "left_map.txt",
+        ".left3.png",
+        "disparity.png",
+    ):
         (tmp_path / name).touch()
     pairing = pair_folders(tmp_path / "left*.png", tmp_path / "right*.png", InputConfig())
     assert [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs] == [
@@ -73,7 +90,9 @@ def test_two_images_are_a_pair(tmp_path: Path) -> None:
     for name in ("teddy.png", "teddy2.png", "other.png"):
         (tmp_path / name).touch()
     pairing = pair_folders(tmp_path / "teddy.png", tmp_path / "teddy2.png", InputConfig())
-    assert [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs] == [("teddy", "teddy.png", "teddy2.png")]
+    assert [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs] == [
+        ("teddy", "teddy.png", "teddy2.png")
+    ]
     assert not pairing.unpaired
 
 
@@ -93,7 +112,9 @@ def test_a_folder_whose_name_looks_like_a_pattern_is_a_folder(tmp_path: Path) ->
 
 
 def test_unpaired_files_are_named_with_the_reason(tmp_path: Path) -> None:
-    pairing = pair_folders(*folders(tmp_path, ["1.png", "2.png", "2.jpg"], ["1.png", "2.png", "3.png"]), InputConfig())
+    pairing = pair_folders(
+        *folders(tmp_path, ["1.png", "2.png", "2.jpg"], ["1.png", "2.png", "3.png"]), InputConfig()
+    )
     assert [pair.name for pair in pairing.pairs] == ["1"]
     reasons = {u.path.parent.name + "/" + u.path.name: u.reason for u in pairing.unpaired}
     assert reasons.keys() == {"L/2.jpg", "L/2.png", "R/2.png", "R/3.png"}
@@ -102,16 +123,27 @@ def test_unpaired_files_are_named_with_the_reason(tmp_path: Path) -> None:
 
 
 def test_pairs_by_timestamp_with_tolerance(tmp_path: Path) -> None:
-    lefts = ["100000000.500000.png".replace("100000000", "1000000000"), "1000000001.500000.png", "1000000002.500000.png"]
+    lefts = [
+        "100000000.500000.png".replace("100000000", "1000000000"),
+        "1000000001.500000.png",
+        "1000000002.500000.png",
+    ]
     rights = ["1000000000.504000.png", "1000000001.520000.png", "1000000002.499000.png"]
     found = names(tmp_path, lefts, rights)
-    assert [(left, right) for _, left, right in found] == [(lefts[0], rights[0]), (lefts[2], rights[2])]
+    assert [(left, right) for _, left, right in found] == [
+        (lefts[0], rights[0]),
+        (lefts[2], rights[2]),
+    ]
 
 
 def test_how_far_the_nearest_time_stamp_is(tmp_path: Path) -> None:
     lefts = ["1000000000.500.png", "1000000001.500.png", "1000000009.500.png"]
-    pairing = pair_folders(*folders(tmp_path, lefts, ["1000000000.504.png", "1000000001.534.png"]), InputConfig())
-    reasons = {path.path.parent.name + "/" + path.path.name: path.reason for path in pairing.unpaired}
+    pairing = pair_folders(
+        *folders(tmp_path, lefts, ["1000000000.504.png", "1000000001.534.png"]), InputConfig()
+    )
+    reasons = {
+        path.path.parent.name + "/" + path.path.name: path.reason for path in pairing.unpaired
+    }
     near = "the nearest in time is 0.034 s away, input.timestamp_tolerance_s is 0.01"
     assert reasons == {
         "L/1000000001.500.png": f"no right image matches: {near}",
@@ -122,12 +154,17 @@ def test_how_far_the_nearest_time_stamp_is(tmp_path: Path) -> None:
 
 def test_how_far_all_time_stamps_are(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"time stamps are 0\.034 s apart, median"):
-        pair_folders(*folders(tmp_path, ["1000000000.500.png"], ["1000000000.534.png"]), InputConfig())
+        pair_folders(
+            *folders(tmp_path, ["1000000000.500.png"], ["1000000000.534.png"]), InputConfig()
+        )
 
 
 def test_wider_tolerance_takes_the_nearest(tmp_path: Path) -> None:
     found = names(
-        tmp_path, ["1000000000.000000.png"], ["1000000000.100000.png", "1000000000.050000.png"], timestamp_tolerance_s=0.2
+        tmp_path,
+        ["1000000000.000000.png"],
+        ["1000000000.100000.png", "1000000000.050000.png"],
+        timestamp_tolerance_s=0.2,
     )
     assert [right for _, _, right in found] == ["1000000000.050000.png"]
 
@@ -142,11 +179,16 @@ def test_clocks_that_drift_are_reported(tmp_path: Path) -> None:
 
 
 def test_nothing_matches(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no left image matches a right one.*a1\.png and b2\.png.*timestamp_tolerance_s"):
+    with pytest.raises(
+        InputError,
+        match=r"no left image matches a right one.*a1\.png and b2\.png.*timestamp_tolerance_s",
+    ):
         pair_folders(*folders(tmp_path, ["a1.png"], ["b2.png"]), InputConfig())
 
 
-@pytest.mark.parametrize(("make", "message"), [(False, "does not exist"), (True, "holds no left images")])
+@pytest.mark.parametrize(
+    ("make", "message"), [(False, "does not exist"), (True, "holds no left images")]
+)
 def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> None:
     if make:
         (tmp_path / "L").mkdir()
@@ -156,18 +198,31 @@ def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> No
 
 
 def test_a_folder_of_folders_stands_for_their_images(tmp_path: Path) -> None:
-    for name in ("left/100A/1.png", "left/101A/2.png", "left/.trash/3.png", "right/100A/1.png", "right/101A/2.png"):
+    for name in (
+        "left/100A/1.png",
+        "left/101A/2.png",
+        "left/.trash/3.png",
+        "right/100A/1.png",
+        "right/101A/2.png",
+    ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     found = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig())
-    assert [pair.left.relative_to(tmp_path).as_posix() for pair in found.pairs] == ["left/100A/1.png", "left/101A/2.png"]
+    assert [pair.left.relative_to(tmp_path).as_posix() for pair in found.pairs] == [
+        "left/100A/1.png",
+        "left/101A/2.png",
+    ]
     with pytest.raises(InputError, match="holds no left images"):  # both sides: no side
         list_images(tmp_path, "left images")
 
 
 def test_images_of_a_kind_that_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "1.dng").touch()
-    with pytest.raises(InputError, match=r"holds no left images .*; 1 file of a kind that is not read [(].dng[)]: convert them"):
+    with pytest.raises(
+        InputError,
+        match=r"holds no left images .*; 1 file of a kind that is not read [(].dng[)]: convert "
+        r"them",
+    ):
         pair_folders(tmp_path, tmp_path, InputConfig())
 
 
@@ -180,13 +235,18 @@ def test_a_file_instead_of_a_folder(tmp_path: Path) -> None:
 def test_one_image_and_its_range_map_by_pattern(tmp_path: Path) -> None:
     for name in ("3374.png", "3374_range.tiff"):
         (tmp_path / name).touch()
-    assert [pair.name for pair in pair_by_stem(tmp_path / "*.png", tmp_path / "*.tiff").pairs] == ["3374"]
+    assert [pair.name for pair in pair_by_stem(tmp_path / "*.png", tmp_path / "*.tiff").pairs] == [
+        "3374"
+    ]
 
 
 def test_own_range_maps_pair_by_stem(tmp_path: Path) -> None:
     pairing = pair_by_stem(*folders(tmp_path, ["a.tiff", "b.png"], ["a.tif", "c.tif"]))
     assert [pair.name for pair in pairing.pairs] == ["a"]
-    assert [(u.path.name, u.reason) for u in pairing.unpaired] == [("b.png", "no range map matches"), ("c.tif", "no image matches")]
+    assert [(u.path.name, u.reason) for u in pairing.unpaired] == [
+        ("b.png", "no range map matches"),
+        ("c.tif", "no image matches"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -229,8 +289,12 @@ def test_unpaired_files_are_in_natural_order(tmp_path: Path) -> None:
     assert [file.path.name for file in pairing.unpaired] == ["2.png", "10.png"]
 
 
-@pytest.mark.parametrize("name", ["l_noise.png", "left_left_1.png", "r_1.png", "right_left_2.png", "lc.png"])
-def test_one_name_in_both_folders_is_a_pair_whatever_words_it_holds(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["l_noise.png", "left_left_1.png", "r_1.png", "right_left_2.png", "lc.png"]
+)
+def test_one_name_in_both_folders_is_a_pair_whatever_words_it_holds(
+    tmp_path: Path, name: str
+) -> None:
     assert names(tmp_path, [name], [name]) == [(Path(name).stem, name, name)]
 
 
@@ -294,7 +358,11 @@ def test_natural_order_is_total(texts: list[str]) -> None:
     assert sorted(backwards, key=natural_key) == sorted(texts, key=natural_key)
 
 
-@given(st.lists(st.from_regex(r"[a-bA-B_ ]{0,2}[0-9]{0,3}[a-b]?[0-9]{0,2}", fullmatch=True), max_size=12))
+@given(
+    st.lists(
+        st.from_regex(r"[a-bA-B_ ]{0,2}[0-9]{0,3}[a-b]?[0-9]{0,2}", fullmatch=True), max_size=12
+    )
+)
 def test_natural_order_reads_digits_as_numbers(names: list[str]) -> None:
     def parts(name: str) -> tuple[list[str | int], str]:
         found = re.split("([0-9]+)", name.casefold())
@@ -310,19 +378,34 @@ def test_names_are_sorted_by_their_natural_key(names: list[str]) -> None:
     assert names == expected
 
 
-STEMS = st.lists(st.sampled_from(["f1", "f2", "f10", "F1", "g1", "a-b", "a", "20180811_153729", "20180811_153730"]), max_size=4)
+STEMS = st.lists(
+    st.sampled_from(
+        ["f1", "f2", "f10", "F1", "g1", "a-b", "a", "20180811_153729", "20180811_153730"]
+    ),
+    max_size=4,
+)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(STEMS, STEMS, st.sampled_from([".png", ".jpg"]))
-def test_folders_of_the_same_stems_are_paired_as_others(tmp_path_factory, lefts: list[str], rights: list[str], end: str) -> None:
+def test_folders_of_the_same_stems_are_paired_as_others(
+    tmp_path_factory, lefts: list[str], rights: list[str], end: str
+) -> None:
     lefts, rights = ([*dict.fromkeys(stems), "b"] for stems in (lefts, rights))
-    left, right = folders(tmp_path_factory.mktemp("dive"), [f"{stem}.png" for stem in lefts], [f"{stem}{end}" for stem in rights])
+    left, right = folders(
+        tmp_path_factory.mktemp("dive"),
+        [f"{stem}.png" for stem in lefts],
+        [f"{stem}{end}" for stem in rights],
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stereo_seecolor.inputs.pairing._same_stems", lambda *_: None)
         expected = pair_folders(left, right, InputConfig())
     found = pair_folders(left, right, InputConfig())
-    assert (list(found.pairs), found.unpaired, found.notes) == (list(expected.pairs), expected.unpaired, expected.notes)
+    assert (list(found.pairs), found.unpaired, found.notes) == (
+        list(expected.pairs),
+        expected.unpaired,
+        expected.notes,
+    )
     assert [pair.place for pair in found.pairs] == [pair.place for pair in expected.pairs]
     assert list(found.names) == [pair.name for pair in found.pairs]
 
@@ -334,17 +417,25 @@ def test_any_name_is_survived(stem: str) -> None:
 
 
 def test_counters_that_differ_by_a_constant_are_paired_and_that_is_said(tmp_path: Path) -> None:
-    lefts, rights = [f"DSC_{n}.png" for n in (998, 999, 1000, 1003)], [f"DSC_{n:04d}.png" for n in (520, 521, 522, 525)]
+    lefts, rights = (
+        [f"DSC_{n}.png" for n in (998, 999, 1000, 1003)],
+        [f"DSC_{n:04d}.png" for n in (520, 521, 522, 525)],
+    )
     pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig())
     assert [(pair.name, pair.right.name) for pair in pairing.pairs] == [
         (left[:-4], right) for left, right in zip(lefts, rights, strict=True)
     ]
     assert pairing.notes == (
-        "no names agree: 4 pairs were brought together by the order of their numbers, from DSC_998.png with DSC_0520.png on",
+        "no names agree: 4 pairs were brought together by the order of their numbers, from "
+        "DSC_998.png with DSC_0520.png on",
     )
 
 
-@pytest.mark.parametrize("rights", [["DSC_520.png", "DSC_522.png"], ["DSC_520.png", "DSC_521.png", "DSC_522.png"]])
-def test_counters_of_which_an_image_is_missing_are_not_guessed(tmp_path: Path, rights: list[str]) -> None:
+@pytest.mark.parametrize(
+    "rights", [["DSC_520.png", "DSC_522.png"], ["DSC_520.png", "DSC_521.png", "DSC_522.png"]]
+)
+def test_counters_of_which_an_image_is_missing_are_not_guessed(
+    tmp_path: Path, rights: list[str]
+) -> None:
     with pytest.raises(InputError, match="no left image matches a right one"):
         pair_folders(*folders(tmp_path, ["DSC_998.png", "DSC_999.png"], rights), InputConfig())

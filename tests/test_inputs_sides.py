@@ -19,35 +19,79 @@ RNG = np.random.default_rng(0)
     [
         (["left/1.png", "right/1.png"], "left", "right", False),
         (["R/1.png", "L/1.png"], "L", "R", False),
-        (["dive/cam0/data/1.png", "dive/cam1/data/1.png"], "dive/cam0/data", "dive/cam1/data", False),
-        (["t/auv0/rgb/cam1/data/1.png", "t/auv0/rgb/cam0/data/1.png"], "t/auv0/rgb/cam0/data", "t/auv0/rgb/cam1/data", False),
+        (
+            ["dive/cam0/data/1.png", "dive/cam1/data/1.png"],
+            "dive/cam0/data",
+            "dive/cam1/data",
+            False,
+        ),
+        (
+            ["t/auv0/rgb/cam1/data/1.png", "t/auv0/rgb/cam0/data/1.png"],
+            "t/auv0/rgb/cam0/data",
+            "t/auv0/rgb/cam1/data",
+            False,
+        ),
         (["L/1.png", "R/1.png", "out/page/a/b/c/1.png"], "L", "R", False),
         (["port/1.png", "star/1.png", "thumbs/x.png"], "port", "star", True),
-        ([f"set_{i}/{side}_{i + 7}.tif" for i in range(3) for side in ("LFT", "RGT")], "*/LFT_*.tif", "*/RGT_*.tif", False),
+        (
+            [f"set_{i}/{side}_{i + 7}.tif" for i in range(3) for side in ("LFT", "RGT")],
+            "*/LFT_*.tif",
+            "*/RGT_*.tif",
+            False,
+        ),
         (["RGT/1.png", "LFT/1.png"], "LFT", "RGT", False),
         (["droite/1.png", "gauche/1.png"], "gauche", "droite", False),
         (["Rechte Kamera/1.png", "Linke Kamera/1.png"], "Linke Kamera", "Rechte Kamera", False),
         (["left/1.png", "right/1.png", "left/raw/2.png", "notes/3.png"], "left", "right", False),
         (["a/.hidden/1.png", "L/1.png", "R/1.png"], "L", "R", False),
-        (["left1.jpg", "right1.jpg", "left12.jpg", "right12.jpg"], "left*.jpg", "right*.jpg", False),
-        (["PR_2_LC16.png", "PR_2_RM16.png", "PR_13_LC16.png", "PR_13_RM16.png"], "PR_*_LC*.png", "PR_*_RM*.png", False),
+        (
+            ["left1.jpg", "right1.jpg", "left12.jpg", "right12.jpg"],
+            "left*.jpg",
+            "right*.jpg",
+            False,
+        ),
+        (
+            ["PR_2_LC16.png", "PR_2_RM16.png", "PR_13_LC16.png", "PR_13_RM16.png"],
+            "PR_*_LC*.png",
+            "PR_*_RM*.png",
+            False,
+        ),
         (["cam0_001.png", "cam1_001.png"], "cam0_*.png", "cam1_*.png", False),
         (["left.png", "right.png", "disparity.png"], "left.png", "right.png", False),
-        (["left/10h/1.png", "left/11h/2.png", "right/10h/1.png", "right/11h/2.png"], "left", "right", False),
+        (
+            ["left/10h/1.png", "left/11h/2.png", "right/10h/1.png", "right/11h/2.png"],
+            "left",
+            "right",
+            False,
+        ),
         (["a/x/1.png", "a/y/2.png", "b/x/1.png", "b/y/2.png"], "a", "b", True),
-        (["10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png"], "10h/left", "10h/right", False),
+        (
+            ["10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png"],
+            "10h/left",
+            "10h/right",
+            False,
+        ),
         (["L.mp4", "R.mp4"], "L.mp4", "R.mp4", False),
         (["GH01.mp4", "GH02.mp4"], "GH01.mp4", "GH02.mp4", True),
         (["both.mp4"], "both.mp4", "both.mp4", False),
     ],
 )
-def test_sides_in_one_folder(tmp_path: Path, files: list[str], left: str, right: str, guessed: bool) -> None:
+def test_sides_in_one_folder(
+    tmp_path: Path, files: list[str], left: str, right: str, guessed: bool
+) -> None:
     found = find_sides([make_files(tmp_path, *files)])
     assert (found.left, found.right, found.guessed) == (tmp_path / left, tmp_path / right, guessed)
 
 
 def test_folders_of_the_same_names_are_said(tmp_path: Path) -> None:
-    root = make_files(tmp_path, "10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png", "notes/3.png")
+    root = make_files(
+        tmp_path,
+        "10h/left/1.png",
+        "10h/right/1.png",
+        "11h/left/2.png",
+        "11h/right/2.png",
+        "notes/3.png",
+    )
     assert find_sides([root]).others == (root / "11h/left", root / "11h/right")
     assert find_sides([root / "10h"]).others == ()
 
@@ -61,9 +105,18 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
     ("files", "message"),
     [
         (["notes.txt"], r"no images \(.*\) and no videos were found"),
-        (["dive/1.WEBP", "dive/2.webp"], "2 files of a kind that is not read [(].webp[)]: convert them to PNG"),
-        (["left/1.png", "left/2.png"], "left: holds the left images alone: give the other side's folder too"),
-        (["1.png", "2.png"], "holds all images in one folder, and no name says .*: move the left and the right ones"),
+        (
+            ["dive/1.WEBP", "dive/2.webp"],
+            "2 files of a kind that is not read [(].webp[)]: convert them to PNG",
+        ),
+        (
+            ["left/1.png", "left/2.png"],
+            "left: holds the left images alone: give the other side's folder too",
+        ),
+        (
+            ["1.png", "2.png"],
+            "holds all images in one folder, and no name says .*: move the left and the right ones",
+        ),
         (["a/x.png", "b/y2.png"], "hold pairs: give the two of one dive"),
         (["1.mp4", "2.mp4", "3.mp4"], "3 videos were found"),
     ],
@@ -78,7 +131,9 @@ def test_a_missing_place(tmp_path: Path) -> None:
         find_sides([tmp_path / "nowhere"])
 
 
-SMOOTH = cv2.resize(RNG.integers(0, 256, (6, 8, 3), dtype=np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC)
+SMOOTH = cv2.resize(
+    RNG.integers(0, 256, (6, 8, 3), dtype=np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC
+)
 
 
 def mosaic() -> np.ndarray:
@@ -99,7 +154,14 @@ def mosaic() -> np.ndarray:
         (SMOOTH.astype(np.uint16) * 257, "color", 16, 16),
     ],
 )
-def test_kinds_of_images(tmp_path: Path, pixels: np.ndarray, kind: str, bits: int, used_bits: int) -> None:
+def test_kinds_of_images(
+    tmp_path: Path, pixels: np.ndarray, kind: str, bits: int, used_bits: int
+) -> None:
     assert cv2.imwrite(str(tmp_path / "a.png"), pixels)
     found = image_facts(tmp_path / "a.png")
-    assert (found.kind, found.bits, found.used_bits, found.size) == (kind, bits, used_bits, (96, 64))
+    assert (found.kind, found.bits, found.used_bits, found.size) == (
+        kind,
+        bits,
+        used_bits,
+        (96, 64),
+    )

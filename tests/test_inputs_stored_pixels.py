@@ -1,4 +1,6 @@
-"""Raw images: color filter patterns, and sensors of 10, 12 or 14 bits whose values lie at the lower end of 16-bit files."""
+"""Raw images: color filter patterns, and sensors of 10, 12 or 14 bits whose values lie at the lower
+end of 16-bit files.
+"""
 
 import json
 from pathlib import Path
@@ -26,7 +28,10 @@ def settled(config: InputConfig, sample: list[Pair]) -> InputConfig:
     return as_stored(config, stored_facts(config, sample))
 
 
-@pytest.mark.parametrize(("brightest", "bits"), [(1000, 10), (1023, 10), (3000, 12), (16383, 14), (16384, None), (200, None)])
+@pytest.mark.parametrize(
+    ("brightest", "bits"),
+    [(1000, 10), (1023, 10), (3000, 12), (16383, 14), (16384, None), (200, None)],
+)
 def test_the_brightest_value_tells(tmp_path: Path, brightest: int, bits: int | None) -> None:
     sample = [pair(tmp_path, "dark", 300), pair(tmp_path, "bright", brightest)]
     if brightest == 200:
@@ -50,7 +55,12 @@ def test_a_dive_of_ten_bits_runs_as_it_is(make_dive, tmp_path: Path) -> None:
         cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) >> 6)
     summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
     assert [row.status for row in summary.rows] == ["ok"]
-    assert json.loads((tmp_path / "out" / "run.json").read_text())["config"]["input"]["significant_bits"] == 10
+    assert (
+        json.loads((tmp_path / "out" / "run.json").read_text())["config"]["input"][
+            "significant_bits"
+        ]
+        == 10
+    )
     range_m = cv2.imread(str(tmp_path / "out" / "range" / "0000.tiff"), cv2.IMREAD_UNCHANGED)
     error = np.abs(range_m / dive.range_m - 1)
     assert np.nanmedian(error) < 0.01
@@ -67,15 +77,24 @@ def mosaic_of(bgr: np.ndarray, pattern: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("noise", [0, 8])
-def test_a_raw_left_camera_of_faint_colors_beside_a_monochrome_one(tmp_path: Path, noise: float) -> None:
-    """As a strobe-lit reef: red and blue differ from green by a tenth, less than neighboring pixels do."""
+def test_a_raw_left_camera_of_faint_colors_beside_a_monochrome_one(
+    tmp_path: Path, noise: float
+) -> None:
+    """As a strobe-lit reef: red and blue differ from green by a tenth, less than neighboring pixels
+    do.
+    """
     rng = np.random.default_rng(2)
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
         for path in sorted((REEF / side).glob("*.png"))[:2]:
-            gray = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)[..., None] * np.array([0.95, 1.0, 0.9])
+            gray = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)[..., None] * np.array(
+                [0.95, 1.0, 0.9]
+            )
             seen = np.clip(gray + rng.normal(0, noise, gray.shape), 0, 255).astype(np.uint8)
-            cv2.imwrite(str(tmp_path / side / path.name), mosaic_of(seen, "rggb") if side == "left" else seen[..., 1])
+            cv2.imwrite(
+                str(tmp_path / side / path.name),
+                mosaic_of(seen, "rggb") if side == "left" else seen[..., 1],
+            )
     found = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
     assert settled(InputConfig(), found).bayer == "rggb"
     swapped = [Pair(one.name, one.right, one.left) for one in found]

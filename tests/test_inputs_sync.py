@@ -66,8 +66,12 @@ def test_a_flash_alone_is_enough_for_the_nearest_frame(tmp_path: Path) -> None:
         (".mov", ("00:10:00;00", "00:09:59;28"), 2 / 30),  # and none in each tenth minute
     ],
 )
-def test_time_codes_alone_are_enough(tmp_path: Path, suffix: str, codes: tuple[str, str], offset_s: float) -> None:
-    found = sync(*write_pair(tmp_path, offset_s, seconds=3, moves=False, time_codes=codes, suffix=suffix))
+def test_time_codes_alone_are_enough(
+    tmp_path: Path, suffix: str, codes: tuple[str, str], offset_s: float
+) -> None:
+    found = sync(
+        *write_pair(tmp_path, offset_s, seconds=3, moves=False, time_codes=codes, suffix=suffix)
+    )
     assert [item.kind for item in found.evidence] == ["time code"]
     assert found.offset_s == pytest.approx(offset_s, abs=1e-6)
     assert found.std_s == pytest.approx(np.sqrt(2 / 12) / RATE_HZ, rel=1e-6)
@@ -79,7 +83,9 @@ def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None
     found = sync(left, right)
     assert [item.kind for item in found.evidence] == ["motion"]
     assert "time codes say +7.000 s, so they were not set alike, and are not used" in found.text
-    _, alike = write_pair(tmp_path / "alike", 0.2, seconds=6, time_codes=("10:00:07:00", "10:00:06:24"))
+    _, alike = write_pair(
+        tmp_path / "alike", 0.2, seconds=6, time_codes=("10:00:07:00", "10:00:06:24")
+    )
     assert [item.kind for item in sync(left, alike).evidence] == ["motion", "time code"]
 
 
@@ -88,7 +94,12 @@ def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
     left, right = write_pair(tmp_path, -0.4, sound=True, flash_s=4.0)
     code, printed, said = cli("sync", left, right)
     assert code == 0, said
-    for word in ("by motion and sound and flash", "motion: -0.", "pairs of frames", f"run --left {left}"):
+    for word in (
+        "by motion and sound and flash",
+        "motion: -0.",
+        "pairs of frames",
+        f"run --left {left}",
+    ):
         assert word in printed
     assert sync(left, right).pairs == pytest.approx(300 - 12, abs=2)
 
@@ -103,7 +114,9 @@ def test_a_static_scene_is_refused(tmp_path: Path, cli) -> None:
 @pytest.mark.slow
 def test_evidence_that_disagrees_is_refused(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.3, sound=True, sound_offset_s=0.9)
-    with pytest.raises(InputError, match=r"motion says that the right clock is \+0.3.* sound says \+0.9"):
+    with pytest.raises(
+        InputError, match=r"motion says that the right clock is \+0.3.* sound says \+0.9"
+    ):
         sync(*videos)
     with pytest.raises(InputError, match="sound says"):
         choose_frames(*videos, InputConfig())
@@ -121,7 +134,9 @@ def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"no video")
     (tmp_path / "empty.mp4").write_bytes(b"")
     for name in ("a.mp4", "empty.mp4", "missing.mp4"):
-        with pytest.raises(InputError, match=rf"^[^\n]*{name}: is no video that FFmpeg can read[^\n]*$"):
+        with pytest.raises(
+            InputError, match=rf"^[^\n]*{name}: is no video that FFmpeg can read[^\n]*$"
+        ):
             sync(tmp_path / name, tmp_path / name)
 
 
@@ -150,14 +165,22 @@ def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     assert {b - a for a, b in zip(choice.left, choice.right, strict=True)} == {10}
     dive = Videos(*videos)
     pairing = dive.pairing(dive.choice(InputConfig(video_every=20)))
-    assert [pair.name for pair in pairing.pairs] == [f"{number:06d}" for number in range(0, 180, 20)]
-    assert [pair.timestamp_s for pair in pairing.pairs] == pytest.approx(np.arange(0, 180, 20) / RATE_HZ, abs=1e-9)
+    assert [pair.name for pair in pairing.pairs] == [
+        f"{number:06d}" for number in range(0, 180, 20)
+    ]
+    assert [pair.timestamp_s for pair in pairing.pairs] == pytest.approx(
+        np.arange(0, 180, 20) / RATE_HZ, abs=1e-9
+    )
     assert "by motion" in pairing.notes[0]
 
 
 def rig() -> StereoRig:
     """Of the drawn videos: rectified, rows in order."""
-    camera = Camera(np.array([[300.0, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]), np.zeros(0), (WIDTH, HEIGHT))
+    camera = Camera(
+        np.array([[300.0, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]),
+        np.zeros(0),
+        (WIDTH, HEIGHT),
+    )
     right_of_left = np.eye(4)
     right_of_left[0, 3] = -0.1
     return StereoRig(camera, camera, right_of_left)
@@ -166,7 +189,9 @@ def rig() -> StereoRig:
 @pytest.mark.slow
 @pytest.mark.parametrize("offset_s", [0.3137, -0.205])
 def test_rows_tell_the_offset_to_a_fraction_of_a_frame(tmp_path: Path, offset_s: float) -> None:
-    """From a lag that is wrong by a quarter of a frame, on cameras whose frames are not taken together."""
+    """From a lag that is wrong by a quarter of a frame, on cameras whose frames are not taken
+    together.
+    """
     videos = write_pair(tmp_path, offset_s)
     signals = video_signals(videos[0]), video_signals(videos[1])
     coarse = Lag(offset_s + 0.25 / RATE_HZ, 0.01)
@@ -182,9 +207,15 @@ def test_a_calibration_is_used_as_evidence(tmp_path: Path, cli) -> None:
     code, printed, said = cli("sync", left, right, "--calib", tmp_path / "cam.yaml")
     assert code == 0, said
     assert "by motion and rows" in printed
-    other = replace(rig(), left=replace(rig().left, image_size=(640, 480)), right=replace(rig().right, image_size=(640, 480)))
+    other = replace(
+        rig(),
+        left=replace(rig().left, image_size=(640, 480)),
+        right=replace(rig().right, image_size=(640, 480)),
+    )
     write_rig(other, tmp_path / "other.yaml")
-    assert [item.kind for item in sync(left, right, str(tmp_path / "other.yaml")).evidence] == ["motion"]
+    assert [item.kind for item in sync(left, right, str(tmp_path / "other.yaml")).evidence] == [
+        "motion"
+    ]
 
 
 @pytest.mark.slow
@@ -199,7 +230,9 @@ def test_a_picture_that_does_not_move_up_or_down_tells_nothing_by_rows(tmp_path:
 def test_motion_that_spoils_nearly_all_pairs_is_refused(tmp_path: Path) -> None:
     """Frames half a frame apart, and a picture that is fast."""
     videos = write_pair(tmp_path, 10.5 / RATE_HZ, seconds=8, speed=3.0)
-    with pytest.raises(InputError, match=r"px of false disparity at 1920 px; film at a higher rate"):
+    with pytest.raises(
+        InputError, match=r"px of false disparity at 1920 px; film at a higher rate"
+    ):
         sync(*videos)
     choice = choose_frames(*videos, InputConfig(video_offset_s=10.5 / RATE_HZ))
     assert len(choice.left) > 150
@@ -250,7 +283,9 @@ def test_an_offset_can_be_given(tmp_path: Path) -> None:
         choose_frames(*videos, InputConfig(video_offset_s=9.0))
 
 
-def test_without_evidence_frames_of_the_same_number_are_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_evidence_frames_of_the_same_number_are_pairs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import sys
 
     videos = write_pair(tmp_path, 0.5, seconds=4, moves=False)
@@ -269,6 +304,8 @@ def test_a_line_through_offsets_leaves_out_what_is_far_off() -> None:
     offsets_s[::10] += 0.08
     found = straight_lag(at, offsets_s, 1e-4)
     assert found is not None
-    assert found.offset_s == pytest.approx(1.0 + 40e-6 * (found.center_s - 300), abs=3 * found.std_s)
+    assert found.offset_s == pytest.approx(
+        1.0 + 40e-6 * (found.center_s - 300), abs=3 * found.std_s
+    )
     assert found.drift == pytest.approx(40e-6, abs=3 * found.drift_std)
     assert straight_lag(at[:2], offsets_s[:2], 1e-4) is None

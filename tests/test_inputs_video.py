@@ -23,20 +23,36 @@ from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.inputs.video_file import VideoFile, frame_path, is_video, video_file
 
 TICKS = 90_000
-EXACT = {"libx264rgb": {"crf": "0"}, "libx264": {"crf": "0", "g": "6"}, "libx265": {"x265-params": "lossless=1:log-level=none"}}
+EXACT = {
+    "libx264rgb": {"crf": "0"},
+    "libx264": {"crf": "0", "g": "6"},
+    "libx265": {"x265-params": "lossless=1:log-level=none"},
+}
 
 
-def write_video(path: Path, frames: list[np.ndarray], codec: str = "mjpeg", pix: str = "yuvj420p", times_s=None, **about) -> Path:
-    """RGB frames, of 8 or 16 bits; codecs of EXACT lose nothing but by chroma. about: metadata, flags."""
+def write_video(
+    path: Path,
+    frames: list[np.ndarray],
+    codec: str = "mjpeg",
+    pix: str = "yuvj420p",
+    times_s=None,
+    **about,
+) -> Path:
+    """RGB frames, of 8 or 16 bits; codecs of EXACT lose nothing but by chroma. about: metadata,
+    flags.
+    """
     height, width = frames[0].shape[:2]
     with av.open(str(path), "w") as container:
         container.metadata.update(about.get("metadata", {}))
-        stream = container.add_stream(codec, rate=10, options=about.get("options", EXACT.get(codec, {})))
+        stream = container.add_stream(
+            codec, rate=10, options=about.get("options", EXACT.get(codec, {}))
+        )
         stream.width, stream.height, stream.pix_fmt = width, height, pix
         stream.codec_context.time_base = Fraction(1, 10 if times_s is None else TICKS)
         for number, image in enumerate(frames):
             frame = av.VideoFrame.from_ndarray(
-                np.ascontiguousarray(image), format="rgb24" if image.dtype == np.uint8 else "rgb48le"
+                np.ascontiguousarray(image),
+                format="rgb24" if image.dtype == np.uint8 else "rgb48le",
             )
             frame.time_base = stream.codec_context.time_base
             frame.pts = number if times_s is None else round(times_s[number] * TICKS)
@@ -48,7 +64,10 @@ def write_video(path: Path, frames: list[np.ndarray], codec: str = "mjpeg", pix:
 def smooth_frames(count: int, seed: int = 0) -> list[np.ndarray]:
     rng = np.random.default_rng(seed)
     return [
-        cv2.resize(rng.integers(0, 256, (6, 8, 3), dtype=np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC) for _ in range(count)
+        cv2.resize(
+            rng.integers(0, 256, (6, 8, 3), dtype=np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC
+        )
+        for _ in range(count)
     ]
 
 
@@ -65,50 +84,80 @@ def test_one_file_a_side(tmp_path: Path) -> None:
     lefts, rights = smooth_frames(5), smooth_frames(5, seed=1)
     videos = write_video(tmp_path / "l.avi", lefts), write_video(tmp_path / "r.avi", rights)
     pairs = paired(*videos, every=2).pairs
-    assert [(pair.name, pair.timestamp_s) for pair in pairs] == [("000000", 0.0), ("000002", 0.2), ("000004", 0.4)]
+    assert [(pair.name, pair.timestamp_s) for pair in pairs] == [
+        ("000000", 0.0),
+        ("000002", 0.2),
+        ("000004", 0.4),
+    ]
     assert near(pairs[1].left, lefts[2])
     assert near(pairs[2].right, rights[4])
     write_video(videos[0], rights)
-    assert near(paired(*videos, every=2).pairs[1].left, rights[2]), "another video under the same name"
+    assert near(paired(*videos, every=2).pairs[1].left, rights[2]), (
+        "another video under the same name"
+    )
 
 
 def test_side_by_side(tmp_path: Path) -> None:
     lefts, rights = smooth_frames(2), smooth_frames(2, seed=1)
-    both = write_video(tmp_path / "both.avi", [np.hstack(pair) for pair in zip(lefts, rights, strict=True)])
+    both = write_video(
+        tmp_path / "both.avi", [np.hstack(pair) for pair in zip(lefts, rights, strict=True)]
+    )
     pair = paired(both, both).pairs[1]
     assert near(pair.left, lefts[1])
     assert near(pair.right, rights[1])
-    odd = write_video(tmp_path / "odd.mkv", [frame[:, :95] for frame in lefts], "libx264rgb", "rgb24")
-    with pytest.raises(InputError, match="an odd number: it does not show left and right in halves"):
+    odd = write_video(
+        tmp_path / "odd.mkv", [frame[:, :95] for frame in lefts], "libx264rgb", "rgb24"
+    )
+    with pytest.raises(
+        InputError, match="an odd number: it does not show left and right in halves"
+    ):
         read_image(paired(odd, odd).pairs[0].left)
 
 
 @pytest.mark.parametrize(
     ("suffix", "codec", "pix"),
-    [("mp4", "libx264", "yuv420p"), ("mpg", "mpeg2video", "yuv420p"), ("avi", "mjpeg", "yuvj420p"), ("mkv", "libx265", "yuv420p")],
+    [
+        ("mp4", "libx264", "yuv420p"),
+        ("mpg", "mpeg2video", "yuv420p"),
+        ("avi", "mjpeg", "yuvj420p"),
+        ("mkv", "libx265", "yuv420p"),
+    ],
 )
-def test_frames_in_any_order_are_the_same_as_in_a_row(tmp_path: Path, suffix: str, codec: str, pix: str) -> None:
+def test_frames_in_any_order_are_the_same_as_in_a_row(
+    tmp_path: Path, suffix: str, codec: str, pix: str
+) -> None:
     path = write_video(tmp_path / f"v.{suffix}", smooth_frames(60), codec, pix, options={"g": "12"})
     with av.open(str(path)) as container:
         wanted = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     assert len(wanted) == len(video_file(path).index.pts) == 60
     for number in [*range(60), *np.random.default_rng(0).permutation(60).tolist(), 59, 0]:
         video = VideoFile(path) if number % 7 == 0 else video_file(path)
-        assert np.array_equal(video.frame(number).to_ndarray(format="rgb24"), wanted[number]), number
+        assert np.array_equal(video.frame(number).to_ndarray(format="rgb24"), wanted[number]), (
+            number
+        )
 
 
 def test_times_are_those_of_the_file(tmp_path: Path) -> None:
     """A frame rate that varies, and a camera that says when it began."""
     times_s = np.cumsum(np.random.default_rng(0).uniform(0.02, 0.3, 20))
     began = "2026-05-04T03:02:01.000000Z"
-    path = write_video(tmp_path / "v.mp4", smooth_frames(20), "libx264", "yuv420p", times_s, metadata={"creation_time": began})
+    path = write_video(
+        tmp_path / "v.mp4",
+        smooth_frames(20),
+        "libx264",
+        "yuv420p",
+        times_s,
+        metadata={"creation_time": began},
+    )
     begin_s = datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC).timestamp()
     found = np.array([pair.timestamp_s for pair in paired(path, path).pairs]) - begin_s
     assert np.abs(np.diff(found) - np.diff(times_s)).max() < 2 / TICKS
 
 
 def test_ten_bits_become_sixteen(tmp_path: Path) -> None:
-    ramp = np.linspace(20_000, 24_000, 96)[None, :, None].repeat(64, 0).repeat(3, 2).astype(np.uint16)
+    ramp = (
+        np.linspace(20_000, 24_000, 96)[None, :, None].repeat(64, 0).repeat(3, 2).astype(np.uint16)
+    )
     ramp[:8], ramp[-8:] = 0, 65535
     path = write_video(tmp_path / "v.mkv", [ramp], "libx265", "yuv444p10le")
     image = read_image(frame_path(path, 0))
@@ -120,37 +169,54 @@ def test_ten_bits_become_sixteen(tmp_path: Path) -> None:
 def test_colors_are_not_shifted(tmp_path: Path) -> None:
     """Gray stays gray, white stays white, and colors are read as they were coded."""
     for value in (0, 37, 128, 255):
-        path = write_video(tmp_path / f"{value}.mp4", [np.full((64, 96, 3), value, np.uint8)], "libx264", "yuv420p")
+        path = write_video(
+            tmp_path / f"{value}.mp4", [np.full((64, 96, 3), value, np.uint8)], "libx264", "yuv420p"
+        )
         assert np.abs(read_image(frame_path(path, 0)).astype(int) - value).max() <= 1
     color = smooth_frames(1)[0]
     path = write_video(tmp_path / "color.mkv", [color], "libx264", "yuv444p")
-    assert np.abs((read_image(frame_path(path, 0)).astype(float) - color).mean(axis=(0, 1))).max() < 1.2
+    assert (
+        np.abs((read_image(frame_path(path, 0)).astype(float) - color).mean(axis=(0, 1))).max()
+        < 1.2
+    )
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_a_picture_is_turned_as_its_flag_says(tmp_path: Path, turns: int) -> None:
-    """The matrix of the track's header (ISO 14496-12, tkhd) is the first that the file holds after the movie's own."""
+    """The matrix of the track's header (ISO 14496-12, tkhd) is the first that the file holds after
+    the movie's own.
+    """
     frame = smooth_frames(1)[0]
     path = write_video(tmp_path / "v.mp4", [frame], "libx264", "yuv444p")
     content = bytearray(path.read_bytes())
     at = content.index(b"tkhd") + 4 + 40
     cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns]
-    for place, value in enumerate((cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30)):
+    for place, value in enumerate(
+        (cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30)
+    ):
         content[at + 4 * place : at + 4 * place + 4] = value.to_bytes(4, "big", signed=True)
     path.write_bytes(content)
-    assert near(frame_path(path, 0), np.rot90(frame, -turns))  # the matrix turns clockwise, since y points down
+    assert near(
+        frame_path(path, 0), np.rot90(frame, -turns)
+    )  # the matrix turns clockwise, since y points down
 
 
 def test_videos_that_are_interlaced_cut_or_of_other_rates_are_named(tmp_path: Path) -> None:
     flags = {"x264-params": "tff=1", "crf": "10"}
     left = write_video(tmp_path / "l.mkv", smooth_frames(4), "libx264", "yuv420p", options=flags)
-    right = write_video(tmp_path / "r.mkv", smooth_frames(8), "libx264", "yuv420p", np.arange(8) / 20)
-    assert paired(left, left).notes == (f"{left}: is interlaced: its rows are of two moments; deinterlace it first",)
+    right = write_video(
+        tmp_path / "r.mkv", smooth_frames(8), "libx264", "yuv420p", np.arange(8) / 20
+    )
+    assert paired(left, left).notes == (
+        f"{left}: is interlaced: its rows are of two moments; deinterlace it first",
+    )
     with pytest.raises(InputError, match="nothing tells how their clocks run"):
         paired(left, right)
     cut = write_video(tmp_path / "cut.mkv", smooth_frames(30), "libx264rgb", "rgb24")
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
-    assert re.fullmatch(rf"{cut}: ends after 1\.\d of 3\.0 s: it was cut", paired(cut, cut).notes[0])
+    assert re.fullmatch(
+        rf"{cut}: ends after 1\.\d of 3\.0 s: it was cut", paired(cut, cut).notes[0]
+    )
 
 
 def test_what_is_no_video(tmp_path: Path) -> None:
@@ -172,14 +238,20 @@ def test_what_is_no_video(tmp_path: Path) -> None:
     for inner in ("000002.tif", "up/000000.tif", "notes.txt"):
         with pytest.raises(InputError, match=r"c\.mp4: holds no "):
             read_image(path / inner)
-    mixed = write_video(tmp_path / "d.avi", smooth_frames(30), "libx264", "yuv420p", options={"bf": "2"})
-    with pytest.raises(InputError, match="does not say when frames that are coded out of order are"):
+    mixed = write_video(
+        tmp_path / "d.avi", smooth_frames(30), "libx264", "yuv420p", options={"bf": "2"}
+    )
+    with pytest.raises(
+        InputError, match="does not say when frames that are coded out of order are"
+    ):
         paired(mixed, mixed)
 
 
 def test_a_frame_that_is_damaged_is_named_and_later_ones_are_read(tmp_path: Path) -> None:
     frames = smooth_frames(30)
-    path = write_video(tmp_path / "v.mkv", frames, "libx264rgb", "rgb24", options={"crf": "0", "g": "5", "bf": "0"})
+    path = write_video(
+        tmp_path / "v.mkv", frames, "libx264rgb", "rgb24", options={"crf": "0", "g": "5", "bf": "0"}
+    )
     with av.open(str(path)) as container:
         packets = [packet for packet in container.demux(video=0) if packet.size]
     content = bytearray(path.read_bytes())
@@ -211,7 +283,10 @@ def test_a_run_takes_videos(make_dive, tmp_path: Path) -> None:
     assert summary.count("ok") == 3
     assert any("frames of the same number are taken for pairs" in note for note in summary.notes)
     folders = run(dive.root / "L", dive.root / "R", given[2], tmp_path / "folders")
-    found = ([content for path, content in sorted(contents(tmp_path / out).items()) if "/" in path] for out in ("out", "folders"))
+    found = (
+        [content for path, content in sorted(contents(tmp_path / out).items()) if "/" in path]
+        for out in ("out", "folders")
+    )
     assert next(found) == next(found)
     assert folders.count("ok") == 3
     before = contents(tmp_path / "out")
@@ -219,7 +294,8 @@ def test_a_run_takes_videos(make_dive, tmp_path: Path) -> None:
     assert contents(tmp_path / "out").keys() == before.keys()
     assert not any(path.endswith(".tif") for path in before)
     script = (
-        "import sys; from pathlib import Path; from stereo_seecolor.inputs.images import read_image\n"
+        "import sys; from pathlib import Path; from stereo_seecolor.inputs.images import "
+        "read_image\n"
         "print(read_image(Path(sys.argv[1])).shape)"
     )
     elsewhere = [sys.executable, "-c", script, given[0] / "000002.tif"]

@@ -23,7 +23,9 @@ from stereo_seecolor.inputs.sides import find_sides
 
 
 @pytest.fixture
-def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+def cli(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str]]:
     def call(*words: str) -> tuple[int, str]:
         monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *words])
         with pytest.raises(SystemExit) as end:
@@ -45,12 +47,16 @@ def test_a_dive_is_found_out(make_dive) -> None:
     assert found.calibration.rows.row_error_px < 0.25
     assert found.measured is not None
     assert found.measured.median_range_m == pytest.approx(np.median(dive.range_m), rel=0.1)
-    assert found.measured.ground_resolution_m == pytest.approx(found.measured.median_range_m / 150, rel=0.05)
+    assert found.measured.ground_resolution_m == pytest.approx(
+        found.measured.median_range_m / 150, rel=0.05
+    )
     assert not found.measured.strobes
 
 
 @pytest.mark.slow
-def test_images_that_are_damaged_or_of_another_size_are_named_and_the_others_tested(make_dive) -> None:
+def test_images_that_are_damaged_or_of_another_size_are_named_and_the_others_tested(
+    make_dive,
+) -> None:
     dive = make_dive(4)
     (dive.root / "L" / "0000.png").write_bytes(b"damaged")
     turned = dive.root / "R" / "0002.png"
@@ -64,7 +70,9 @@ def test_images_that_are_damaged_or_of_another_size_are_named_and_the_others_tes
 
 
 @pytest.mark.slow
-def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tmp_path, monkeypatch) -> None:
+def test_the_printed_command_works_and_inspect_writes_nothing(
+    make_dive, cli, tmp_path, monkeypatch
+) -> None:
     dive = make_dive(2)
     before = sorted(tmp_path.rglob("*"))
     code, printed = cli("inspect", str(dive.root))
@@ -77,7 +85,9 @@ def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tm
 
 
 @pytest.mark.slow
-def test_sides_that_share_a_folder_and_run_by_pattern(make_dive, cli, tmp_path, monkeypatch) -> None:
+def test_sides_that_share_a_folder_and_run_by_pattern(
+    make_dive, cli, tmp_path, monkeypatch
+) -> None:
     dive, both = make_dive(2), tmp_path / "both"
     both.mkdir()
     for side in ("L", "R"):
@@ -90,7 +100,9 @@ def test_sides_that_share_a_folder_and_run_by_pattern(make_dive, cli, tmp_path, 
     monkeypatch.chdir(tmp_path)
     assert cli(*command[1:])[0] == 0
     assert (tmp_path / "out" / "corrected" / "0000.png").exists()
-    assert cli(*command[1:-1], str(both), "--overwrite")[0] == 1, "the folder of the images taken for OUT"
+    assert cli(*command[1:-1], str(both), "--overwrite")[0] == 1, (
+        "the folder of the images taken for OUT"
+    )
     assert len(list(both.iterdir())) == 4
 
 
@@ -104,10 +116,16 @@ def test_sides_that_are_links_to_folders_are_found(make_dive, tmp_path: Path) ->
 
 
 def test_range_maps_are_not_taken_for_a_side(tmp_path: Path) -> None:
-    for folder, pixels in (("rgb", np.zeros((4, 6, 3), np.uint8)), ("range", np.ones((4, 6), np.float32))):
+    for folder, pixels in (
+        ("rgb", np.zeros((4, 6, 3), np.uint8)),
+        ("range", np.ones((4, 6), np.float32)),
+    ):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / "1.tiff"), pixels)
-    with pytest.raises(InputError, match=r"range: holds floating-point numbers.*correct --images .*rgb --range .*range"):
+    with pytest.raises(
+        InputError,
+        match=r"range: holds floating-point numbers.*correct --images .*rgb --range .*range",
+    ):
         inspect([tmp_path])
 
 
@@ -124,7 +142,11 @@ def test_single_images_and_patterns_stand_for_their_folders(make_dive, cli) -> N
     images = [str(path) for side in ("L", "R") for path in sorted((dive.root / side).iterdir())]
     for given in (images, [str(dive.root / "L/*.png"), str(dive.root / "R/*.png")]):
         code, printed = cli("inspect", *given, str(dive.root / "cam.yaml"))
-        assert (code, f"left:  {dive.root / 'L'}" in printed, "2 pairs" in printed) == (0, True, True)
+        assert (code, f"left:  {dive.root / 'L'}" in printed, "2 pairs" in printed) == (
+            0,
+            True,
+            True,
+        )
 
 
 def test_bags_are_named_with_the_command_that_shows_them(tmp_path: Path) -> None:
@@ -133,7 +155,10 @@ def test_bags_are_named_with_the_command_that_shows_them(tmp_path: Path) -> None
         bag = tmp_path / "day" / name
         bag.write_bytes(b"x")
         for place in (tmp_path, bag):
-            with pytest.raises(InputError, match=rf"{name} is a ROS bag: see what it holds with stereo-seecolor bag-info") as error:
+            with pytest.raises(
+                InputError,
+                match=rf"{name} is a ROS bag: see what it holds with stereo-seecolor bag-info",
+            ) as error:
                 inspect([place])
             assert not str(error.value).startswith(":")
         bag.unlink()
@@ -143,7 +168,9 @@ def test_float_images_on_both_sides_are_not_called_range_maps(tmp_path: Path) ->
     for folder in ("left", "right"):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / "1.tiff"), np.ones((4, 6, 3), np.float32))
-    with pytest.raises(InputError, match=r"left and .*right: hold floating-point numbers.*save them as 16-bit PNG"):
+    with pytest.raises(
+        InputError, match=r"left and .*right: hold floating-point numbers.*save them as 16-bit PNG"
+    ):
         inspect([tmp_path])
 
 
@@ -154,7 +181,10 @@ def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     renumber(dive.root / "R", 1)
     code, printed = cli("inspect", str(dive.root))
     assert code == 3
-    assert "not a pair: 0022: its images do not show the same scene; the left image of 0022 fits the right one of 0023" in printed
+    assert (
+        "not a pair: 0022: its images do not show the same scene; the left image of 0022 fits the "
+        "right one of 0023" in printed
+    )
     assert "a camera has moved" not in printed
     assert "--refine" not in printed
 
@@ -168,7 +198,10 @@ def test_folders_that_show_different_scenes_are_no_sides(tmp_path: Path) -> None
             (tmp_path / f"scene{k}/im{i}.png").write_bytes((reef / side / name).read_bytes())
     (tmp_path / "cam.yaml").write_bytes((reef / "cam.yaml").read_bytes())
     found = inspect([tmp_path])
-    assert any("too little in common to be the two sides: give them by hand" in line for line in found.problems)
+    assert any(
+        "too little in common to be the two sides: give them by hand" in line
+        for line in found.problems
+    )
     assert shlex.split(found.run_command)[3:6:2] == ["LEFT", "RIGHT"]
 
 
@@ -194,7 +227,9 @@ def test_a_calibration_that_is_refused_is_named(make_dive) -> None:
     dive = make_dive(1)
     text = (dive.root / "cam.yaml").read_text()
     (dive.root / "cam.yaml").write_text(text.replace("medium:", "medium: ice #"))
-    assert any("cam.yaml" in problem and "ice" in problem for problem in inspect([dive.root]).problems)
+    assert any(
+        "cam.yaml" in problem and "ice" in problem for problem in inspect([dive.root]).problems
+    )
 
 
 def test_a_calibration_of_another_size_is_refused_with_what_to_do(make_dive) -> None:
@@ -202,7 +237,9 @@ def test_a_calibration_of_another_size_is_refused_with_what_to_do(make_dive) -> 
     cam = dive.root / "cam.yaml"
     rig = load_rig(cam)
     write_rig(resized_rig(rig, (2 * rig.left.image_size[0], 2 * rig.left.image_size[1])), cam)
-    with pytest.raises(CalibrationError, match=rf"0.5 times the size: .*convert-calib {cam} resized.yaml --resize"):
+    with pytest.raises(
+        CalibrationError, match=rf"0.5 times the size: .*convert-calib {cam} resized.yaml --resize"
+    ):
         inspect([dive.root])
 
 
@@ -261,7 +298,9 @@ def test_a_place_that_is_missing_is_named(make_dive, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_trajectories_are_named(make_dive, cli) -> None:
     dive = make_dive(3)
-    (dive.root / "nav.csv").write_text("name,lat,lon,depth,heading\n0000.png,1,2,3,4\n0002.png,1,2,3,4\n0009.png,1,2,3,4\n")
+    (dive.root / "nav.csv").write_text(
+        "name,lat,lon,depth,heading\n0000.png,1,2,3,4\n0002.png,1,2,3,4\n0009.png,1,2,3,4\n"
+    )
     (dive.root / "a.tum").write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")
     (dive.root / "notes.txt").write_text("visibility 5 m\n")
     (dive.root / "usbl.csv").write_text("time,lat,lon,depth\n1,1,2,3\n2,1,2,3\n")
@@ -269,7 +308,8 @@ def test_trajectories_are_named(make_dive, cli) -> None:
     assert [
         problem
         for problem in found.problems
-        if "usbl.csv" in problem and "is a table without heading (it has time, lat, lon, depth)" in problem
+        if "usbl.csv" in problem
+        and "is a table without heading (it has time, lat, lon, depth)" in problem
     ]
     assert [(one.path.name, one.format, one.poses, one.pairs, one.by) for one in found.poses] == [
         ("a.tum", "TUM", 2, 0, "time"),

@@ -1,4 +1,6 @@
-"""Pixels kept between the passes of a run: the same in memory, in files and read again; bounded, and gone afterwards."""
+"""Pixels kept between the passes of a run: the same in memory, in files and read again; bounded,
+and gone afterwards.
+"""
 
 import pickle
 from pathlib import Path
@@ -17,18 +19,24 @@ SIZE = 20 * 30 * (3 + 4 + 1)
 
 def pixels() -> FramePixels:
     image: Image = RNG.integers(0, 255, (20, 30, 3), dtype=np.uint8)
-    return FramePixels(image, RNG.uniform(1, 2, (20, 30)).astype(np.float32), np.ones((20, 30), bool))
+    return FramePixels(
+        image, RNG.uniform(1, 2, (20, 30)).astype(np.float32), np.ones((20, 30), bool)
+    )
 
 
 @pytest.fixture
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> KeptPixels:
     """Two frames fit into memory."""
-    monkeypatch.setattr(kept_pixels, "LIMITS", KeptPixelsLimits(memory_bytes=2 * SIZE, free_disk_bytes=0))
+    monkeypatch.setattr(
+        kept_pixels, "LIMITS", KeptPixelsLimits(memory_bytes=2 * SIZE, free_disk_bytes=0)
+    )
     (tmp_path / STATE).mkdir()
     return KeptPixels(tmp_path)
 
 
-def test_what_does_not_fit_into_memory_comes_back_from_files(kept: KeptPixels, tmp_path: Path) -> None:
+def test_what_does_not_fit_into_memory_comes_back_from_files(
+    kept: KeptPixels, tmp_path: Path
+) -> None:
     frames = {f"{i}": pixels() for i in range(4)}
     for name, frame in frames.items():
         kept.keep(name, "key", frame)
@@ -60,13 +68,19 @@ def test_a_removed_file_is_not_kept(kept: KeptPixels, tmp_path: Path) -> None:
     assert kept.find("2", "key") is None
 
 
-def test_a_full_disk_keeps_nothing_on_it(kept: KeptPixels, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_pixels, "LIMITS", KeptPixelsLimits(memory_bytes=0, free_disk_bytes=1 << 62))
+def test_a_full_disk_keeps_nothing_on_it(
+    kept: KeptPixels, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        kept_pixels, "LIMITS", KeptPixelsLimits(memory_bytes=0, free_disk_bytes=1 << 62)
+    )
     kept.keep("0", "key", pixels())
     assert kept.find("0", "key") is None
 
 
-def test_another_process_of_this_machine_finds_files_and_adds_to_them(kept: KeptPixels, tmp_path: Path) -> None:
+def test_another_process_of_this_machine_finds_files_and_adds_to_them(
+    kept: KeptPixels, tmp_path: Path
+) -> None:
     frames = {name: pixels() for name in "0123"}
     copy = pickle.loads(pickle.dumps(kept))
     for name in "012":

@@ -18,7 +18,9 @@ def test_long_arrays_that_differ_in_the_middle_differ() -> None:
     other[2500] = 1
     assert content_key(one) != content_key(other) == content_key(other.copy())
     assert content_key(Part(one)) != content_key(Part(other))
-    assert content_key(one) != content_key(one.astype(np.float32)) != content_key(one.reshape(50, 100))
+    assert (
+        content_key(one) != content_key(one.astype(np.float32)) != content_key(one.reshape(50, 100))
+    )
 
 
 def test_how_numpy_prints_does_not_matter() -> None:

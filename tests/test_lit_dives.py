@@ -1,4 +1,6 @@
-"""The light of whole dives against truth: one reef by daylight, by two lamps beside it, and at night by the lamps alone."""
+"""The light of whole dives against truth: one reef by daylight, by two lamps beside it, and at
+night by the lamps alone.
+"""
 
 import json
 import shutil
@@ -29,10 +31,13 @@ LIT = {
     "night": replace(STROBES, lamp_intensity=200.0),
 }
 PATTERN_LEFT, ANGLE = 0.05, 1.1
-"""At most: rms of the pattern over the picture, natural logarithm; angle to the true color against that of the dive by day."""
+"""At most: rms of the pattern over the picture, natural logarithm; angle to the true color against
+that of the dive by day.
+"""
 BETWEEN_FRAMES = 0.06
-"""At most, rms of the frames. Twelve frames hold the gains loosely: with range maps of two versions of the search, whose poses
-agree to millimeters, the night is left at 0.014 and 0.050. By day lamps and sun change with altitude each in its own way.
+"""At most, rms of the frames. Twelve frames hold the gains loosely: with range maps of two versions
+of the search, whose poses agree to millimeters, the night is left at 0.014 and 0.050. By day lamps
+and sun change with altitude each in its own way.
 """
 
 
@@ -53,25 +58,37 @@ class LitDive:
         return "light" in json.loads((self.out / "water.json").read_bytes())
 
     def pattern(self, corrected: bool) -> float:
-        """rms over 6 x 6 parts of the picture of the logarithm of luminance over truth, the median of each frame taken out."""
-        maps = [_parts(*self._over_truth(path.stem, corrected)) for path in sorted((self.dive / "left").iterdir())]
+        """rms over 6 x 6 parts of the picture of the logarithm of luminance over truth, the median
+        of each frame taken out.
+        """
+        maps = [
+            _parts(*self._over_truth(path.stem, corrected))
+            for path in sorted((self.dive / "left").iterdir())
+        ]
         return float(np.nanstd(np.nanmean(maps, axis=0)))
 
     @property
     def between_frames(self) -> float:
         """rms over the frames of the median logarithm of luminance over truth."""
-        every = (self._over_truth(path.stem, corrected=True) for path in sorted((self.dive / "left").iterdir()))
+        every = (
+            self._over_truth(path.stem, corrected=True)
+            for path in sorted((self.dive / "left").iterdir())
+        )
         return float(np.std([np.median(off[known]) for off, known in every]))
 
     def unevenness(self, corrected: bool) -> float:
-        """rms over all frames and 6 x 6 parts of each of the logarithm of luminance over truth, the median of all taken out."""
+        """rms over all frames and 6 x 6 parts of each of the logarithm of luminance over truth, the
+        median of all taken out.
+        """
         off = []
         for path in sorted((self.dive / "left").iterdir()):
             values, known = self._over_truth(path.stem, corrected)
             off.append(_parts(values, known) + np.median(values[known]))
         return float(np.sqrt(np.nanmean((np.array(off) - np.nanmedian(off)) ** 2)))
 
-    def _over_truth(self, name: str, corrected: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _over_truth(
+        self, name: str, corrected: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """(H, W) logarithm of luminance over truth, and where it counts."""
         truth = _light(self.dive / "truth/color" / f"{name}.png")
         folder = self.out / "corrected" if corrected else self.dive / "left"
@@ -89,7 +106,9 @@ def _light(path: Path) -> NDArray[np.float64]:
 
 
 def _parts(values: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(6, 6) medians over the parts of a picture, about that of all; NaN where few pixels are known."""
+    """(6, 6) medians over the parts of a picture, about that of all; NaN where few pixels are
+    known.
+    """
     rows, columns = (np.arange(size) * 6 // size for size in values.shape)
     part = 6 * rows[:, None] + columns
     counted = [values[known & (part == k)] for k in range(36)]
@@ -98,9 +117,20 @@ def _parts(values: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.
 
 
 def _run(dive: Path, out: Path) -> LitDive:
-    sides = ("--left", dive / "left", "--right", dive / "right", "--calib", dive / "cam.yaml", "--out", out)
+    sides = (
+        "--left",
+        dive / "left",
+        "--right",
+        dive / "right",
+        "--calib",
+        dive / "cam.yaml",
+        "--out",
+        out,
+    )
     settings = ("output.preset=lean", "output.image_format=tiff32", "color.lock=survey")
-    code, said = command("run", *sides, *(word for setting in settings for word in ("--set", setting)))
+    code, said = command(
+        "run", *sides, *(word for setting in settings for word in ("--set", setting))
+    )
     assert code == 0, said
     return LitDive(dive, out)
 
@@ -128,14 +158,20 @@ def lit(by_day: LitDive, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
     return make
 
 
-def test_waves_of_sunlight_that_move_over_the_reef_are_taken_out(by_day: LitDive, tmp_path: Path) -> None:
-    """Longer than a picture, and elsewhere in every frame, as swell and shadows of what floats above throw them."""
+def test_waves_of_sunlight_that_move_over_the_reef_are_taken_out(
+    by_day: LitDive, tmp_path: Path
+) -> None:
+    """Longer than a picture, and elsewhere in every frame, as swell and shadows of what floats
+    above throw them.
+    """
     shutil.copytree(by_day.dive, tmp_path / "dive")
     for side in ("left", "right"):
         for frame, path in enumerate(sorted((tmp_path / "dive" / side).iterdir())):
             light = _light(path)
             y, x = np.mgrid[: light.shape[0], : light.shape[1]] / light.shape[1]
-            light *= np.exp(0.25 * np.sin(2 * np.pi * (0.55 * x + 0.38 * y + 0.37 * frame)))[..., None]
+            light *= np.exp(0.25 * np.sin(2 * np.pi * (0.55 * x + 0.38 * y + 0.37 * frame)))[
+                ..., None
+            ]
             cv2.imwrite(str(path), np.round(255 * encode_srgb(np.minimum(light, 1.0)))[..., ::-1])
     dive = _run(tmp_path / "dive", tmp_path / "out")
     used = json.loads((dive.out / "water.json").read_bytes())["light"]["luminance"]["used"]
@@ -149,7 +185,9 @@ def test_daylight_is_left_alone(by_day: LitDive) -> None:
 
 
 @pytest.mark.parametrize("light", list(LIT))
-def test_lamps_vignette_strobes_and_caustics_are_taken_out(light: str, by_day: LitDive, lit: Callable[[str], LitDive]) -> None:
+def test_lamps_vignette_strobes_and_caustics_are_taken_out(
+    light: str, by_day: LitDive, lit: Callable[[str], LitDive]
+) -> None:
     dive = lit(light)
     assert dive.used
     assert dive.pattern(corrected=False) > 4 * PATTERN_LEFT

@@ -1,4 +1,6 @@
-"""Live: the newest pair wins, drops are counted, nothing that a pair does ends it, memory is flat."""
+"""Live: the newest pair wins, drops are counted, nothing that a pair does ends it, memory is
+flat.
+"""
 
 import json
 import os
@@ -201,7 +203,9 @@ def test_a_window_of_colors_is_flat_too(make_dive) -> None:
     pipeline = Pipeline(_rig(make_dive(1).root), RunConfig())
     image = np.random.default_rng(0).integers(0, 200, (40, 50, 3), np.uint8)
     range_m = np.random.default_rng(1).uniform(1, 2, (40, 50)).astype(np.float32)
-    fitter = SlidingFitter(RunConfig().color.model_copy(update={"sliding_frames": 2}), pipeline.corrector.fit)
+    fitter = SlidingFitter(
+        RunConfig().color.model_copy(update={"sliding_frames": 2}), pipeline.corrector.fit
+    )
     for _ in range(5):
         assert fitter.water(pipeline.corrector.measure(image, range_m)) is not None
     assert (len(fitter._window), fitter._waters) == (2, {})
@@ -239,7 +243,11 @@ def test_a_full_disk_ends_it_and_ctrl_c_too() -> None:
         return Corrected()
 
     finished: list[Corrected] = []
-    assert LiveSession(Endless(), interrupted, finished.append).run(lambda _: False).done == len(finished) == 1
+    assert (
+        LiveSession(Endless(), interrupted, finished.append).run(lambda _: False).done
+        == len(finished)
+        == 1
+    )
 
 
 def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_path) -> None:
@@ -265,9 +273,16 @@ def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
     for side, name in (("L", "left"), ("R", "right")):
         (folder / side).rename(folder / name)
     assert "1 pair corrected" in cli("live", "--source", folder, *calib)[1]
-    assert source_of("rtsp://10.0.0.2/both") == ("rtsp://10.0.0.2/both", "rtsp://10.0.0.2/both", None)
+    assert source_of("rtsp://10.0.0.2/both") == (
+        "rtsp://10.0.0.2/both",
+        "rtsp://10.0.0.2/both",
+        None,
+    )
     code, _, said = cli("live", "--source", folder, "--left", folder, *calib)
-    assert (code, "--source names both sides: leave --left, --right and --bag out" in said) == (2, True)
+    assert (code, "--source names both sides: leave --left, --right and --bag out" in said) == (
+        2,
+        True,
+    )
 
 
 def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
@@ -280,19 +295,31 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
     with served(preview, 0) as address:
         status = json.loads(urllib.request.urlopen(address + "status.json").read())
         assert (status["name"], status["waiting"]) == ("", "somewhere")
-        preview.update(LiveProcessor(Pipeline(_rig(dive.root), RunConfig()), watch(folder).read).process(pair))
+        preview.update(
+            LiveProcessor(Pipeline(_rig(dive.root), RunConfig()), watch(folder).read).process(pair)
+        )
         counts.waiting, counts.done = "", 1
         counts.images_s.append(0.25)
         assert b"<title>stereo-seecolor live" in urllib.request.urlopen(address).read()
         status = json.loads(urllib.request.urlopen(address + "status.json").read())
-        assert (status["name"], status["facts"]["latency, median"], status["facts"]["done"]) == ("0000", "0.25 s", "1")
+        assert (status["name"], status["facts"]["latency, median"], status["facts"]["done"]) == (
+            "0000",
+            "0.25 s",
+            "1",
+        )
         assert any(name.startswith("water: ") for name in status["facts"])
         for picture in ("corrected.jpg", "range.jpg"):
             content = urllib.request.urlopen(f"{address}{picture}?0000").read()
-            assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).shape == (128, 176, 3)
+            assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).shape == (
+                128,
+                176,
+                3,
+            )
         for path, host in (("../etc/passwd", "127.0.0.1"), ("status.json", "elsewhere.example")):
             with pytest.raises(urllib.error.HTTPError, match="404"):
-                urllib.request.urlopen(urllib.request.Request(address + path, headers={"Host": host}))
+                urllib.request.urlopen(
+                    urllib.request.Request(address + path, headers={"Host": host})
+                )
         port = int(address.rsplit(":", 1)[1].strip("/"))
         with pytest.raises(OutputError, match="choose another --port"), served(preview, port):
             pass
@@ -309,7 +336,9 @@ def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
 def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
     dive = make_dive(4)
     name_by_stamps(dive.root)
-    bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
+    bag = write_bag(
+        tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)]
+    )
     pairing, now_s = open_dive(bag, "", InputConfig()).pairing, [100.0]
     played = PlayedBag(pairing, bag, InputConfig(), lambda: now_s[0])
     taken = []
@@ -323,7 +352,9 @@ def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
     assert source_of(str(bag)) == ("", "", bag)
     code, printed, said = cli("live", "--source", bag)
     assert code == 0, said
-    done, dropped = (int(re.search(rf"(\d+) {what}", printed)[1]) for what in ("pairs corrected", "passed over"))  # type: ignore[index]
+    done, dropped = (
+        int(re.search(rf"(\d+) {what}", printed)[1]) for what in ("pairs corrected", "passed over")
+    )  # type: ignore[index]
     assert done + dropped == 4
 
 
@@ -342,8 +373,19 @@ def test_a_recording_and_every_second_pair_are_kept(make_dive, cli, tmp_path) ->
 
     dive = make_dive(3)
     name_by_stamps(dive.root)
-    bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
-    words = ("--record", tmp_path / "live.mcap", "--out", tmp_path / "kept", "--every", 2, "--budget-ms", 60_000)
+    bag = write_bag(
+        tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)]
+    )
+    words = (
+        "--record",
+        tmp_path / "live.mcap",
+        "--out",
+        tmp_path / "kept",
+        "--every",
+        2,
+        "--budget-ms",
+        60_000,
+    )
     code, printed, said = cli("live", "--bag", bag, *words)
     assert code == 0, said
     done = int(re.search(r"(\d+) pairs corrected", printed)[1])  # type: ignore[index]
@@ -367,10 +409,13 @@ def test_a_process_is_pinned_with_its_threads_and_those_that_it_starts_later() -
         "from stereo_seecolor.compute.threads import cores\n"
         "early = threading.Thread(target=time.sleep, args=(20,), daemon=True); early.start()\n"
         "chosen = pin(1); seen = [os.sched_getaffinity(early.native_id)]\n"
-        "late = threading.Thread(target=lambda: seen.append(os.sched_getaffinity(0))); late.start(); late.join()\n"
+        "late = threading.Thread(target=lambda: seen.append(os.sched_getaffinity(0))); "
+        "late.start(); late.join()\n"
         "print(chosen, seen == [set(chosen)] * 2, cores())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert re.fullmatch(r"\(\d+,\) True 1\n", done.stdout), done.stdout
 
 
@@ -381,7 +426,9 @@ def test_less_is_done_where_pairs_take_too_long_and_more_again_later() -> None:
         budget.took({1: 0.3, 2: 0.15, 4: 0.02}[budget.shrink])
         shrinks.append(budget.shrink)
     assert shrinks[3:5] == [1, 2]
-    assert "matched at 1/4 of the size to hold 100 ms a pair" in text_after(0.1, (0.3,) * 5 + (0.15,) * 5)
+    assert "matched at 1/4 of the size to hold 100 ms a pair" in text_after(
+        0.1, (0.3,) * 5 + (0.15,) * 5
+    )
     assert "(300 ms at full size)" in text_after(0.1, (0.3,) * 5)
     assert max(shrinks) == 4
     for _ in range(400):
@@ -405,7 +452,9 @@ def test_a_reduced_pair_has_nearly_the_same_ranges(make_dive, shrink: int) -> No
     pair = watch_dive(dive.root)
     rectified = pipeline.rectify(pipeline.read(pair))
     full = pipeline.match(rectified)
-    found = ReducedMatcher(pipeline.rectification.matching_pair, pipeline.config.matching, None, shrink).match(rectified)
+    found = ReducedMatcher(
+        pipeline.rectification.matching_pair, pipeline.config.matching, None, shrink
+    ).match(rectified)
     both = np.isfinite(full.range_m) & np.isfinite(found.range_m)
     assert found.range_m.shape == full.range_m.shape
     assert both.mean() > 0.5
@@ -417,9 +466,13 @@ def test_a_geometry_keeps_its_rays_at_a_smaller_size() -> None:
     pair = RectifiedPair(600.0, 320.2, 318.0, 251.7, 0.12, (643, 501))
     small = smaller(pair, 2)
     assert small.image_size == (321, 250)
-    center = np.array([10.5, 20.5])  # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
+    center = np.array(
+        [10.5, 20.5]
+    )  # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
     rays = (center - (pair.cx_left_px, pair.cy_px)) / pair.focal_px
-    np.testing.assert_allclose((np.array([5, 10]) - (small.cx_left_px, small.cy_px)) / small.focal_px, rays)
+    np.testing.assert_allclose(
+        (np.array([5, 10]) - (small.cx_left_px, small.cy_px)) / small.focal_px, rays
+    )
 
 
 def watch_dive(root: Path) -> Pair:

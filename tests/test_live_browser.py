@@ -21,8 +21,15 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"])
-def test_the_page_shows_what_arrives(make_dive, browser: Browser, tmp_path: Path, host: str) -> None:  # noqa: F811
-    """On the second address the page's own path begins with a token, and all that it loads must too."""
+def test_the_page_shows_what_arrives(
+    make_dive,
+    browser: Browser,  # noqa: F811
+    tmp_path: Path,
+    host: str,
+) -> None:
+    """On the second address the page's own path begins with a token, and all that it loads must
+    too.
+    """
     dive = make_dive(1)
     source = FolderWatch(dive.root / "L", dive.root / "R", InputConfig())
     pair = source.newest()
@@ -35,13 +42,21 @@ def test_the_page_shows_what_arrives(make_dive, browser: Browser, tmp_path: Path
     with served(preview, 0, host) as address:
         page.goto(address)
         _until(lambda: page.inner_text("#state") == "waiting for the right camera")
-        preview.update(LiveProcessor(Pipeline(load_rig(dive.root / "cam.yaml"), RunConfig()), source.read).process(pair))
+        preview.update(
+            LiveProcessor(
+                Pipeline(load_rig(dive.root / "cam.yaml"), RunConfig()), source.read
+            ).process(pair)
+        )
         counts.waiting, counts.done, counts.reduced = "", 1, "matched at 1/2 of the size"
         counts.images_s.append(0.08)
         counts.last_error = "<img src=x onerror=alert(1)>"
         _until(lambda: page.inner_text("#state") == "0000")
         for shown_image in ("corrected", "range"):
-            _until(lambda name=shown_image: page.evaluate("name => document.getElementById(name).naturalWidth", name) == 176)
+            _until(
+                lambda name=shown_image: (
+                    page.evaluate("name => document.getElementById(name).naturalWidth", name) == 176
+                )
+            )
         assert page.inner_text("#reduced") == "matched at 1/2 of the size"
         assert page.inner_text("#error") == "<img src=x onerror=alert(1)>"
         facts = page.inner_text("#facts")

@@ -1,4 +1,6 @@
-"""Live sources: cameras and network streams (a server on this machine stands in for the device), and topics of ROS 2."""
+"""Live sources: cameras and network streams (a server on this machine stands in for the device),
+and topics of ROS 2.
+"""
 
 import platform
 import re
@@ -28,7 +30,9 @@ from stereo_seecolor.extras.streams.live.streams import Arrived, Stream, StreamP
 
 
 @contextmanager
-def motion_jpeg(folders: dict[str, list[bytes]], rate_hz: float = 20.0, port: int = 0) -> Iterator[int]:
+def motion_jpeg(
+    folders: dict[str, list[bytes]], rate_hz: float = 20.0, port: int = 0
+) -> Iterator[int]:
     """What a network camera serves: ``/left`` and ``/right``, image after image; the port."""
     stopped = False
 
@@ -41,7 +45,10 @@ def motion_jpeg(folders: dict[str, list[bytes]], rate_hz: float = 20.0, port: in
             try:
                 while not stopped:
                     image = images[int(time.time() * rate_hz) % len(images)]
-                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(image)}\r\n\r\n".encode()
+                    head = (
+                        "--frame\r\nContent-Type: image/jpeg\r\nContent-Length: "
+                        f"{len(image)}\r\n\r\n".encode()
+                    )
                     self.wfile.write(head + image + b"\r\n")
                     time.sleep(1 / rate_hz)
             except OSError:
@@ -80,7 +87,10 @@ def until(found: Callable[[], Any], seconds: float = 60.0) -> Any:
 
 @pytest.mark.slow
 def test_two_network_cameras_become_pairs() -> None:
-    images = {side: [jpeg(np.full((48, 64, 3), value, np.uint8))] for side, value in (("left", 60), ("right", 180))}
+    images = {
+        side: [jpeg(np.full((48, 64, 3), value, np.uint8))]
+        for side, value in (("left", 60), ("right", 180))
+    }
     with motion_jpeg(images) as port:
         addresses = [f"http://127.0.0.1:{port}/{side}" for side in images]
         with cameras(*addresses) as sides:
@@ -97,14 +107,22 @@ def test_two_network_cameras_become_pairs() -> None:
 
 @contextmanager
 def sent(address: str, values: tuple[int, ...], form: str) -> Iterator[None]:
-    """H.264 of pictures of these gray values side by side, until the block ends; begun again where nobody listens yet."""
+    """H.264 of pictures of these gray values side by side, until the block ends; begun again where
+    nobody listens yet.
+    """
     stopped = False
 
     def send() -> None:
-        with av.open(address, "w", format=form, options={"rtsp_transport": "tcp"} if form == "rtsp" else {}) as container:
-            stream = container.add_stream("libx264", rate=20, options={"g": "5", "tune": "zerolatency"})
+        with av.open(
+            address, "w", format=form, options={"rtsp_transport": "tcp"} if form == "rtsp" else {}
+        ) as container:
+            stream = container.add_stream(
+                "libx264", rate=20, options={"g": "5", "tune": "zerolatency"}
+            )
             stream.width, stream.height, stream.pix_fmt = 64 * len(values), 48, "yuv420p"
-            picture = np.repeat(np.repeat(np.array(values, np.uint8), 64)[None, :, None], 48, 0).repeat(3, 2)
+            picture = np.repeat(
+                np.repeat(np.array(values, np.uint8), 64)[None, :, None], 48, 0
+            ).repeat(3, 2)
             for number in range(2000):
                 frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
                 frame.pts, frame.time_base = number, Fraction(1, 20)
@@ -137,8 +155,13 @@ def free_port() -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["udp", "rtsp"])
 def test_network_streams_become_pairs(protocol: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """MPEG-TS of two cameras; RTSP of one that shows both sides, to which our side listens, since FFmpeg has no server."""
-    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", f"{live_cameras.FFMPEG_OPTIONS}|rtsp_flags;listen|listen_timeout;20")
+    """MPEG-TS of two cameras; RTSP of one that shows both sides, to which our side listens, since
+    FFmpeg has no server.
+    """
+    monkeypatch.setenv(
+        "OPENCV_FFMPEG_CAPTURE_OPTIONS",
+        f"{live_cameras.FFMPEG_OPTIONS}|rtsp_flags;listen|listen_timeout;20",
+    )
     addresses = [f"{protocol}://127.0.0.1:{free_port()}/{side}" for side in ("left", "right")]
     shows: list[tuple[int, ...]] = [(60,), (180,)]
     if protocol == "rtsp":
@@ -176,10 +199,16 @@ def test_a_server_that_is_restarted_is_found_again(monkeypatch: pytest.MonkeyPat
 
 
 def test_sides_of_two_kinds_are_refused(tmp_path: Path) -> None:
-    with ExitStack() as stack, pytest.raises(InputError, match="two folders, two cameras, or two topics"):
+    with (
+        ExitStack() as stack,
+        pytest.raises(InputError, match="two folders, two cameras, or two topics"),
+    ):
         live_source("0", str(tmp_path), InputConfig(), stack)
     if not cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER):
-        with pytest.raises(DeviceError, match="built without GStreamer"), cameras("v4l2src ! appsink", "0"):
+        with (
+            pytest.raises(DeviceError, match="built without GStreamer"),
+            cameras("v4l2src ! appsink", "0"),
+        ):
             pass
 
 
@@ -247,15 +276,20 @@ for number in range(3000):
         topic = f"/stereo/{side}/image_raw/compressed"
         node.publish(topic, ros.type_name("CompressedImage"), ros.serialized("CompressedImage", message))
     time.sleep(0.1)
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture
 def published(make_dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A dive whose first pair another process publishes, raw and compressed, on this machine alone."""
+    """A dive whose first pair another process publishes, raw and compressed, on this machine
+    alone.
+    """
     if (sys.platform, platform.machine()) != ("linux", "x86_64") or sys.version_info >= (3, 14):
         pytest.skip("Cyclone DDS has no wheel for this machine")
-    loopback = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
+    loopback = (
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' "
+        "multicast='true'/></Interfaces>"
+    )
     loopback += "<AllowMulticast>spdp</AllowMulticast></General></Domain></CycloneDDS>"
     monkeypatch.setenv("CYCLONEDDS_URI", loopback)
     monkeypatch.setenv("ROS_DOMAIN_ID", "87")
@@ -279,13 +313,17 @@ def test_topics_of_another_process_are_read(published: Path, suffix: str) -> Non
         assert source.waiting == ""
         assert re.fullmatch(r"17000\d{5}-\d{9}", pair.name)
         for side, image in (("L", frame.left), ("R", frame.right)):
-            np.testing.assert_array_equal(image, cv2.imread(str(published / side / "0000.png"))[..., ::-1])
+            np.testing.assert_array_equal(
+                image, cv2.imread(str(published / side / "0000.png"))[..., ::-1]
+            )
         source.take(pair)
         assert until(source.newest).name > pair.name
 
 
 @pytest.mark.slow
-def test_corrected_pairs_are_published_and_every_message_is_decoded(published: Path, cli, tmp_path: Path) -> None:
+def test_corrected_pairs_are_published_and_every_message_is_decoded(
+    published: Path, cli, tmp_path: Path
+) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     from stereo_seecolor.extras.streams.live.ros2 import Node
@@ -299,13 +337,27 @@ def test_corrected_pairs_are_published_and_every_message_is_decoded(published: P
         if topic != "/tf"
     }
     sides = ("--left", "ros2:/stereo/left/image_raw", "--right", "ros2:/stereo/right/image_raw")
-    words = [sys.executable, "-m", "stereo_seecolor", "live", *sides, "--calib", published / "cam.yaml", "--publish", "seecolor"]
-    with subprocess.Popen([str(word) for word in words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+    words = [
+        sys.executable,
+        "-m",
+        "stereo_seecolor",
+        "live",
+        *sides,
+        "--calib",
+        published / "cam.yaml",
+        "--publish",
+        "seecolor",
+    ]
+    with subprocess.Popen(
+        [str(word) for word in words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
 
         def all_came() -> bool:
             for topic, reader in readers.items():
                 for sample in reader.take(N=8):
-                    found[topic] = store.deserialize_cdr(bytes(sample.cdr), type_name(TOPICS[topic]))
+                    found[topic] = store.deserialize_cdr(
+                        bytes(sample.cdr), type_name(TOPICS[topic])
+                    )
             return len(found) == len(readers)
 
         until(all_came, 120)

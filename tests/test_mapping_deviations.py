@@ -1,4 +1,6 @@
-"""Positions that are read rightly and are off: their scale and their jumps are told against the pictures, noise is not."""
+"""Positions that are read rightly and are off: their scale and their jumps are told against the
+pictures, noise is not.
+"""
 
 from collections.abc import Callable
 
@@ -14,7 +16,9 @@ from stereo_seecolor.mapping.track.relative_pose import Edge
 Poses = NDArray[np.float64]
 FRAMES = 24
 NOBODY = (np.zeros((0, 3), np.float32),) * FRAMES
-INDEX = FrameIndex(tuple(f"f{i:02}" for i in range(FRAMES)), np.arange(FRAMES)[::-1].astype(float), NOBODY)
+INDEX = FrameIndex(
+    tuple(f"f{i:02}" for i in range(FRAMES)), np.arange(FRAMES)[::-1].astype(float), NOBODY
+)
 """Files are named against the order of time."""
 
 
@@ -54,7 +58,9 @@ def noisy(position_m: float, attitude_deg: float, seed: int) -> Callable[[Poses]
     def change(T: Poses) -> None:
         rng = np.random.default_rng(seed)
         T[:, :3, 3] += rng.normal(0, position_m, (FRAMES, 3))
-        T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(rng.normal(0, np.radians(attitude_deg), (FRAMES, 3)))
+        T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(
+            rng.normal(0, np.radians(attitude_deg), (FRAMES, 3))
+        )
 
     return change
 
@@ -70,7 +76,9 @@ def test_a_scale_is_told_with_its_standard_error(factor: float) -> None:
 
 
 def test_a_jump_is_told_with_its_place() -> None:
-    assert told(jumping) == ["the given positions jump by 0.71 m against the pictures between f10 and f09"]
+    assert told(jumping) == [
+        "the given positions jump by 0.71 m against the pictures between f10 and f09"
+    ]
 
 
 @pytest.mark.parametrize("frame", [5, 12])
@@ -95,7 +103,9 @@ def test_a_jump_is_told_beside_a_scale_and_among_noise() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("position_m", "attitude_deg"), [(0.0, 0.0), (0.05, 2.0), (0.2, 5.0), (0.003, 15.0)])
+@pytest.mark.parametrize(
+    ("position_m", "attitude_deg"), [(0.0, 0.0), (0.05, 2.0), (0.2, 5.0), (0.003, 15.0)]
+)
 def test_noise_is_neither(position_m: float, attitude_deg: float, seed: int) -> None:
     assert told(noisy(position_m, attitude_deg, seed)) == []
 

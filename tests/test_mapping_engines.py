@@ -1,4 +1,6 @@
-"""Open3D in place of our own voxels (mapping.engine: open3d): the same map within millimeters, tile by tile, to the byte again."""
+"""Open3D in place of our own voxels (mapping.engine: open3d): the same map within millimeters, tile
+by tile, to the byte again.
+"""
 
 import json
 import shutil
@@ -9,7 +11,16 @@ import numpy as np
 import pytest
 import rasterio
 from conftest import Cli, SampleRun
-from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, flat_frames, height_at, read_cloud, track
+from mapping_scene import (
+    CONFIG,
+    PAIR,
+    ReefFrames,
+    flat_frame,
+    flat_frames,
+    height_at,
+    read_cloud,
+    track,
+)
 from test_mapping_fusion import read_triangles, stopped_at_tile
 
 from stereo_seecolor.config import MappingConfig
@@ -33,17 +44,23 @@ def without_open3d(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def reef() -> ReefFrames:
-    return ReefFrames(SurveySpec(image_size=(240, 200), pairs=9, lines=1, fish=0, seed=3), noise_px=0.05)
+    return ReefFrames(
+        SurveySpec(image_size=(240, 200), pairs=9, lines=1, fish=0, seed=3), noise_px=0.05
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [TILES, OPEN3D], ids=["tiles", "open3d"])
-def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path, config: MappingConfig) -> None:
+def test_a_flat_bottom_comes_out_flat_and_in_its_color(
+    tmp_path: Path, config: MappingConfig
+) -> None:
     build_map(flat_frames(4), PAIR, tmp_path, config, track(4))
     cloud = read_cloud(tmp_path / "cloud.ply")
     assert len(cloud) > 1000
     np.testing.assert_allclose(cloud["position"][:, 2], 0, atol=1e-4)
-    np.testing.assert_allclose(cloud["normal"], np.broadcast_to([0, 0, 1], cloud["normal"].shape), atol=1e-2)
+    np.testing.assert_allclose(
+        cloud["normal"], np.broadcast_to([0, 0, 1], cloud["normal"].shape), atol=1e-2
+    )
     np.testing.assert_array_equal(np.unique(cloud["color"], axis=0), [[200, 120, 40]])
     a, b, c = np.moveaxis(cloud["position"][read_triangles(tmp_path / "mesh.ply")], 1, 0)
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
@@ -51,27 +68,45 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path, config: M
 
 
 @pytest.mark.slow
-def test_tiles_of_open3d_join_without_seams_and_come_out_the_same_again(reef: ReefFrames, tmp_path: Path) -> None:
+def test_tiles_of_open3d_join_without_seams_and_come_out_the_same_again(
+    reef: ReefFrames, tmp_path: Path
+) -> None:
     sizes = {"one": 100.0, "many": 0.5, "again": 0.5}
     for name, tile_m in sizes.items():
-        build_map(reef, reef.pair, tmp_path / name, OPEN3D.model_copy(update={"tile_m": tile_m}), reef.trajectory)
-    whole, tiled = (read_cloud(tmp_path / name / "cloud.ply")["position"] for name in ("one", "many"))
+        build_map(
+            reef,
+            reef.pair,
+            tmp_path / name,
+            OPEN3D.model_copy(update={"tile_m": tile_m}),
+            reef.trajectory,
+        )
+    whole, tiled = (
+        read_cloud(tmp_path / name / "cloud.ply")["position"] for name in ("one", "many")
+    )
     np.testing.assert_array_equal(np.unique(whole, axis=0), np.unique(tiled, axis=0))
-    assert len(read_triangles(tmp_path / "one/mesh.ply")) == len(read_triangles(tmp_path / "many/mesh.ply"))
+    assert len(read_triangles(tmp_path / "one/mesh.ply")) == len(
+        read_triangles(tmp_path / "many/mesh.ply")
+    )
     for name in ("cloud.ply", "mesh.ply", "dem.tif", "orthomosaic.tif"):
         assert (tmp_path / "many" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [TILES, OPEN3D], ids=["tiles", "open3d"])
-def test_both_engines_find_the_true_reef(reef: ReefFrames, tmp_path: Path, config: MappingConfig) -> None:
+def test_both_engines_find_the_true_reef(
+    reef: ReefFrames, tmp_path: Path, config: MappingConfig
+) -> None:
     build_map(reef, reef.pair, tmp_path, config, reef.trajectory)
     position = read_cloud(tmp_path / "cloud.ply")["position"]
-    assert np.median(np.abs(position[:, 2] - height_at(reef.reef, position))) < 0.007  # at voxels of 2 cm
+    assert (
+        np.median(np.abs(position[:, 2] - height_at(reef.reef, position))) < 0.007
+    )  # at voxels of 2 cm
 
 
 @pytest.mark.slow
-def test_both_engines_agree_on_the_terrain_of_the_sample_dive(sample_run: SampleRun, tmp_path: Path, cli: Cli) -> None:
+def test_both_engines_agree_on_the_terrain_of_the_sample_dive(
+    sample_run: SampleRun, tmp_path: Path, cli: Cli
+) -> None:
     out = tmp_path / "out"
     shutil.copytree(sample_run.out, out)
     assert cli("fuse", out, "--set", "mapping.engine=open3d")[0] == 0
@@ -84,13 +119,25 @@ def test_both_engines_agree_on_the_terrain_of_the_sample_dive(sample_run: Sample
 def terrain(folder: Path) -> dict[tuple[int, int], float]:
     """The height of each cell, by its place in whole cells."""
     with rasterio.open(folder / "dem.tif") as dem:
-        heights_m, (left, top) = dem.read(1), (round(dem.transform.c / dem.transform.a), round(dem.transform.f / dem.transform.a))
-    return {(left + x, top - y): heights_m[y, x] for y, x in np.argwhere(np.isfinite(heights_m)).tolist()}
+        heights_m, (left, top) = (
+            dem.read(1),
+            (round(dem.transform.c / dem.transform.a), round(dem.transform.f / dem.transform.a)),
+        )
+    return {
+        (left + x, top - y): heights_m[y, x]
+        for y, x in np.argwhere(np.isfinite(heights_m)).tolist()
+    }
 
 
 @pytest.mark.slow
 def test_a_fish_that_others_see_through_is_carved_away_by_open3d(tmp_path: Path) -> None:
-    build_map([flat_frame(i, fish=i == 2) for i in range(5)], PAIR, tmp_path, OPEN3D, track(5, step_m=0.15))
+    build_map(
+        [flat_frame(i, fish=i == 2) for i in range(5)],
+        PAIR,
+        tmp_path,
+        OPEN3D,
+        track(5, step_m=0.15),
+    )
     assert not (read_cloud(tmp_path / "cloud.ply")["color"] == [255, 0, 255]).all(axis=1).any()
 
 
@@ -109,11 +156,17 @@ def test_open3d_is_not_imported_before_it_is_chosen(without_open3d: None) -> Non
         engine("open3d")
 
 
-def test_a_missing_open3d_is_named_before_the_first_frame(without_open3d: None, cli: Cli, tmp_path: Path) -> None:
+def test_a_missing_open3d_is_named_before_the_first_frame(
+    without_open3d: None, cli: Cli, tmp_path: Path
+) -> None:
     sides = ("--left", tmp_path, "--right", tmp_path, "--calib", tmp_path / "cam.yaml")
-    code, _, said = cli("run", *sides, "--out", tmp_path / "out", "--fuse", "--set", "mapping.engine=open3d")
+    code, _, said = cli(
+        "run", *sides, "--out", tmp_path / "out", "--fuse", "--set", "mapping.engine=open3d"
+    )
     assert code == 1
-    assert said.startswith("stereo-seecolor: mapping.engine: open3d needs Open3D, which is not installed")
+    assert said.startswith(
+        "stereo-seecolor: mapping.engine: open3d needs Open3D, which is not installed"
+    )
     assert said.rstrip().endswith(LINE) and said.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
@@ -125,7 +178,9 @@ def test_tiles_of_one_engine_are_not_taken_for_those_of_another(tmp_path: Path) 
     stopped_at_tile(2, frames, tmp_path / "stopped")
     build_map(frames, PAIR, tmp_path / "stopped", OPEN3D, track(6))
     for name in ("cloud.ply", "mesh.ply", "map.json"):
-        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "straight" / name).read_bytes()
+        assert (tmp_path / "stopped" / name).read_bytes() == (
+            tmp_path / "straight" / name
+        ).read_bytes()
 
 
 @pytest.mark.slow
@@ -133,8 +188,12 @@ def test_a_map_by_open3d_that_was_stopped_goes_on_where_it_was(tmp_path: Path) -
     frames, fused = flat_frames(6), []
     build_map(frames, PAIR, tmp_path / "straight", OPEN3D, track(6))
     stopped_at_tile(2, frames, tmp_path / "stopped", OPEN3D)
-    workspace = Workspace(progress=lambda what, done, total: fused.append(done) if what == "fusing tiles" else None)
+    workspace = Workspace(
+        progress=lambda what, done, total: fused.append(done) if what == "fusing tiles" else None
+    )
     build_map(frames, PAIR, tmp_path / "stopped", OPEN3D, track(6), workspace)
     assert fused[0] == 3
     for name in ("cloud.ply", "mesh.ply"):
-        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "straight" / name).read_bytes()
+        assert (tmp_path / "stopped" / name).read_bytes() == (
+            tmp_path / "straight" / name
+        ).read_bytes()

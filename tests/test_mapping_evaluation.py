@@ -5,7 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.extras.evaluation.measures import nearest_distance_m, surface_points, trajectory_error
+from stereo_seecolor.extras.evaluation.measures import (
+    nearest_distance_m,
+    surface_points,
+    trajectory_error,
+)
 from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
 
 
@@ -16,7 +20,9 @@ def test_nearest_agrees_with_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     queries, points = rng.uniform(-0.3, 0.3, (40, 3)), rng.uniform(-0.3, 0.3, (300, 3))
     brute = np.linalg.norm(queries[:, None] - points[None], axis=2).min(axis=1)
-    np.testing.assert_allclose(nearest_distance_m(queries, points, 0.1), np.where(brute <= 0.1, brute, np.inf))
+    np.testing.assert_allclose(
+        nearest_distance_m(queries, points, 0.1), np.where(brute <= 0.1, brute, np.inf)
+    )
 
 
 def test_walls_of_a_height_field_are_filled_in() -> None:

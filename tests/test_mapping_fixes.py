@@ -29,7 +29,13 @@ TRUE = pose(rotation_from_vector(np.array([0.0, 0.0, 2.0])), [120.0, -40.0, 0.0]
 def lawn_mower(count: int, line_m: float) -> Array:
     """(count, 4, 4) along two lines."""
     along = np.linspace(0, 2 * line_m, count)
-    places = np.column_stack([np.where(along < line_m, along, 2 * line_m - along), (along >= line_m) * 1.0, np.full(count, 3.0)])
+    places = np.column_stack(
+        [
+            np.where(along < line_m, along, 2 * line_m - along),
+            (along >= line_m) * 1.0,
+            np.full(count, 3.0),
+        ]
+    )
     return np.stack([pose(np.eye(3), place) for place in places])
 
 
@@ -45,8 +51,14 @@ def fixed(T: Array, scatter_m: float, seed: int = 0) -> Trajectory:
 
 def place(T: Array, fixes: Trajectory, components: Array | None = None) -> Placement:
     count = len(T)
-    index = SimpleNamespace(names=[f"f{i}" for i in range(count)], timestamps_s=np.arange(float(count)), order=np.arange(count))
-    own = Placement(T, np.zeros(count, np.int64) if components is None else components.astype(np.int64))
+    index = SimpleNamespace(
+        names=[f"f{i}" for i in range(count)],
+        timestamps_s=np.arange(float(count)),
+        order=np.arange(count),
+    )
+    own = Placement(
+        T, np.zeros(count, np.int64) if components is None else components.astype(np.int64)
+    )
     return at_fixes(own, index, fixes, MappingConfig())  # type: ignore[arg-type]
 
 
@@ -55,8 +67,15 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
     T = lawn_mower(80, 20.0)
     placed = place(T, fixed(T, 2.0, seed))
     turned = placed.T_world_camera[0, :3, :3] @ TRUE[:3, :3].T
-    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 8  # 2.4 RMS, as errors of their own leave
-    assert np.linalg.norm((placed.T_world_camera[:, :3, 3] - transformed(TRUE, T[:, :3, 3])).mean(axis=0)[:2]) < 0.7
+    assert (
+        np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 8
+    )  # 2.4 RMS, as errors of their own leave
+    assert (
+        np.linalg.norm(
+            (placed.T_world_camera[:, :3, 3] - transformed(TRUE, T[:, :3, 3])).mean(axis=0)[:2]
+        )
+        < 0.7
+    )
     assert placed.T_world_camera[:, 2, 3].mean() == pytest.approx(0)
     steps = np.linalg.norm(np.diff(placed.T_world_camera[:, :3, 3], axis=0), axis=1)
     assert steps == pytest.approx(np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1))  # not bent
@@ -65,7 +84,10 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
 
 def test_a_dive_shorter_than_its_fixes_scatter_is_refused() -> None:
     T = lawn_mower(40, 2.0)
-    with pytest.raises(MappingError, match="40 fixes along its track do not tell its heading: the dive must be longer"):
+    with pytest.raises(
+        MappingError,
+        match="40 fixes along its track do not tell its heading: the dive must be longer",
+    ):
         place(T, fixed(T, 2.0))
 
 
@@ -75,7 +97,9 @@ def test_a_component_without_fixes_is_left_out_and_named() -> None:
     fixes.T_world_camera[60:] = np.nan
     placed = place(T, fixes, np.repeat([0, 1], [60, 20]))
     assert placed.sizes == (60,) and len(placed.unplaced) == 20
-    assert placed.unplaced[0].name == "f60" and "0 fixes along its track" in placed.unplaced[0].reason
+    assert (
+        placed.unplaced[0].name == "f60" and "0 fixes along its track" in placed.unplaced[0].reason
+    )
 
 
 def test_a_given_standard_error_is_taken() -> None:
@@ -89,21 +113,30 @@ def test_fixes_of_another_year_are_told_by_their_clock() -> None:
     T = lawn_mower(40, 20.0)
     fixes = fixed(T, 1.0)
     fixes.timestamps_s[:] += 4e7
-    with pytest.raises(MappingError, match=r"no frame has a fix at its time: it begins 462\.963 days after the first frame"):
+    with pytest.raises(
+        MappingError,
+        match=r"no frame has a fix at its time: it begins 462\.963 days after the first frame",
+    ):
         place(T, fixes)
 
 
 def fused_with_fixes(tmp_path: Path, *settings: str) -> tuple[dict[str, Any], Array, str]:
-    """map.json, the track's places and what is said, of a relative track of five frames and a buoy's fixes beside it."""
+    """map.json, the track's places and what is said, of a relative track of five frames and a
+    buoy's fixes beside it.
+    """
     out, T, place_on_earth = tmp_path / "out", cameras(), GeoOrigin(-14.685, 145.46)
     texture = bottom()
     write_run(out, [frame(i, each, texture) for i, each in enumerate(T)], RIG)
     write_tum(tmp_path / "vio.tum", Trajectory(tuple(f"f{i}" for i in range(5)), np.arange(5.0), T))
     places = transformed(TRUE, T[:, :3, 3])
-    degrees = [degrees_from_north_east(north_m, east_m, place_on_earth) for east_m, north_m, _ in places]
+    degrees = [
+        degrees_from_north_east(north_m, east_m, place_on_earth) for east_m, north_m, _ in places
+    ]
     rows = "".join(f"{time},{lat:.9f},{lon:.9f}\n" for time, (lat, lon) in enumerate(degrees))
     (tmp_path / "buoy.csv").write_text("time,lat,lon\n" + rows)
-    config = load_config(None, ["mapping.poses=given", f"mapping.fixes={tmp_path / 'buoy.csv'}", *settings])
+    config = load_config(
+        None, ["mapping.poses=given", f"mapping.fixes={tmp_path / 'buoy.csv'}", *settings]
+    )
     summary = fuse(out, tmp_path / "vio.tum", config)
     content = json.loads((out / "map/map.json").read_text())
     track = np.loadtxt(out / "map/trajectory.tum")[:, 1:4]
@@ -116,7 +149,9 @@ def test_fixes_beside_a_relative_track_place_it_on_earth(tmp_path: Path) -> None
     assert content["origin"] is not None and "the track lies by 5 fixes" in said
     T = cameras()
     expected = transformed(TRUE, T[:, :3, 3])
-    np.testing.assert_allclose(track[:, :2] - track[:1, :2], expected[:, :2] - expected[:1, :2], atol=2e-3)
+    np.testing.assert_allclose(
+        track[:, :2] - track[:1, :2], expected[:, :2] - expected[:1, :2], atol=2e-3
+    )
     found = degrees_from_north_east(track[0, 1], track[0, 0], GeoOrigin(**content["origin"]))
     truth = degrees_from_north_east(expected[0, 1], expected[0, 0], GeoOrigin(-14.685, 145.46))
     np.testing.assert_allclose(found, truth, atol=3e-8)

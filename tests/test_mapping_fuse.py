@@ -10,7 +10,16 @@ import cv2
 import numpy as np
 import pytest
 from conftest import Dive
-from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, read_cloud, track, write_run
+from mapping_scene import (
+    CONFIG,
+    PAIR,
+    ReefFrames,
+    flat_frame,
+    height_at,
+    read_cloud,
+    track,
+    write_run,
+)
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
@@ -29,7 +38,12 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.geometry import DISPARITY_STD_PX, estimated_range_std_m, inverse, rotation_from_vector
+from stereo_seecolor.geometry import (
+    DISPARITY_STD_PX,
+    estimated_range_std_m,
+    inverse,
+    rotation_from_vector,
+)
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import kept_frames, survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -44,7 +58,11 @@ MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)
 
 def toed_in_rig(port: FlatPort | None = None, size: tuple[int, int] = (640, 480)) -> StereoRig:
     """The left camera is turned by five degrees by rectification."""
-    camera = Camera(np.array([[0.8 * size[0], 0, size[0] / 2], [0, 0.8 * size[0], size[1] / 2], [0, 0, 1]]), np.zeros(5), size)
+    camera = Camera(
+        np.array([[0.8 * size[0], 0, size[0] / 2], [0, 0.8 * size[0], size[1] / 2], [0, 0, 1]]),
+        np.zeros(5),
+        size,
+    )
     T = np.eye(4)
     T[:3, :3] = rotation_from_vector(np.array([0.03, 0.17, -0.02]))
     T[:3, 3] = T[:3, :3] @ [-0.12, 0.004, 0.006]
@@ -54,10 +72,16 @@ def toed_in_rig(port: FlatPort | None = None, size: tuple[int, int] = (640, 480)
 def test_poses_of_the_raw_camera_put_things_where_the_rectified_image_shows_them() -> None:
     rig = toed_in_rig()
     T_world_raw = np.eye(4)
-    T_world_raw[:3, :3], T_world_raw[:3, 3] = rotation_from_vector(np.array([2.9, 0.3, -0.2])), [3, -2, 1]
+    T_world_raw[:3, :3], T_world_raw[:3, 3] = (
+        rotation_from_vector(np.array([2.9, 0.3, -0.2])),
+        [3, -2, 1],
+    )
     points_raw = np.random.default_rng(0).uniform([-0.5, -0.4, 1.5], [0.5, 0.4, 2.5], (20, 3))
     points_world = points_raw @ T_world_raw[:3, :3].T + T_world_raw[:3, 3]
-    shown, _ = rectified_points(rig, *[cv2.projectPoints(points_raw, np.zeros(3), np.zeros(3), rig.left.K, None)[0][:, 0]] * 2)
+    shown, _ = rectified_points(
+        rig,
+        *[cv2.projectPoints(points_raw, np.zeros(3), np.zeros(3), rig.left.K, None)[0][:, 0]] * 2,
+    )
     rectification = Rectification.from_rig(rig)
     T = inverse(T_world_raw @ inverse(rectification.T_rectified_left))
     projected = (points_world @ T[:3, :3].T + T[:3, 3]) @ rectification.pair.P_left.T
@@ -80,13 +104,17 @@ def test_behind_a_flat_port_the_rectified_cameras_center_moves_as_well() -> None
 def test_a_run_writes_down_how_rectification_turned_the_camera(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stereo_inputs, "first_notes", lambda *_: ())  # the images are another rig's, which a run would refuse
+    monkeypatch.setattr(
+        stereo_inputs, "first_notes", lambda *_: ()
+    )  # the images are another rig's, which a run would refuse
     dive = make_dive(1)
     rig = toed_in_rig(size=(176, 128))
     write_rig(rig, dive.root / "toed.yaml")
     run(dive.root / "L", dive.root / "R", dive.root / "toed.yaml", tmp_path / "out")
     content = json.loads((tmp_path / "out" / "run.json").read_text())
-    np.testing.assert_allclose(content["T_rectified_left"], Rectification.from_rig(rig).T_rectified_left, atol=1e-9)
+    np.testing.assert_allclose(
+        content["T_rectified_left"], Rectification.from_rig(rig).T_rectified_left, atol=1e-9
+    )
     assert np.abs(np.subtract(content["T_rectified_left"], np.eye(4))).max() > 0.05
 
 
@@ -103,7 +131,9 @@ def acfr_text(names: tuple[str, ...], T_world_raw: NDArray[np.float64]) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("poses_of", "true"), [("format", True), ("rectified", False)])
-def test_a_raw_cameras_navigation_gives_the_true_reef(tmp_path: Path, poses_of: str, true: bool) -> None:
+def test_a_raw_cameras_navigation_gives_the_true_reef(
+    tmp_path: Path, poses_of: str, true: bool
+) -> None:
     frames = ReefFrames(SurveySpec(pairs=6, lines=2, image_size=(240, 192)), noise_px=0.05)
     T = Rectification.from_rig(toed_in_rig()).T_rectified_left
     write_run(tmp_path, frames, frames.pair, T)
@@ -173,10 +203,16 @@ class Vanishing(Sequence[SurveyFrame]):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reads", [0, 1, 2, 6])
-def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reads: int) -> None:
+def test_a_frame_may_vanish_at_any_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reads: int
+) -> None:
     monkeypatch.setattr(kept_frames, "SETTINGS", kept_frames.KeepingSettings(most_bytes=0))
-    summary = survey_map.build_map(Vanishing([flat_frame(i) for i in range(4)], 1, reads), PAIR, tmp_path, CONFIG, track(4))
-    assert [(frame.name, frame.reason) for frame in summary.unplaced] == [("f1", "the disk is gone")]
+    summary = survey_map.build_map(
+        Vanishing([flat_frame(i) for i in range(4)], 1, reads), PAIR, tmp_path, CONFIG, track(4)
+    )
+    assert [(frame.name, frame.reason) for frame in summary.unplaced] == [
+        ("f1", "the disk is gone")
+    ]
     assert summary.placed == 3
     assert (tmp_path / "orthomosaic_preview.png").exists()
 
@@ -185,7 +221,9 @@ def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_frame_may_vanish_while_its_own_track_is_followed() -> None:
     reef = ReefFrames(SurveySpec(pairs=5, lines=1, image_size=(256, 208), seed=3), noise_px=0.1)
     frames = RecoveredFrames(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]
-    placement = odometry.solve(odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))), loops=False)
+    placement = odometry.solve(
+        odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))), loops=False
+    )
     assert placement.components.tolist() == [0, 0, -1, 0, 0]
     assert placement.unplaced[0].reason == "the disk is gone"
 
@@ -193,7 +231,9 @@ def test_a_frame_may_vanish_while_its_own_track_is_followed() -> None:
 def test_a_run_of_which_nothing_is_left_is_refused(small_run: Path) -> None:
     for path in (small_run / "range").iterdir():
         path.unlink()
-    with pytest.raises(MappingError, match=r"none of the 4 frames can be read: .*range/f0.tiff: is gone or damaged"):
+    with pytest.raises(
+        MappingError, match=r"none of the 4 frames can be read: .*range/f0.tiff: is gone or damaged"
+    ):
         fuse_small(small_run)
 
 
@@ -218,11 +258,16 @@ def test_two_programs_never_write_one_folder(small_run: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_without_standard_errors_is_fused(small_run: Path, tmp_path: Path) -> None:
-    bare = [dataclasses.replace(frame, range_std_m=np.full_like(frame.range_m, np.nan)) for frame in map(flat_frame, range(4))]
+    bare = [
+        dataclasses.replace(frame, range_std_m=np.full_like(frame.range_m, np.nan))
+        for frame in map(flat_frame, range(4))
+    ]
     write_run(tmp_path / "bare", bare, PAIR)
     assert not (tmp_path / "bare" / "range_std").exists()
     assert fuse_small(tmp_path / "bare", small_run.with_name("track.tum")).placed == 4
-    np.testing.assert_allclose(read_cloud(tmp_path / "bare" / "map" / "cloud.ply")["position"][:, 2], 0, atol=1e-3)
+    np.testing.assert_allclose(
+        read_cloud(tmp_path / "bare" / "map" / "cloud.ply")["position"][:, 2], 0, atol=1e-3
+    )
 
 
 def test_the_standard_error_of_a_range_is_that_of_its_disparity() -> None:
@@ -237,7 +282,9 @@ def test_linear_and_monochrome_images_become_colors_of_the_map() -> None:
     linear = decode_srgb(encoded.astype(np.float32) / 255)
     np.testing.assert_array_equal(eight_bit(linear + np.float32([0, 0, 0])), encoded)
     np.testing.assert_array_equal(eight_bit(np.float32([[[2.0, -1.0, 1.0]]])), [[[255, 0, 255]]])
-    np.testing.assert_array_equal(eight_bit(encoded[..., 1].astype(np.uint16) * 257), [[[120, 120, 120]]])
+    np.testing.assert_array_equal(
+        eight_bit(encoded[..., 1].astype(np.uint16) * 257), [[[120, 120, 120]]]
+    )
 
 
 @pytest.mark.slow
@@ -252,11 +299,15 @@ def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     write_tum(poses, track(4))
     summary = fuse_small(small_run, poses)
     assert not (small_run / "map" / "piece_1").exists()
-    assert sorted(path.name for path in summary.files) == sorted(path.name for path in (small_run / "map").iterdir())
+    assert sorted(path.name for path in summary.files) == sorted(
+        path.name for path in (small_run / "map").iterdir()
+    )
 
 
 @pytest.mark.slow
-def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(
+    small_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     poses = small_run.with_name("track.tum")
     fuse_small(small_run, poses)
     before = {path.name: path.read_bytes() for path in (small_run / "map").iterdir()}
@@ -271,10 +322,14 @@ def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Pa
 
 
 @pytest.mark.slow
-def test_a_map_without_the_libraries_of_geotiff_says_so(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_without_the_libraries_of_geotiff_says_so(
+    small_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(survey_map.georeference, "available", lambda: False)
     summary = fuse_small(small_run, small_run.with_name("track.tum"))
-    assert any("no GeoTIFF of mosaic, terrain and metrics" in warning for warning in summary.warnings)
+    assert any(
+        "no GeoTIFF of mosaic, terrain and metrics" in warning for warning in summary.warnings
+    )
     assert not any(path.suffix == ".tif" for path in summary.files)
 
 
@@ -291,7 +346,17 @@ def test_the_command_names_what_is_missing_and_ends_with_3(
     (small_run / "range" / "f2.tiff").unlink()
     poses = small_run.with_name("track.tum")
     monkeypatch.setattr(
-        sys, "argv", ["stereo-seecolor", "fuse", str(small_run), "--poses", str(poses), "--set", "mapping.voxel_m=0.02"]
+        sys,
+        "argv",
+        [
+            "stereo-seecolor",
+            "fuse",
+            str(small_run),
+            "--poses",
+            str(poses),
+            "--set",
+            "mapping.voxel_m=0.02",
+        ],
     )
     with pytest.raises(SystemExit) as end:
         main()

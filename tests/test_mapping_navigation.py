@@ -1,4 +1,6 @@
-"""Given poses are held against the pictures: noise is averaged out, and numbers that were read wrongly are named."""
+"""Given poses are held against the pictures: noise is averaged out, and numbers that were read
+wrongly are named.
+"""
 
 import csv
 from collections.abc import Callable
@@ -42,7 +44,9 @@ def survey(reef: ReefFrames) -> Survey:
 
 
 @pytest.fixture
-def placed(survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Placed]:
+def placed(
+    survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Placed]:
     """Places the survey by poses that were changed; the track is followed once for all tests."""
     if not hasattr(reef, "track"):
         reef.track = odometry.follow(survey)  # type: ignore[attr-defined]
@@ -50,13 +54,23 @@ def placed(survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(
         odometry,
         "follow",
-        lambda _: odometry.Track(survey, list(known.features), list(known.edges), dict(known.reasons), found=dict(known.found)),
+        lambda _: odometry.Track(
+            survey,
+            list(known.features),
+            list(known.edges),
+            dict(known.reasons),
+            found=dict(known.found),
+        ),
     )
 
-    def run(change: Callable[[Poses], Poses], config: MappingConfig | None = None, later_s: float = 0.0) -> Placed:
+    def run(
+        change: Callable[[Poses], Poses], config: MappingConfig | None = None, later_s: float = 0.0
+    ) -> Placed:
         true = reef.trajectory
         names = ("",) * len(true.names)
-        given = Trajectory(names, true.timestamps_s + later_s, change(true.T_world_camera.copy()), origin=ORIGIN)
+        given = Trajectory(
+            names, true.timestamps_s + later_s, change(true.T_world_camera.copy()), origin=ORIGIN
+        )
         return place_survey(survey, config or MappingConfig(), given)
 
     return run
@@ -102,8 +116,14 @@ def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames
     assert found.navigation.fits
     assert not found.navigation.advice
     assert found.navigation.position_residual_m < 0.005
-    assert found.navigation.depth_residual_m == pytest.approx(found.navigation.depth_noise_m, rel=0.2)
-    np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.01)
+    assert found.navigation.depth_residual_m == pytest.approx(
+        found.navigation.depth_noise_m, rel=0.2
+    )
+    np.testing.assert_allclose(
+        found.placement.T_world_camera[:, :3, 3],
+        reef.trajectory.T_world_camera[:, :3, 3],
+        atol=0.01,
+    )
 
 
 @pytest.mark.slow
@@ -120,7 +140,9 @@ def test_exact_poses_are_taken_as_they_are_without_a_track(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("off_m", [[0.0, 0.06, 0.0], [0.0, 0.0, 0.06]])
-def test_a_line_that_lies_off_by_two_voxels_is_not_exact(survey: Survey, reef: ReefFrames, off_m: list[float]) -> None:
+def test_a_line_that_lies_off_by_two_voxels_is_not_exact(
+    survey: Survey, reef: ReefFrames, off_m: list[float]
+) -> None:
     """Neighbors on each line agree; the surface would be doubled where the lines overlap."""
     T = reef.trajectory.T_world_camera.copy()
     assert spot_check(survey, Placement(T, np.zeros(12, np.int64)), 0.03).exact
@@ -130,7 +152,9 @@ def test_a_line_that_lies_off_by_two_voxels_is_not_exact(survey: Survey, reef: R
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef: ReefFrames, seed: int) -> None:
+def test_noise_is_measured_and_averaged_out(
+    placed: Callable[..., Placed], reef: ReefFrames, seed: int
+) -> None:
     found = placed(lambda T: noisy(T, seed))
     navigation = found.navigation
     assert navigation is not None
@@ -158,7 +182,10 @@ def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef:
         (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
         (north_east_down, "as north-east-down"),
         (positions(lambda p: p / 0.3048), "positions in feet"),
-        (positions(lambda p: p @ rotation_from_vector(np.radians([0, 0, 25])).T), "positions turned by -25 degrees"),
+        (
+            positions(lambda p: p @ rotation_from_vector(np.radians([0, 0, 25])).T),
+            "positions turned by -25 degrees",
+        ),
         (lambda T: T[::-1], "the poses in the opposite order"),
         (lambda T: w_first(noisy(T)), "the quaternion's w first"),
         (lambda T: inverse(noisy(T)), "world-to-camera poses"),
@@ -176,8 +203,12 @@ def test_poses_read_wrongly_are_named_and_left_out(
 
 
 @pytest.mark.slow
-def test_headings_in_radians_are_named_and_left_out(placed: Callable[..., Placed], reef: ReefFrames) -> None:
-    """The second line of the survey runs the other way; its headings differ by 3 instead of 180 degrees."""
+def test_headings_in_radians_are_named_and_left_out(
+    placed: Callable[..., Placed], reef: ReefFrames
+) -> None:
+    """The second line of the survey runs the other way; its headings differ by 3 instead of 180
+    degrees.
+    """
 
     def in_radians(T: Poses) -> Poses:
         turn = Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(T[0, :3, :3]).inv()
@@ -195,7 +226,9 @@ def test_headings_in_radians_are_named_and_left_out(placed: Callable[..., Placed
 
 @pytest.mark.slow
 @pytest.mark.parametrize("later_s", [1.0, -0.5])
-def test_clocks_apart_are_named_with_the_difference(placed: Callable[..., Placed], later_s: float) -> None:
+def test_clocks_apart_are_named_with_the_difference(
+    placed: Callable[..., Placed], later_s: float
+) -> None:
     found = placed(lambda T: T, later_s=later_s)
     assert found.navigation is not None
     assert f"{-later_s:+.2f} s added to the times of the poses" in found.navigation.advice
@@ -224,12 +257,17 @@ def test_poses_that_stay_while_the_pictures_move_are_named(
 
 
 @pytest.mark.slow
-def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(
+    placed: Callable[..., Placed], reef: ReefFrames
+) -> None:
     for change in (turned(14.0), lambda T: turned(14.0)(noisy(T))):
         found = placed(change)
         assert found.navigation is not None
         assert found.navigation.fits
-        assert "the camera is turned by 14." in found.navigation.advice or "by 13." in found.navigation.advice
+        assert (
+            "the camera is turned by 14." in found.navigation.advice
+            or "by 13." in found.navigation.advice
+        )
         assert "mapping.mount={roll_deg: -1" in found.navigation.advice
         assert off_m(found, reef) < 0.005
         down = found.placement.T_world_camera[:, 2, 2] - reef.trajectory.T_world_camera[:, 2, 2]
@@ -238,7 +276,9 @@ def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Ca
 
 def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
     rng = np.random.default_rng(0)
-    measured = np.array([pose(rotation_from_vector(v[0]), v[1]) for v in rng.normal(0, 0.3, (30, 2, 3))])
+    measured = np.array(
+        [pose(rotation_from_vector(v[0]), v[1]) for v in rng.normal(0, 0.3, (30, 2, 3))]
+    )
     arm = pose(np.eye(3), np.array([0.5, -0.2, 0.3]))
     seen = Motions(inverse(arm) @ measured @ arm, measured)
     np.testing.assert_allclose(lever_arm(seen), [0.5, -0.2, 0.3], atol=1e-4)
@@ -249,16 +289,32 @@ def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
 
 
 @pytest.mark.slow
-def test_positions_of_another_point_of_the_vehicle_are_said_and_moved(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+def test_positions_of_another_point_of_the_vehicle_are_said_and_moved(
+    placed: Callable[..., Placed], reef: ReefFrames
+) -> None:
     found = placed(lambda T: T @ pose(np.eye(3), np.array([0.5, 0.0, 0.0])))
-    assert found.navigation and found.navigation.fits and "a point 0.50 m from the camera" in found.navigation.advice
-    np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.03)
+    assert (
+        found.navigation
+        and found.navigation.fits
+        and "a point 0.50 m from the camera" in found.navigation.advice
+    )
+    np.testing.assert_allclose(
+        found.placement.T_world_camera[:, :3, 3],
+        reef.trajectory.T_world_camera[:, :3, 3],
+        atol=0.03,
+    )
 
 
 @pytest.mark.slow
-def test_poses_of_another_dive_are_not_used(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+def test_poses_of_another_dive_are_not_used(
+    placed: Callable[..., Placed], reef: ReefFrames
+) -> None:
     rng = np.random.default_rng(0)
-    found = placed(lambda T: np.stack([pose(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3)) for _ in T]))
+    found = placed(
+        lambda T: np.stack(
+            [pose(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3)) for _ in T]
+        )
+    )
     assert found.navigation is not None
     assert "are they of this dive?" in found.navigation.advice
     assert found.origin is None  # the map lies where its own first camera was
@@ -266,10 +322,14 @@ def test_poses_of_another_dive_are_not_used(placed: Callable[..., Placed], reef:
 
 
 @pytest.mark.slow
-def test_given_poses_are_the_maps_but_measured(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+def test_given_poses_are_the_maps_but_measured(
+    placed: Callable[..., Placed], reef: ReefFrames
+) -> None:
     found = placed(noisy, MappingConfig(poses="given"))
     assert found.origin == ORIGIN
-    np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
+    np.testing.assert_array_equal(
+        found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy())
+    )
     assert found.navigation is not None
     assert found.navigation.position_residual_m > 0.08
     with pytest.raises(MappingError, match="z axis points down"):
@@ -278,7 +338,9 @@ def test_given_poses_are_the_maps_but_measured(placed: Callable[..., Placed], re
 
 @pytest.mark.slow
 def test_standard_errors_of_the_configuration_are_used(placed: Callable[..., Placed]) -> None:
-    config = MappingConfig(prior_position_std_m=0.3, prior_depth_std_m=0.2, prior_attitude_std_deg=5.0)
+    config = MappingConfig(
+        prior_position_std_m=0.3, prior_depth_std_m=0.2, prior_attitude_std_deg=5.0
+    )
     navigation = placed(noisy, config).navigation
     assert navigation is not None
     assert (navigation.position_std_m, navigation.depth_std_m) == (0.3, 0.2)
@@ -292,7 +354,9 @@ def test_without_gtsam_poses_are_taken_as_given_and_it_is_said(
     monkeypatch.setitem(__import__("sys").modules, "gtsam", None)
     found = placed(noisy)
     assert "pip install 'stereo-seecolor[slam]'" in found.placement.warnings[-1]
-    np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
+    np.testing.assert_array_equal(
+        found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy())
+    )
 
 
 @pytest.mark.slow
@@ -305,14 +369,21 @@ def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_frames_that_show_nothing_keep_their_place_by_navigation(tmp_path: Path, reef: ReefFrames, survey: Survey) -> None:
-    frames = [replace(f, color=np.full_like(f.color, 90)) if i in (0, 5, 6) else f for i, f in enumerate(survey.frames)]  # type: ignore[arg-type, type-var]
+def test_frames_that_show_nothing_keep_their_place_by_navigation(
+    tmp_path: Path, reef: ReefFrames, survey: Survey
+) -> None:
+    frames = [
+        replace(f, color=np.full_like(f.color, 90)) if i in (0, 5, 6) else f
+        for i, f in enumerate(survey.frames)
+    ]  # type: ignore[arg-type, type-var]
     good: list[SurveyFrame] = frames[:9]  # type: ignore[assignment]
     summary = build_map(good, reef.pair, tmp_path, CONFIG, reef.trajectory)
     assert summary.components == (9,)
     with (tmp_path / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [row["name"] for row in rows if not row["position_residual_m"]] == [good[i].name for i in (0, 5, 6)]
+    assert [row["name"] for row in rows if not row["position_residual_m"]] == [
+        good[i].name for i in (0, 5, 6)
+    ]
     x_m = [float(row["x_m"]) for row in rows]
     np.testing.assert_allclose(x_m, reef.trajectory.T_world_camera[:9, 0, 3], atol=0.02)
 
@@ -320,8 +391,15 @@ def test_frames_that_show_nothing_keep_their_place_by_navigation(tmp_path: Path,
 def test_a_constant_turn_is_found_from_shifts_and_turns() -> None:
     rng = np.random.default_rng(4)
     X = rotation_from_vector(np.array([0.1, -0.25, 0.3]))
-    measured = np.stack([pose(rotation_from_vector(rng.normal(0, 0.2, 3)), rng.normal(0, 0.5, 3)) for _ in range(20)])
-    turn = constant_turn(Motions(pose(X, np.zeros(3)) @ measured @ pose(X.T, np.zeros(3)), measured))
+    measured = np.stack(
+        [
+            pose(rotation_from_vector(rng.normal(0, 0.2, 3)), rng.normal(0, 0.5, 3))
+            for _ in range(20)
+        ]
+    )
+    turn = constant_turn(
+        Motions(pose(X, np.zeros(3)) @ measured @ pose(X.T, np.zeros(3)), measured)
+    )
     assert np.degrees(np.linalg.norm(Rotation.from_matrix(turn.R @ X.T).as_rotvec())) < 0.01
     assert turn.believed
     assert not constant_turn(Motions(measured, measured)).believed
@@ -330,5 +408,7 @@ def test_a_constant_turn_is_found_from_shifts_and_turns() -> None:
 def test_depths_of_overlapping_frames_differ_by_what_a_pose_is_off() -> None:
     frame = FrameIndex.build([flat_frame(0)], PAIR).points_m[0]
     assert depth_difference_m(frame, frame, np.eye(4)) == pytest.approx(0, abs=1e-6)
-    assert depth_difference_m(frame, frame, pose(np.eye(3), [0.1, 0, 0.07])) == pytest.approx(0.07, abs=1e-3)
+    assert depth_difference_m(frame, frame, pose(np.eye(3), [0.1, 0, 0.07])) == pytest.approx(
+        0.07, abs=1e-3
+    )
     assert np.isnan(depth_difference_m(frame, frame, pose(np.eye(3), [9.0, 0, 0])))

@@ -37,7 +37,10 @@ def frames(reef: ReefFrames) -> list[SurveyFrame]:
 
 
 def estimate(
-    frames: list[SurveyFrame], reef: ReefFrames, config: MappingConfig, priors: Sequence[pose_graph.Prior] = ()
+    frames: list[SurveyFrame],
+    reef: ReefFrames,
+    config: MappingConfig,
+    priors: Sequence[pose_graph.Prior] = (),
 ) -> Placement:
     survey = Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))
     return odometry.solve(odometry.follow(survey), config.loop_closure, priors)
@@ -61,18 +64,28 @@ def test_two_frames_give_their_relative_pose(reef: ReefFrames, frames: list[Surv
 def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate(frames, reef, ALONE)
     assert placement.components.tolist() == [0] * 12
-    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
+    error = trajectory_error(
+        placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]
+    )
     assert error.fraction < 0.005
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("blanked", "after"), [((), "following the track"), ((3,), "following the track, 3 frames back")])
+@pytest.mark.parametrize(
+    ("blanked", "after"),
+    [((), "following the track"), ((3,), "following the track, 3 frames back")],
+)
 def test_the_track_is_shown_once_as_soon_as_it_hangs_together(
     reef: ReefFrames, frames: list[SurveyFrame], blanked: Sequence[int], after: str
 ) -> None:
     some = [blank(frame) if i in blanked else frame for i, frame in enumerate(frames[:6])]
     told: list[str] = []
-    survey = Survey(some, reef.pair, FrameIndex.build(some, reef.pair), progress=lambda what, *_: told.append(what))
+    survey = Survey(
+        some,
+        reef.pair,
+        FrameIndex.build(some, reef.pair),
+        progress=lambda what, *_: told.append(what),
+    )
     shown: list[Placement] = []
 
     def look(placement: Placement) -> None:
@@ -95,7 +108,11 @@ def test_a_dive_without_poses_shows_its_first_frames_before_the_others_are_read(
 ) -> None:
     monkeypatch.setattr(survey_map, "FIRST_FRAMES", 4)
     detected: list[str] = []
-    monkeypatch.setattr(track_work, "detect", lambda frame, *rest: [detected.append(frame.name), detect(frame, *rest)][1])
+    monkeypatch.setattr(
+        track_work,
+        "detect",
+        lambda frame, *rest: [detected.append(frame.name), detect(frame, *rest)][1],
+    )
     told: list[str] = []
 
     def look(picture: bytes) -> None:
@@ -105,29 +122,43 @@ def test_a_dive_without_poses_shows_its_first_frames_before_the_others_are_read(
 
     workspace = survey_map.Workspace(look=look, progress=lambda what, *_: told.append(what))
     with pytest.raises(Enough):
-        survey_map.build_map(frames, reef.pair, tmp_path / "map", MappingConfig(), workspace=workspace)
+        survey_map.build_map(
+            frames, reef.pair, tmp_path / "map", MappingConfig(), workspace=workspace
+        )
     assert told[: told.index("look")].count("reading the frames") == 4
-    assert sorted(detected) == sorted(frame.name for frame in frames)  # of the first ones, too, once
+    assert sorted(detected) == sorted(
+        frame.name for frame in frames
+    )  # of the first ones, too, once
 
 
 @pytest.mark.slow
-def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_frames_out_of_order_are_followed_by_their_times(
+    reef: ReefFrames, frames: list[SurveyFrame]
+) -> None:
     shuffle = [3, 0, 5, 1, 4, 2]
     placement = estimate([frames[i] for i in shuffle], reef, ALONE)
     assert placement.components.tolist() == [0] * 6
-    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
+    error = trajectory_error(
+        placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3]
+    )
     assert error.fraction < 0.005
 
 
 @pytest.mark.slow
-def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_loops_bring_it_to_a_fifth_of_a_percent(
+    reef: ReefFrames, frames: list[SurveyFrame]
+) -> None:
     placement = estimate(frames, reef, MappingConfig())
-    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
+    error = trajectory_error(
+        placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]
+    )
     assert error.fraction < 0.002
 
 
 @pytest.mark.slow
-def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(
+    reef: ReefFrames, frames: list[SurveyFrame]
+) -> None:
     placement = estimate([*frames[:3], blank(frames[3]), *frames[4:]], reef, ALONE)
     assert [u.name for u in placement.unplaced] == [frames[3].name]
     assert placement.components.tolist() == [0, 0, 0, -1] + [0] * 8
@@ -138,22 +169,40 @@ def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[Sur
     rng = np.random.default_rng(2)
     holed = []
     for frame in frames[:6]:
-        hole = cv2.resize((rng.random((13, 16)) < 0.35).astype(np.uint8), (256, 208), interpolation=cv2.INTER_NEAREST) > 0
+        hole = (
+            cv2.resize(
+                (rng.random((13, 16)) < 0.35).astype(np.uint8),
+                (256, 208),
+                interpolation=cv2.INTER_NEAREST,
+            )
+            > 0
+        )
         color = np.where(hole[..., None], np.uint8(0), frame.color)
-        holed.append(dataclasses.replace(frame, color=color, range_m=np.where(hole, np.float32(np.nan), frame.range_m)))
+        holed.append(
+            dataclasses.replace(
+                frame, color=color, range_m=np.where(hole, np.float32(np.nan), frame.range_m)
+            )
+        )
     placement = estimate(holed, reef, ALONE)
     assert placement.components.tolist() == [0] * 6
-    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:6, :3, 3])
+    error = trajectory_error(
+        placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:6, :3, 3]
+    )
     assert error.rms_m < 0.03
 
 
 @pytest.mark.slow
-def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_a_long_blank_stretch_breaks_the_map_in_two(
+    reef: ReefFrames, frames: list[SurveyFrame]
+) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked[:10], reef, ALONE)
     assert placement.components.tolist() == [0, 0, 0, 0, 0, -1, -1, -1, 1, 1]
     warning = placement.warnings[-1]
-    assert f"broken into 2 components of 5, 2 frames, first between {frames[4].name} and {frames[8].name}" in warning
+    assert (
+        f"broken into 2 components of 5, 2 frames, first between {frames[4].name} and "
+        f"{frames[8].name}" in warning
+    )
 
 
 @pytest.mark.slow
@@ -162,14 +211,21 @@ def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[Su
     placement = estimate(blanked, reef, MappingConfig())
     placed = placement.components == 0
     assert placed.sum() == 9
-    error = trajectory_error(placement.T_world_camera[placed, :3, 3], reef.trajectory.T_world_camera[placed, :3, 3])
+    error = trajectory_error(
+        placement.T_world_camera[placed, :3, 3], reef.trajectory.T_world_camera[placed, :3, 3]
+    )
     assert error.rms_m < 0.05
 
 
 @pytest.mark.slow
-def test_frames_of_another_reef_are_never_joined(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_frames_of_another_reef_are_never_joined(
+    reef: ReefFrames, frames: list[SurveyFrame]
+) -> None:
     other = ReefFrames(SurveySpec(pairs=4, lines=1, image_size=(256, 208), seed=99), noise_px=0.1)
-    strangers = [dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4) for i, f in enumerate(other)]  # type: ignore[operator]
+    strangers = [
+        dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4)
+        for i, f in enumerate(other)
+    ]  # type: ignore[operator]
     placement = estimate(frames[:6] + strangers, reef, MappingConfig())
     assert placement.components.tolist() == [0] * 6 + [1] * 4
 
@@ -181,7 +237,9 @@ def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[Sur
 
 
 @pytest.mark.slow
-def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(
+    reef: ReefFrames, frames: list[SurveyFrame]
+) -> None:
     truth = reef.trajectory.T_world_camera[:6]
     rng = np.random.default_rng(1)
     priors = []
@@ -228,7 +286,9 @@ def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
 def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
     reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every second file first: neighbors in time are six files apart, and neighbors among the files are loops."""
+    """Every second file first: neighbors in time are six files apart, and neighbors among the files
+    are loops.
+    """
     shuffle = [0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11]
     graphs = []
     real = pose_graph.solve
@@ -237,7 +297,9 @@ def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
     assert placement.components.tolist() == [0] * 12
     for edge in graphs[-1]:
         assert edge.loop == (abs(shuffle[edge.i] - shuffle[edge.j]) > odometry.SETTINGS.window)
-    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
+    error = trajectory_error(
+        placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3]
+    )
     assert error.fraction < 0.002
 
 
@@ -247,7 +309,9 @@ def test_priors_hold_the_map_to_navigation() -> None:
     chain = [edge(T, i, i + 1, np.array([0, 0, 0.02])) for i in range(11)]
     priors = [pose_graph.Prior(i, T[i], np.array([0.5, 0.5, 0.01]), 0.01) for i in range(12)]
     start = inverse(T[0]) @ T
-    solved, _ = pose_graph.solve(odometry.moved_to(priors, start, list(range(12))), range(12), chain, priors)
+    solved, _ = pose_graph.solve(
+        odometry.moved_to(priors, start, list(range(12))), range(12), chain, priors
+    )
     assert np.abs(solved[:, 2, 3] + 8).max() < 0.03
     assert np.abs(solved[:, :2, 3] - T[:, :2, 3]).max() < 0.3
 

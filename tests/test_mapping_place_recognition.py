@@ -1,4 +1,6 @@
-"""Places seen before are recognized by what frames look like, at a cost that grows with the dive and not with its square."""
+"""Places seen before are recognized by what frames look like, at a cost that grows with the dive
+and not with its square.
+"""
 
 from collections import Counter
 from dataclasses import replace
@@ -12,13 +14,19 @@ from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.track import loops
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.loops import LOOP_CLOSURE_SETTINGS as LOOPS
-from stereo_seecolor.mapping.track.loops import PLACE_RECOGNITION_SETTINGS, by_appearance, by_overlap
+from stereo_seecolor.mapping.track.loops import (
+    PLACE_RECOGNITION_SETTINGS,
+    by_appearance,
+    by_overlap,
+)
 
 LINE_FRAMES, CELL_M, LANDMARKS = 40, 0.7, 20
 
 
 class Lawnmower(Lazy[Features]):
-    """Lines half a meter apart over random landmarks; each frame sees most of those within nine cells, with noise."""
+    """Lines half a meter apart over random landmarks; each frame sees most of those within nine
+    cells, with noise.
+    """
 
     def __init__(self, frames: int, blank: tuple[int, ...] = ()) -> None:
         number = np.arange(frames)
@@ -36,7 +44,9 @@ class Lawnmower(Lazy[Features]):
             return Features.none()
         rng = np.random.default_rng(number)
         column, row = np.floor(self.position_m[number, :2] / CELL_M).astype(int)
-        seen = np.concatenate([landmarks(column + j, row + i) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        seen = np.concatenate(
+            [landmarks(column + j, row + i) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        )
         seen = seen[rng.random(len(seen)) < 0.8]
         descriptors = np.clip(seen + rng.normal(0, 10, seen.shape), 0, 255).astype(np.uint8)
         return Features(np.zeros((len(seen), 3)), np.zeros((len(seen), 3)), descriptors)
@@ -48,7 +58,9 @@ class Lawnmower(Lazy[Features]):
 
 def landmarks(column: int, row: int) -> NDArray[np.float64]:
     """Descriptors of a cell, with few large numbers, as SIFT's."""
-    return np.minimum(np.random.default_rng((column + 100, row + 100)).exponential(30, (LANDMARKS, 128)), 255)
+    return np.minimum(
+        np.random.default_rng((column + 100, row + 100)).exponential(30, (LANDMARKS, 128)), 255
+    )
 
 
 def test_lines_that_lie_side_by_side_are_recognized() -> None:
@@ -69,10 +81,14 @@ def test_frames_that_show_nothing_look_like_none() -> None:
 
 
 def test_workers_do_not_change_what_is_recognized() -> None:
-    assert by_appearance(Lawnmower(2 * LINE_FRAMES), Threads(1)) == by_appearance(Lawnmower(2 * LINE_FRAMES), Threads(3))
+    assert by_appearance(Lawnmower(2 * LINE_FRAMES), Threads(1)) == by_appearance(
+        Lawnmower(2 * LINE_FRAMES), Threads(3)
+    )
 
 
-def test_the_work_grows_with_the_frames_and_not_with_their_square(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_work_grows_with_the_frames_and_not_with_their_square(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     small = replace(loops.PLACE_RECOGNITION_SETTINGS, sample_frames=60, cell=40, cells=4)
     monkeypatch.setattr(loops, "PLACE_RECOGNITION_SETTINGS", small)
     footprint = np.random.default_rng(0).uniform(-1, 1, (20, 3))

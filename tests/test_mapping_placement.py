@@ -1,4 +1,6 @@
-"""Poses find their frames; what is damaged is named and left out, and nothing is joined that does not belong together."""
+"""Poses find their frames; what is damaged is named and left out, and nothing is joined that does
+not belong together.
+"""
 
 from dataclasses import replace
 
@@ -17,10 +19,18 @@ from stereo_seecolor.records import Trajectory
 
 CONFIG = MappingConfig()
 DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
-BELOW = np.stack([*(a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5))), np.full(25, 2.0)], -1)
+BELOW = np.stack(
+    [
+        *(a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5))),
+        np.full(25, 2.0),
+    ],
+    -1,
+)
 
 
-def line(count: int = 10, step_m: float = 0.5, looking: NDArray[np.float64] = DOWN) -> NDArray[np.float64]:
+def line(
+    count: int = 10, step_m: float = 0.5, looking: NDArray[np.float64] = DOWN
+) -> NDArray[np.float64]:
     T = np.tile(np.eye(4), (count, 1, 1))
     T[:, :3, :3] = looking
     T[:, 0, 3] = np.arange(count) * step_m
@@ -64,8 +74,12 @@ def test_poses_out_of_order_are_sorted_by_time() -> None:
 def test_frames_out_of_order_are_no_jumps() -> None:
     shuffle = np.random.default_rng(2).permutation(40)
     ordered = index(40)
-    shuffled = FrameIndex(tuple(ordered.names[i] for i in shuffle), ordered.timestamps_s[shuffle], ordered.points_m)
-    placement = place(shuffled, by_name(line(40, step_m=2.5)), CONFIG)  # neighbors in the list lie up to 100 m apart
+    shuffled = FrameIndex(
+        tuple(ordered.names[i] for i in shuffle), ordered.timestamps_s[shuffle], ordered.points_m
+    )
+    placement = place(
+        shuffled, by_name(line(40, step_m=2.5)), CONFIG
+    )  # neighbors in the list lie up to 100 m apart
     assert placement.components.tolist() == [0] * 40
     assert not placement.unplaced
     assert not placement.warnings
@@ -74,7 +88,9 @@ def test_frames_out_of_order_are_no_jumps() -> None:
 def test_names_match_by_folder_and_name_where_names_begin_anew() -> None:
     names = tuple(f"{hour}h_{i:04d}" for hour in (10, 11) for i in range(5))
     paths = tuple(f"DIVE\\{hour}h\\left\\{i:04d}.png" for hour in (10, 11) for i in range(5))
-    np.testing.assert_allclose(place(index(names=names), by_name(line(), paths), CONFIG).T_world_camera, line())
+    np.testing.assert_allclose(
+        place(index(names=names), by_name(line(), paths), CONFIG).T_world_camera, line()
+    )
 
 
 def test_a_gap_leaves_its_frames_out_and_names_them() -> None:
@@ -132,7 +148,9 @@ def test_two_pairs_of_one_name_are_told_apart_by_time_or_named() -> None:
 def test_poses_without_names_and_times_are_taken_in_order() -> None:
     nothing = np.full(10, np.nan)
     assert "taken in order" in place(index(), by_time(line(), nothing), CONFIG).warnings[0]
-    with pytest.raises(MappingError, match="9 poses of the trajectory cannot be matched to the 10 frames"):
+    with pytest.raises(
+        MappingError, match="9 poses of the trajectory cannot be matched to the 10 frames"
+    ):
         place(index(), by_time(line(9), nothing[:9]), CONFIG)
 
 
@@ -147,7 +165,10 @@ def test_some_frames_of_a_numbered_sequence_find_their_poses() -> None:
 def test_a_trajectory_of_another_dive_is_refused() -> None:
     with pytest.raises(MappingError, match="no frame has a pose"):
         place(index(), by_time(line(), np.arange(10) + 1e6), CONFIG)
-    with pytest.raises(MappingError, match=r"it begins 10\.000 h before the first frame: if one clock showed local time"):
+    with pytest.raises(
+        MappingError,
+        match=r"it begins 10\.000 h before the first frame: if one clock showed local time",
+    ):
         place(index(), by_time(line(), np.arange(10) - 36000.0), CONFIG)
 
 
@@ -156,7 +177,10 @@ def test_times_that_count_from_the_start_of_the_dive() -> None:
     placement = place(frames, by_time(line(), np.arange(10.0)), CONFIG)
     np.testing.assert_array_equal(np.isfinite(placement.T_world_camera).all(axis=(1, 2)), True)
     assert "1300000000.00" in placement.warnings[0]
-    with pytest.raises(MappingError, match=r"of the file are 0.0 to 4.5 s.* from the start of the dive: add \+1300000000.000 s"):
+    with pytest.raises(
+        MappingError,
+        match=r"of the file are 0.0 to 4.5 s.* from the start of the dive: add \+1300000000.000 s",
+    ):
         place(frames, by_time(line(), np.arange(10) / 2), CONFIG)
 
 

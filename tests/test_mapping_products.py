@@ -1,4 +1,6 @@
-"""What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs open."""
+"""What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs
+open.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +68,9 @@ def test_rough_ground_has_a_higher_dimension() -> None:
 
 
 def test_squares_exist_only_where_something_was_seen(tmp_path: Path) -> None:
-    grid = Grid(0.0, 2000.0, CELL_M, (200_000, 300_000))  # 2 by 3 km: as one array it would take 240 GB
+    grid = Grid(
+        0.0, 2000.0, CELL_M, (200_000, 300_000)
+    )  # 2 by 3 km: as one array it would take 240 GB
     terrain = BlockRaster(tmp_path / "terrain", grid, 1, np.float32, np.nan)
     terrain.write(slice(150_000, 150_200), slice(100_000, 100_100), np.zeros((1, 200, 100)))
     squares = measure_squares(terrain, 1.0, tmp_path / "squares")
@@ -107,23 +111,39 @@ def pyramid() -> Surface:
 def test_terrain_is_the_highest_surface_over_each_cell(tmp_path: Path) -> None:
     grid = Grid.around(np.array([-0.5, 0.0]), np.array([1.0, 1.0]), 0.1)
     roof = pyramid()
-    floor = Surface(roof.points_m * np.float32([1, 1, 0]), roof.normals, roof.colors, roof.triangles)
+    floor = Surface(
+        roof.points_m * np.float32([1, 1, 0]), roof.normals, roof.colors, roof.triangles
+    )
     terrain = render_terrain([roof, floor], grid, tmp_path).read(slice(0, 10), slice(0, 15))[0]
     assert np.isnan(terrain[:, :5]).all()
     x, y = grid.centers(slice(0, 10), slice(5, 15))
-    np.testing.assert_allclose(terrain[:, 5:], 1 - 2 * np.maximum(abs(x - 0.5), abs(y - 0.5)), atol=1e-6)
+    np.testing.assert_allclose(
+        terrain[:, 5:], 1 - 2 * np.maximum(abs(x - 0.5), abs(y - 0.5)), atol=1e-6
+    )
 
 
 def test_vertices_on_cells_centers_leave_no_slits(tmp_path: Path) -> None:
     """As the map's are, far from the origin in float32; a strip one voxel wide is two cells."""
     x, y = np.meshgrid(np.arange(2000, 2041), np.arange(3000, 3002))
-    points = np.stack([x * 0.01, y * 0.01, 0 * x], axis=-1).reshape(-1, 3) + np.random.default_rng(0).normal(0, 2e-6, (82, 3))
+    points = np.stack([x * 0.01, y * 0.01, 0 * x], axis=-1).reshape(-1, 3) + np.random.default_rng(
+        0
+    ).normal(0, 2e-6, (82, 3))
     corner = np.arange(40)
-    lower, upper = np.stack([corner, corner + 1, corner + 41], -1), np.stack([corner + 1, corner + 42, corner + 41], -1)
+    lower, upper = (
+        np.stack([corner, corner + 1, corner + 41], -1),
+        np.stack([corner + 1, corner + 42, corner + 41], -1),
+    )
     triangles = np.concatenate([lower, upper]).astype(np.int32)
-    strip = Surface(points.astype(np.float32), np.zeros((82, 3), np.float32), np.zeros((82, 3), np.uint8), triangles)
+    strip = Surface(
+        points.astype(np.float32),
+        np.zeros((82, 3), np.float32),
+        np.zeros((82, 3), np.uint8),
+        triangles,
+    )
     grid = Grid(19.995, 30.015, 0.01, (2, 41))
-    assert np.isfinite(render_terrain([strip], grid, tmp_path).read(slice(0, 2), slice(0, 41))).all()
+    assert np.isfinite(
+        render_terrain([strip], grid, tmp_path).read(slice(0, 2), slice(0, 41))
+    ).all()
 
 
 @pytest.mark.slow
@@ -138,26 +158,42 @@ def test_the_preview_shows_the_map_on_white() -> None:
 
 def georeferenced(count: int) -> Trajectory:
     plain = track(count)
-    return Trajectory(plain.names, plain.timestamps_s, plain.T_world_camera, origin=GeoOrigin(-23.5, 152.0))
+    return Trajectory(
+        plain.names, plain.timestamps_s, plain.T_world_camera, origin=GeoOrigin(-23.5, 152.0)
+    )
 
 
 @pytest.mark.slow
 def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, georeferenced(4))
-    assert {path.name for path in summary.files} >= {"dem.tif", "orthomosaic.tif", "reef_metrics.tif", "cloud.laz"}
+    assert {path.name for path in summary.files} >= {
+        "dem.tif",
+        "orthomosaic.tif",
+        "reef_metrics.tif",
+        "cloud.laz",
+    }
     with rasterio.open(tmp_path / "dem.tif") as dem:
         heights, crs = dem.read(1), dem.crs
         assert dem.res == (CONFIG.dem_m, CONFIG.dem_m)
         assert dem.bounds.left == pytest.approx(-0.6, abs=0.05)
         assert np.nanmax(np.abs(heights)) < 0.001
-        longitude, latitude = pyproj.Transformer.from_crs(crs.to_wkt(), 4326, always_xy=True).transform(0.0, 0.0)
+        longitude, latitude = pyproj.Transformer.from_crs(
+            crs.to_wkt(), 4326, always_xy=True
+        ).transform(0.0, 0.0)
     assert (latitude, longitude) == pytest.approx((-23.5, 152.0), abs=1e-9)
     with laspy.open(tmp_path / "cloud.laz") as file:
-        assert pyproj.CRS.from_wkt(crs.to_wkt()).equals(file.header.parse_crs())  # one system in all
+        assert pyproj.CRS.from_wkt(crs.to_wkt()).equals(
+            file.header.parse_crs()
+        )  # one system in all
     for name in ("cloud.ply", "mesh.ply"):
-        assert b"comment crs transverse Mercator around latitude -23.5" in (tmp_path / name).read_bytes()[:500]
+        assert (
+            b"comment crs transverse Mercator around latitude -23.5"
+            in (tmp_path / name).read_bytes()[:500]
+        )
     cloud = laspy.read(tmp_path / "cloud.laz")
-    assert np.max(cloud.x) - np.min(cloud.x) == pytest.approx(dem.bounds.right - dem.bounds.left, abs=0.05)
+    assert np.max(cloud.x) - np.min(cloud.x) == pytest.approx(
+        dem.bounds.right - dem.bounds.left, abs=0.05
+    )
     assert len(cloud.points) == summary.points
     degrees = pyproj.Transformer.from_crs(cloud.header.parse_crs(), 4326, always_xy=True).transform(
         np.mean(cloud.x), np.mean(cloud.y)
@@ -182,36 +218,57 @@ def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     assert (rgba[:3, ~painted] == 0).all()
 
 
-def test_the_mosaic_has_the_mean_color_of_all_views_and_no_step_between_them(tmp_path: Path) -> None:
+def test_the_mosaic_has_the_mean_color_of_all_views_and_no_step_between_them(
+    tmp_path: Path,
+) -> None:
     bright, dim = (200, 120, 40), (160, 96, 32)
     frames = [flat_frame(i, color=dim if i % 2 else bright) for i in range(8)]
     build_map(frames, PAIR, tmp_path, CONFIG, track(8, step_m=0.1))
     with rasterio.open(tmp_path / "orthomosaic.tif") as file:
         red = file.read(1).astype(int)
     rows, columns = (size // 2 for size in red.shape)
-    middle = red[rows - 10 : rows + 10, columns - 20 : columns + 20]  # seen by as many bright frames as dim ones
+    middle = red[
+        rows - 10 : rows + 10, columns - 20 : columns + 20
+    ]  # seen by as many bright frames as dim ones
     assert np.abs(middle - 180).max() <= 6
     assert np.abs(np.diff(middle, axis=1)).max() <= 2
 
 
 def test_the_mosaic_is_painted_up_to_both_sides_of_a_step_of_the_terrain(tmp_path: Path) -> None:
-    """A wall of half a meter right under the camera, which sees both the ground before it and the ground on top."""
+    """A wall of half a meter right under the camera, which sees both the ground before it and the
+    ground on top.
+    """
     terrain = BlockRaster(tmp_path, Grid(-0.41, 0.41, 0.02, (41, 41)), 1, np.float32, np.nan)
     heights = np.where(np.arange(41) < 20, 0.0, 0.5) * np.ones((1, 41, 1))
     terrain.write(slice(0, 41), slice(0, 41), heights.astype(np.float32))
-    cells = mosaic._cells(terrain, Grid(-0.2025, 0.2025, 0.005, (81, 81)), slice(0, 81), slice(0, 81))
-    edge_m = -0.01  # between the last low cell's center and the first high one's: the wall stands there
+    cells = mosaic._cells(
+        terrain, Grid(-0.2025, 0.2025, 0.005, (81, 81)), slice(0, 81), slice(0, 81)
+    )
+    edge_m = (
+        -0.01
+    )  # between the last low cell's center and the first high one's: the wall stands there
     T = np.diag([1.0, -1, -1, 1])
     T[:3, 3] = edge_m, 0, 1.5
     before, on_top = (200, 120, 40), (40, 120, 200)
     is_before = np.arange(160) < 80
-    color = np.broadcast_to(np.where(is_before[:, None], before, on_top).astype(np.uint8), (128, 160, 3)).copy()
+    color = np.broadcast_to(
+        np.where(is_before[:, None], before, on_top).astype(np.uint8), (128, 160, 3)
+    ).copy()
     range_m = np.where(is_before, 1.5, 1.0).astype(np.float32) * PAIR.ray_length
-    rgba = mosaic._paint(cells, [(mosaic._Sight(color, range_m, np.zeros((128, 160), np.bool_)), T)], PAIR)
+    rgba = mosaic._paint(
+        cells, [(mosaic._Sight(color, range_m, np.zeros((128, 160), np.bool_)), T)], PAIR
+    )
     assert (rgba[3] == 255).all()
-    low, high = cells.x_m < edge_m - 0.01, cells.x_m > edge_m + 0.01  # a pixel of the frame is 7 mm wide
-    np.testing.assert_array_equal(np.unique(rgba[:3][:, :, low].reshape(3, -1), axis=1).ravel(), before)
-    np.testing.assert_array_equal(np.unique(rgba[:3][:, :, high].reshape(3, -1), axis=1).ravel(), on_top)
+    low, high = (
+        cells.x_m < edge_m - 0.01,
+        cells.x_m > edge_m + 0.01,
+    )  # a pixel of the frame is 7 mm wide
+    np.testing.assert_array_equal(
+        np.unique(rgba[:3][:, :, low].reshape(3, -1), axis=1).ravel(), before
+    )
+    np.testing.assert_array_equal(
+        np.unique(rgba[:3][:, :, high].reshape(3, -1), axis=1).ravel(), on_top
+    )
 
 
 def test_the_edge_of_a_step_runs_across_the_cells_of_the_terrain(tmp_path: Path) -> None:
@@ -222,14 +279,18 @@ def test_the_edge_of_a_step_runs_across_the_cells_of_the_terrain(tmp_path: Path)
 
     heights = np.where(on_top(*terrain.grid.axes(slice(0, 41), slice(0, 41))), 0.5, 0.1)
     terrain.write(slice(0, 41), slice(0, 41), heights[None].astype(np.float32))
-    cells = mosaic._cells(terrain, Grid(-0.2025, 0.2025, 0.005, (81, 81)), slice(0, 81), slice(0, 81))
+    cells = mosaic._cells(
+        terrain, Grid(-0.2025, 0.2025, 0.005, (81, 81)), slice(0, 81), slice(0, 81)
+    )
     assert set(np.unique(cells.z_m.round(6))) == {0.1, 0.5}  # nothing stands between both sides
     wrong = (cells.z_m > 0.3) != on_top(cells.x_m, cells.y_m)
     assert wrong.mean() < 0.012  # along the borders of the cells it is 0.0146
     assert np.isfinite(cells.other_m[wrong]).all()  # there a view may find the other height
 
 
-def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_height(tmp_path: Path) -> None:
+def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_height(
+    tmp_path: Path,
+) -> None:
     terrain = BlockRaster(tmp_path, Grid(-0.41, 0.41, 0.02, (41, 41)), 1, np.float32, np.nan)
     heights = np.zeros((1, 41, 41), np.float32)
     heights[0, 18, 18] = heights[0, 22, 22] = np.nan
@@ -241,8 +302,12 @@ def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_
     T[2, 3] = 1.5
     range_m = np.full((128, 160), 1.5, np.float32) * PAIR.ray_length
     down, right = (round(PAIR.focal_px * 0.04 / 1.5 + c) for c in (PAIR.cy_px, PAIR.cx_left_px))
-    range_m[down - 1 : down + 2, right - 1 : right + 2] += 0.3  # what the frame shows of cell (22, 22) lies in a crack
-    sight = mosaic._Sight(np.full((128, 160, 3), 90, np.uint8), range_m, np.zeros((128, 160), np.bool_))
+    range_m[down - 1 : down + 2, right - 1 : right + 2] += (
+        0.3  # what the frame shows of cell (22, 22) lies in a crack
+    )
+    sight = mosaic._Sight(
+        np.full((128, 160, 3), 90, np.uint8), range_m, np.zeros((128, 160), np.bool_)
+    )
     painted = mosaic._paint(cells, [(sight, T)], PAIR)[3] > 0
     assert painted[36, 36] and not painted[44, 44] and not painted[60:, 60:].any()
 
@@ -252,8 +317,17 @@ def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mosaic, "MOSAIC_SETTINGS", replace(mosaic.MOSAIC_SETTINGS, views_a_meter=1))
-    build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG.model_copy(update={"mosaic_m": 0.01}), track(6, step_m=0.6))
-    with rasterio.open(tmp_path / "orthomosaic.tif") as painted, rasterio.open(tmp_path / "dem.tif") as terrain:
+    build_map(
+        [flat_frame(i) for i in range(6)],
+        PAIR,
+        tmp_path,
+        CONFIG.model_copy(update={"mosaic_m": 0.01}),
+        track(6, step_m=0.6),
+    )
+    with (
+        rasterio.open(tmp_path / "orthomosaic.tif") as painted,
+        rasterio.open(tmp_path / "dem.tif") as terrain,
+    ):
         heights = terrain.read(1)
         known_m2 = np.isfinite(heights).sum() * terrain.res[0] ** 2
         assert (painted.read(4) == 255).sum() * painted.res[0] ** 2 > 0.97 * known_m2
@@ -261,7 +335,9 @@ def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [np.float32, np.uint8])
-def test_rasters_with_blocks_without_a_surface_open_in_programs_that_know_no_gdal(tmp_path: Path, kind: type) -> None:
+def test_rasters_with_blocks_without_a_surface_open_in_programs_that_know_no_gdal(
+    tmp_path: Path, kind: type
+) -> None:
     bands, empty = (1, np.nan) if kind == np.float32 else (4, 0)
     raster = BlockRaster(tmp_path / "blocks", Grid(0.0, 8.0, 0.01, (800, 900)), bands, kind, empty)
     seen = np.random.default_rng(1).integers(1, 255, (bands, 200, 300)).astype(kind)

@@ -1,4 +1,6 @@
-"""The fit of a relative pose: its residuals and normal equations against the model of ``image_space`` and its derivatives."""
+"""The fit of a relative pose: its residuals and normal equations against the model of
+``image_space`` and its derivatives.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,9 @@ def test_the_normal_equations_are_those_of_the_model() -> None:
 
     moved = move(T, b)
     residual, by_point = a - moved.points, moved.by_point * b_std[:, None, :]
-    weight = np.linalg.inv(by_point @ np.swapaxes(by_point, 1, 2) + a_std[:, :, None] ** 2 * np.eye(3))
+    weight = np.linalg.inv(
+        by_point @ np.swapaxes(by_point, 1, 2) + a_std[:, :, None] ** 2 * np.eye(3)
+    )
     expected = np.einsum("ni,nij,nj->n", residual, weight, residual)
     robust = weight / (1 + expected / sigmas**2)[:, None, None]
     assert squared == pytest.approx(expected)

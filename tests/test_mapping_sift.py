@@ -1,4 +1,6 @@
-"""Which descriptors look alike: mutual nearest ones that pass Lowe's ratio test, however many are compared at a time."""
+"""Which descriptors look alike: mutual nearest ones that pass Lowe's ratio test, however many are
+compared at a time.
+"""
 
 import numpy as np
 import pytest
@@ -22,9 +24,12 @@ def test_each_is_the_others_nearest_and_clearly_so() -> None:
 def test_parts_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     a = rng.integers(0, 255, (300, 128)).astype(np.float32)
-    b = np.concatenate([a[rng.permutation(300)[:200]] + rng.normal(0, 40, (200, 128)), rng.integers(0, 255, (90, 128))]).astype(
-        np.float32
-    )
+    b = np.concatenate(
+        [
+            a[rng.permutation(300)[:200]] + rng.normal(0, 40, (200, 128)),
+            rng.integers(0, 255, (90, 128)),
+        ]
+    ).astype(np.float32)
     whole = sift.alike(a, b, 0.9)
     monkeypatch.setattr(sift, "AT_ONCE", 7)
     parts = sift.alike(a, b, 0.9)
@@ -32,9 +37,13 @@ def test_parts_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch) -> Non
     assert [index.tolist() for index in parts] == [index.tolist() for index in whole]
 
 
-def test_near_its_expected_place_a_feature_is_found_among_others_that_look_like_it_elsewhere() -> None:
+def test_near_its_expected_place_a_feature_is_found_among_others_that_look_like_it_elsewhere() -> (
+    None
+):
     rng = np.random.default_rng(2)
-    a = np.repeat(rng.integers(0, 255, (1, 128)), 40, axis=0).astype(np.uint8)  # all look alike but for a little
+    a = np.repeat(rng.integers(0, 255, (1, 128)), 40, axis=0).astype(
+        np.uint8
+    )  # all look alike but for a little
     a[:, :30] = rng.integers(0, 120, (40, 30))
     places = rng.uniform(0, 1, (40, 2))
     order = rng.permutation(40)
@@ -47,5 +56,7 @@ def test_near_its_expected_place_a_feature_is_found_among_others_that_look_like_
 
 
 def test_a_flat_image_has_no_keypoints() -> None:
-    pixels, descriptors = sift.keypoints(np.full((64, 64), 128, np.uint8), np.ones((64, 64), np.uint8), 100)
+    pixels, descriptors = sift.keypoints(
+        np.full((64, 64), 128, np.uint8), np.ones((64, 64), np.uint8), 100
+    )
     assert pixels.shape == (0, 2) and descriptors.shape == (0, 128)

@@ -1,11 +1,20 @@
-"""The track's length is right under light that travels with the camera, through a lens that is not as calibrated, and far away."""
+"""The track's length is right under light that travels with the camera, through a lens that is not
+as calibrated, and far away.
+"""
 
 import dataclasses
 
 import numpy as np
 import pytest
 from mapping_scene import ReefFrames
-from track_scenes import exact, followed, lit_by_lamps, scale, through_another_lens, with_noisy_disparities
+from track_scenes import (
+    exact,
+    followed,
+    lit_by_lamps,
+    scale,
+    through_another_lens,
+    with_noisy_disparities,
+)
 
 from calibration import RectifiedPair
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -21,37 +30,75 @@ PAIR = RectifiedPair(400.0, 160.0, 160.0, 128.0, 0.1, (320, 256))
 @pytest.mark.slow
 @pytest.mark.parametrize("contrast", [0.5, 0.7])
 def test_lamps_with_a_pattern_do_not_drag_the_track_along(contrast: float) -> None:
-    """Equalized in tiles that stay with the camera, a third of the points agreed, and the track was 0.3 to 0.8 % off."""
-    spec = SurveySpec(pairs=7, lines=1, seed=3, image_size=(320, 256), altitude_m=(2.4, 2.4), pair_spacing_m=0.3)
+    """Equalized in tiles that stay with the camera, a third of the points agreed, and the track was
+    0.3 to 0.8 % off.
+    """
+    spec = SurveySpec(
+        pairs=7, lines=1, seed=3, image_size=(320, 256), altitude_m=(2.4, 2.4), pair_spacing_m=0.3
+    )
     reef = ReefFrames(spec, noise_px=0.1)
     edges = followed([lit_by_lamps(frame, reef.pair, contrast) for frame in exact(reef)], reef.pair)
-    assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx([1, 1, 1], abs=0.003)
+    assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx(
+        [1, 1, 1], abs=0.003
+    )
 
 
 @pytest.mark.slow
 def test_a_lens_that_is_off_by_two_pixels_in_the_corners_does_not_shorten_the_track() -> None:
     """Uncorrected, it is 1.2 % short."""
-    spec = SurveySpec(pairs=8, lines=1, seed=3, image_size=(384, 312), tilt_deg=5, altitude_m=(1.7, 1.7), pair_spacing_m=0.1)
+    spec = SurveySpec(
+        pairs=8,
+        lines=1,
+        seed=3,
+        image_size=(384, 312),
+        tilt_deg=5,
+        altitude_m=(1.7, 1.7),
+        pair_spacing_m=0.1,
+    )
     reef = ReefFrames(spec, noise_px=0.1)
-    edges = followed([through_another_lens(frame, reef.pair, 2.0) for frame in exact(reef)], reef.pair)
-    assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx([1, 1, 1], abs=0.005)
+    edges = followed(
+        [through_another_lens(frame, reef.pair, 2.0) for frame in exact(reef)], reef.pair
+    )
+    assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx(
+        [1, 1, 1], abs=0.005
+    )
 
 
 @pytest.mark.slow
 def test_ranges_that_are_noisy_far_away_do_not_shorten_the_track() -> None:
-    """Looking forward, from 2.3 to over 20 m, a disparity at 10 m is 1 px, of which 0.3 are noise: in meters 0.2 to 0.5 % short."""
-    spec = SurveySpec(pairs=7, lines=1, seed=3, image_size=(384, 312), tilt_deg=72, altitude_m=(1.5, 1.5), pair_spacing_m=0.3)
+    """Looking forward, from 2.3 to over 20 m, a disparity at 10 m is 1 px, of which 0.3 are noise:
+    in meters 0.2 to 0.5 % short.
+    """
+    spec = SurveySpec(
+        pairs=7,
+        lines=1,
+        seed=3,
+        image_size=(384, 312),
+        tilt_deg=72,
+        altitude_m=(1.5, 1.5),
+        pair_spacing_m=0.3,
+    )
     reef = ReefFrames(spec, noise_px=0.0)
     pair = dataclasses.replace(reef.pair, baseline_m=0.03)
     with np.errstate(invalid="ignore"):
-        frames = [with_noisy_disparities(frame, pair, 0.3, seed) for seed, frame in enumerate(exact(reef))]
+        frames = [
+            with_noisy_disparities(frame, pair, 0.3, seed) for seed, frame in enumerate(exact(reef))
+        ]
     edges = followed(frames, pair)
-    assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx([1, 1, 1], abs=0.0025)
+    assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx(
+        [1, 1, 1], abs=0.0025
+    )
 
 
 def points(count: int = 400, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return np.column_stack([rng.uniform(-0.4, 0.4, count), rng.uniform(-0.3, 0.3, count), 1 / rng.uniform(1.5, 3.0, count)])
+    return np.column_stack(
+        [
+            rng.uniform(-0.4, 0.4, count),
+            rng.uniform(-0.3, 0.3, count),
+            1 / rng.uniform(1.5, 3.0, count),
+        ]
+    )
 
 
 def test_points_in_image_space_move_as_in_meters_and_their_derivatives_are_right() -> None:
@@ -60,14 +107,20 @@ def test_points_in_image_space_move_as_in_meters_and_their_derivatives_are_right
     in_m = np.column_stack([own[:, :2], np.ones(20)]) / own[:, 2:]
     there_m = in_m @ T[:3, :3].T + T[:3, 3]
     moved = move(T, own)
-    assert moved.points == pytest.approx(np.column_stack([there_m[:, :2], np.ones(20)]) / there_m[:, 2:])
+    assert moved.points == pytest.approx(
+        np.column_stack([there_m[:, :2], np.ones(20)]) / there_m[:, 2:]
+    )
     step = 1e-6
     for k in range(3):
         shifted = own + step * np.eye(3)[k]
-        assert (move(T, shifted).points - moved.points) / step == pytest.approx(moved.by_point[:, :, k], abs=1e-4)
+        assert (move(T, shifted).points - moved.points) / step == pytest.approx(
+            moved.by_point[:, :, k], abs=1e-4
+        )
     for k, twist in enumerate(step * np.eye(6)):
         turned = T @ pose(rotation_from_vector(twist[:3]), twist[3:])
-        assert (move(turned, own).points - moved.points) / step == pytest.approx(moved.by_pose[:, :, k], abs=1e-4)
+        assert (move(turned, own).points - moved.points) / step == pytest.approx(
+            moved.by_pose[:, :, k], abs=1e-4
+        )
 
 
 def test_a_pose_fits_exact_points_in_spite_of_outliers() -> None:
@@ -82,8 +135,12 @@ def test_a_pose_fits_exact_points_in_spite_of_outliers() -> None:
     assert (np.linalg.eigvalsh(covariance) > 0).all()
 
 
-def views(corner_px: float, disparity_px: float, cubic_px: float = 0.0, pairs: int = 12) -> list[Pair]:
-    """Pairs whose points are off by a radial term, by a square and a cubic one of the disparity, and by noise."""
+def views(
+    corner_px: float, disparity_px: float, cubic_px: float = 0.0, pairs: int = 12
+) -> list[Pair]:
+    """Pairs whose points are off by a radial term, by a square and a cubic one of the disparity,
+    and by noise.
+    """
     rng = np.random.default_rng(4)
     corner = np.hypot(*PAIR.image_size) / 2 / PAIR.focal_px
     std = np.broadcast_to([2e-4, 2e-4, 0.1 / 40], (400, 3))
@@ -91,7 +148,9 @@ def views(corner_px: float, disparity_px: float, cubic_px: float = 0.0, pairs: i
     def seen(true: np.ndarray) -> Observed:
         x, y = true[:, 0] / corner, true[:, 1] / corner
         radial = corner_px / PAIR.focal_px * (x * x + y * y)
-        off = np.column_stack([radial * x, radial * y, (disparity_px * x * y + cubic_px * x**3) / 40])
+        off = np.column_stack(
+            [radial * x, radial * y, (disparity_px * x * y + cubic_px * x**3) / 40]
+        )
         return Observed(true + off + std * rng.standard_normal(true.shape), std)
 
     found = []
@@ -128,7 +187,10 @@ def test_local_contrast_does_not_see_light_that_falls_off() -> None:
     y, x = np.mgrid[:200, :240]
     bottom = 120 * np.exp(0.2 * rng.standard_normal((200, 240)))
     light = np.exp(-((x - 120) ** 2 + (y - 100) ** 2) / 150**2)
-    even, lit = (local_contrast(np.clip(image, 0, 255).astype(np.uint8), 1.0) for image in (bottom, 0.9 * bottom * light))
+    even, lit = (
+        local_contrast(np.clip(image, 0, 255).astype(np.uint8), 1.0)
+        for image in (bottom, 0.9 * bottom * light)
+    )
     assert np.corrcoef(even.ravel(), lit.ravel())[0, 1] > 0.98
     assert abs(float(lit.mean()) - 128) < 3
 
@@ -141,7 +203,9 @@ def test_a_tilted_plane_is_smooth_and_keeps_its_depth_and_an_edge_is_not(every: 
     range_m = (PAIR.ray_length / inverse).astype(np.float32)
     range_m[100:102, 40:44] = np.nan
     color = np.zeros((256, 320, 3), np.uint8)
-    frame = SurveyFrame("a", 0.0, color, range_m, 0.001 * range_m, np.full(range_m.shape, 255, np.uint8))
+    frame = SurveyFrame(
+        "a", 0.0, color, range_m, 0.001 * range_m, np.full(range_m.shape, 255, np.uint8)
+    )
     depth = smooth_depth(frame, PAIR, every)
     rows, columns = (axis.ravel() for axis in np.mgrid[9:248:2.3, 9:149:2.7])
     far = (np.abs(columns - 41.5) > 9) | (np.abs(rows - 100.5) > 9)  # from the hole

@@ -32,14 +32,22 @@ TEXEL_M = 0.001
 
 
 def bottom() -> NDArray[np.uint8]:
-    """The bottom from x, y = -1 to 2 m, a texel a millimeter, row 0 at y = 2; grain, and tags on white boards."""
+    """The bottom from x, y = -1 to 2 m, a texel a millimeter, row 0 at y = 2; grain, and tags on
+    white boards.
+    """
     rng = np.random.default_rng(0)
     image = cv2.GaussianBlur(rng.uniform(60, 160, (3000, 3000)).astype(np.float32), (0, 0), 2)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     for number, (x, y) in PLACES.items():
-        column, row, half = round((x + 1) / TEXEL_M), round((2 - y) / TEXEL_M), round(EDGE_M / TEXEL_M / 2)
+        column, row, half = (
+            round((x + 1) / TEXEL_M),
+            round((2 - y) / TEXEL_M),
+            round(EDGE_M / TEXEL_M / 2),
+        )
         image[row - half - 30 : row + half + 30, column - half - 30 : column + half + 30] = 220
-        image[row - half : row + half, column - half : column + half] = cv2.aruco.generateImageMarker(dictionary, number, 2 * half)
+        image[row - half : row + half, column - half : column + half] = (
+            cv2.aruco.generateImageMarker(dictionary, number, 2 * half)
+        )
     return np.clip(image, 25, 220).astype(np.uint8)
 
 
@@ -47,19 +55,27 @@ def cameras() -> NDArray[np.float64]:
     """Five poses 1.4 m above the bottom, leaning a little."""
     down = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
     turns = [
-        rotation_from_vector(np.array(v)) for v in ((0, 0, 0), (0.05, 0, 0.1), (0, -0.06, -0.1), (0.04, 0.05, 0.2), (-0.05, 0, 0))
+        rotation_from_vector(np.array(v))
+        for v in ((0, 0, 0), (0.05, 0, 0.1), (0, -0.06, -0.1), (0.04, 0.05, 0.2), (-0.05, 0, 0))
     ]
     return np.array([pose(down @ turn, [0.3 + 0.1 * i, 0.1, 1.4]) for i, turn in enumerate(turns)])
 
 
 def frame(index: int, T: NDArray[np.float64], texture: NDArray[np.uint8]) -> SurveyFrame:
-    """A frame of the level bottom with noise of a tenth of a pixel in its disparity, correlated over a few pixels."""
+    """A frame of the level bottom with noise of a tenth of a pixel in its disparity, correlated
+    over a few pixels.
+    """
     rng = np.random.default_rng(index)
     rays = RIG.rays @ T[:3, :3].T.astype(np.float32)
     range_m = (-T[2, 3] / rays[..., 2]).astype(np.float32)
     ground = rays * range_m[..., None] + T[:3, 3]
     column, row = ((ground[..., 0] + 1) / TEXEL_M - 0.5, (2 - ground[..., 1]) / TEXEL_M - 0.5)
-    gray = cv2.remap(cv2.GaussianBlur(texture, (0, 0), 1.2), column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR)
+    gray = cv2.remap(
+        cv2.GaussianBlur(texture, (0, 0), 1.2),
+        column.astype(np.float32),
+        row.astype(np.float32),
+        cv2.INTER_LINEAR,
+    )
     noise = cv2.GaussianBlur(rng.standard_normal(gray.shape).astype(np.float32), (0, 0), 2)
     depth_m = RIG.depth_from_range(range_m)
     std = depth_m * range_m / (RIG.focal_px * RIG.baseline_m) * np.float32(0.1)
@@ -74,7 +90,11 @@ def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, texture, T = tmp_path_factory.mktemp("tags"), bottom(), cameras()
     write_run(folder / "out", [frame(i, each, texture) for i, each in enumerate(T)], RIG)
     write_tum(folder / "nav.tum", Trajectory(tuple(f"f{i}" for i in range(5)), np.arange(5.0), T))
-    fuse(folder / "out", folder / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
+    fuse(
+        folder / "out",
+        folder / "nav.tum",
+        RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})),
+    )
     return folder / "out"
 
 
@@ -85,7 +105,11 @@ def test_one_tag_in_five_frames_gives_the_scale_to_a_thousandth(fused: Path) -> 
     (tag,) = (marker for marker in found.markers if marker.number == 3)
     assert tag.views == 5
     assert tag.edge_m == pytest.approx(EDGE_M, rel=1e-3)
-    assert found.size is not None and found.size.ratio == pytest.approx(1, abs=1e-3) and not found.size.wrong
+    assert (
+        found.size is not None
+        and found.size.ratio == pytest.approx(1, abs=1e-3)
+        and not found.size.wrong
+    )
     for marker in found.markers:
         assert marker.place_m == pytest.approx([*PLACES[marker.number], 0], abs=2e-3)
         assert marker.residual_m < 3e-3
@@ -101,17 +125,28 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
     surveyed = {number: transformed(T, np.array([*place, 0.0])) for number, place in PLACES.items()}
     rows = [f"{number},{x},{y},{z}" for number, (x, y, z) in surveyed.items()]
     (tmp_path / "gcp.csv").write_text("marker,x_m,y_m,z_m\n" + "\n".join(rows))
-    words = ("--bars", tmp_path / "bars.csv", "--points", tmp_path / "gcp.csv", "--out", tmp_path / "to")
+    words = (
+        "--bars",
+        tmp_path / "bars.csv",
+        "--points",
+        tmp_path / "gcp.csv",
+        "--out",
+        tmp_path / "to",
+    )
     code, said, _ = cli("markers", fused, "--size", "0.15", *words, "--json")
     content = json.loads(said)
     assert (code, mismatch(content, SHAPES["markers"])) == (3, None)
     assert content["size"]["ratio"] == pytest.approx(4 / 3, rel=2e-3)
-    assert content["bars"]["3-7"]["ratio"] == pytest.approx(1, abs=2e-3) and len(content["bars"]) == 1
+    assert (
+        content["bars"]["3-7"]["ratio"] == pytest.approx(1, abs=2e-3) and len(content["bars"]) == 1
+    )
     assert content["control"]["rms_m"] < 2e-3
     moved = read_trajectory(tmp_path / "to/trajectory.tum", MountConfig())
     np.testing.assert_allclose(moved.T_world_camera[:, :3, 3], (T @ cameras())[:, :3, 3], atol=5e-3)
     code, said, _ = cli("markers", fused, "--size", "0.15", "--points", tmp_path / "gcp.csv")
-    assert code == 3 and "another size than was given" in said and "surveyed places: 3 found" in said
+    assert (
+        code == 3 and "another size than was given" in said and "surveyed places: 3 found" in said
+    )
     with pytest.raises(InputError, match="shows no marker of aruco-6x6"):
         markers(fused, Known(EDGE_M, "aruco-6x6"))
     with pytest.raises(InputError, match="--family 5: is not known here: one of 36h11"):
@@ -120,7 +155,10 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [("marker,x_m,y_m\n1,2,3\n", "has no column 'z_m'"), ("marker,x_m,y_m,z_m\n1,2,here,4\n", "line 2: 'here' is not a number")],
+    [
+        ("marker,x_m,y_m\n1,2,3\n", "has no column 'z_m'"),
+        ("marker,x_m,y_m,z_m\n1,2,here,4\n", "line 2: 'here' is not a number"),
+    ],
 )
 def test_tables_that_cannot_be_used_say_so(tmp_path: Path, content: str, message: str) -> None:
     (tmp_path / "points.csv").write_text(content)
@@ -129,8 +167,16 @@ def test_tables_that_cannot_be_used_say_so(tmp_path: Path, content: str, message
 
 
 def test_control_points_must_fix_the_map() -> None:
-    places = {1: np.array([0.0, 0, 0]), 2: np.array([1.0, 0, 0]), 3: np.array([2.0, 0, 0]), 4: np.array([1.0, 1, 0])}
-    found = [PlacedMarker(number, 3, *map(float, place), 0.001, 0.2, 0.001) for number, place in places.items()]
+    places = {
+        1: np.array([0.0, 0, 0]),
+        2: np.array([1.0, 0, 0]),
+        3: np.array([2.0, 0, 0]),
+        4: np.array([1.0, 1, 0]),
+    }
+    found = [
+        PlacedMarker(number, 3, *map(float, place), 0.001, 0.2, 0.001)
+        for number, place in places.items()
+    ]
     with pytest.raises(InputError, match="2 of 4 markers were found"):
         control_fit(found[:2], places)
     with pytest.raises(InputError, match="lie in line"):

@@ -1,4 +1,6 @@
-"""A map held to markers: of a rig whose stated scale is wrong, of a size that was mistyped, at surveyed places, along bars."""
+"""A map held to markers: of a rig whose stated scale is wrong, of a size that was mistyped, at
+surveyed places, along bars.
+"""
 
 import json
 from collections.abc import Callable
@@ -42,7 +44,9 @@ def survey(frames: list[SurveyFrame]) -> Survey:
 
 
 def held(survey: Survey, trajectory: Trajectory | None = None, **markers: object) -> Placed:
-    return place_survey(survey, MappingConfig(markers=MarkersConfig(**markers), loop_closure=False), trajectory)  # type: ignore[arg-type]
+    return place_survey(
+        survey, MappingConfig(markers=MarkersConfig(**markers), loop_closure=False), trajectory
+    )  # type: ignore[arg-type]
 
 
 def steps_m(T: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -61,38 +65,68 @@ def test_one_tag_in_five_frames_sets_the_scale_to_a_thousandth(survey: Survey) -
     scaled = survey.scaled(placed.range_scale)
     assert np.median(scaled.index.points_m[0][:, 2]) == pytest.approx(1.4, rel=2e-3)
     marks = Marks.found(survey, MarkersConfig(edge_m=EDGE_M))
-    alone = replace(marks, sightings={i: [each for each in own if each.number == 3] for i, own in marks.sightings.items()})
+    alone = replace(
+        marks,
+        sightings={
+            i: [each for each in own if each.number == 3] for i, own in marks.sightings.items()
+        },
+    )
     assert first_fit(alone, T).scale * OFF == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.slow
-def test_a_wrong_size_is_refused_and_named_and_what_disagrees_is_said(survey: Survey, tmp_path: Path) -> None:
+def test_a_wrong_size_is_refused_and_named_and_what_disagrees_is_said(
+    survey: Survey, tmp_path: Path
+) -> None:
     placed = held(survey, edge_m=0.15)
-    assert placed.markers is not None and placed.markers.refused == ("edges",) and placed.range_scale == 1
-    assert any("edges: the map says 1.3" in said and "not used" in said for said in placed.placement.warnings)
+    assert (
+        placed.markers is not None
+        and placed.markers.refused == ("edges",)
+        and placed.range_scale == 1
+    )
+    assert any(
+        "edges: the map says 1.3" in said and "not used" in said
+        for said in placed.placement.warnings
+    )
     (tmp_path / "bars.csv").write_text(f"first,second,length_m\n3,7,{1.008 * np.hypot(0.7, 0.3)}\n")
     both = held(survey, edge_m=EDGE_M, bars=tmp_path / "bars.csv")
     assert both.markers is not None and not both.markers.refused
-    assert any("bar 3-7: with all of the markers the map still says 0.99" in said for said in both.placement.warnings)
+    assert any(
+        "bar 3-7: with all of the markers the map still says 0.99" in said
+        for said in both.placement.warnings
+    )
 
 
 @pytest.mark.slow
 def test_surveyed_places_give_the_world_and_the_scale(survey: Survey, tmp_path: Path) -> None:
-    rows = (f"{n},{x},{y},{z},0.001" for n, p in PLACES.items() for x, y, z in [transformed(SURVEYED, np.array([*p, 0.0]))])
+    rows = (
+        f"{n},{x},{y},{z},0.001"
+        for n, p in PLACES.items()
+        for x, y, z in [transformed(SURVEYED, np.array([*p, 0.0]))]
+    )
     (tmp_path / "gcp.csv").write_text("marker,x_m,y_m,z_m,std_m\n" + "\n".join(rows))
     placed = held(survey, points=tmp_path / "gcp.csv")
-    assert placed.markers is not None and placed.markers.control is not None and placed.markers.control.rms_m < 2e-3
+    assert (
+        placed.markers is not None
+        and placed.markers.control is not None
+        and placed.markers.control.rms_m < 2e-3
+    )
     expected = (SURVEYED @ cameras())[:, :3, 3]
     np.testing.assert_allclose(placed.placement.T_world_camera[:, :3, 3], expected, atol=0.01)
     T = cameras()
     given = Trajectory(tuple(f"f{i}" for i in range(5)), np.arange(5.0), T)
     elsewhere = held(survey, given, points=tmp_path / "gcp.csv")
-    assert any("they lie elsewhere than the given poses say" in said for said in elsewhere.placement.warnings)
+    assert any(
+        "they lie elsewhere than the given poses say" in said
+        for said in elsewhere.placement.warnings
+    )
     assert np.abs(elsewhere.placement.T_world_camera[:, :3, 3] - T[:, :3, 3]).max() < 0.05
 
 
 @pytest.mark.parametrize("table", ["bars", "points"])
-def test_a_table_that_cannot_be_read_is_named_before_the_first_frame(tmp_path: Path, table: str) -> None:
+def test_a_table_that_cannot_be_read_is_named_before_the_first_frame(
+    tmp_path: Path, table: str
+) -> None:
     config = load_config(None, [f"mapping.markers.{table}={tmp_path / 'absent.csv'}"])
     with pytest.raises(InputError, match=r"absent\.csv"):
         check(config.mapping, None)
@@ -100,11 +134,18 @@ def test_a_table_that_cannot_be_read_is_named_before_the_first_frame(tmp_path: P
 
 @pytest.mark.slow
 def test_a_map_that_cannot_be_held_says_so(survey: Survey) -> None:
-    config = MappingConfig(markers=MarkersConfig(edge_m=EDGE_M), loop_closure=False, bundle_adjustment=False)
-    assert any("mapping.markers do not constrain the map" in said for said in place_survey(survey, config, None).placement.warnings)
+    config = MappingConfig(
+        markers=MarkersConfig(edge_m=EDGE_M), loop_closure=False, bundle_adjustment=False
+    )
+    assert any(
+        "mapping.markers do not constrain the map" in said
+        for said in place_survey(survey, config, None).placement.warnings
+    )
 
 
-def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(survey: Survey) -> None:
+def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(
+    survey: Survey,
+) -> None:
     marks = Marks({}, EDGE_M, {}, {})
     nothing = first_fit(marks, np.tile(np.eye(4), (5, 1, 1)))
     assert (nothing.scale, nothing.scale_std) == (1.0, pytest.approx(0.005))
@@ -112,14 +153,19 @@ def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(su
     assert "ranges must be -1.80 % longer" in replace(nothing, scale=0.982).warnings[0]
 
 
-@pytest.mark.parametrize("known", [KnownLength((0, 1), (2,), 1.3, 0.1), KnownPlace((0, 2), np.array([0.1, 0.2, 0.3]), 0.1)])
+@pytest.mark.parametrize(
+    "known",
+    [KnownLength((0, 1), (2,), 1.3, 0.1), KnownPlace((0, 2), np.array([0.1, 0.2, 0.3]), 0.1)],
+)
 def test_what_is_known_pulls_the_way_its_slope_says(known: KnownLength | KnownPlace) -> None:
     places = np.random.default_rng(0).normal(size=(len(known.points), 3))
     start, slope = known.off(places)
     for column in range(slope.shape[1]):
         moved = places.copy()
         moved.flat[column] += 1e-6
-        np.testing.assert_allclose((start - known.off(moved)[0]) / 1e-6, slope[:, column], atol=1e-4)
+        np.testing.assert_allclose(
+            (start - known.off(moved)[0]) / 1e-6, slope[:, column], atol=1e-4
+        )
 
 
 @pytest.mark.slow
@@ -130,7 +176,9 @@ def test_a_fused_map_is_held_to_its_markers_and_everything_reads_it_so(
     size = ("--set", f"mapping.markers.edge_m={EDGE_M}", "--set", "mapping.voxel_m=0.02")
     code, said, _ = cli("fuse", tmp_path / "out", *size)
     assert code == 0 and "markers: 3 found; ranges taken 0.98" in said
-    assert json.loads((tmp_path / "out/map/map.json").read_text())["range_scale"] == pytest.approx(1 / OFF, rel=1e-3)
+    assert json.loads((tmp_path / "out/map/map.json").read_text())["range_scale"] == pytest.approx(
+        1 / OFF, rel=1e-3
+    )
     check = markers(tmp_path / "out", Known(EDGE_M)).size
     assert check is not None and check.ratio == pytest.approx(1, abs=1e-3)
     code, said, _ = cli("fuse", tmp_path / "out", "--set", "mapping.markers.edge_m=0.1", "--json")

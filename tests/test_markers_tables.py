@@ -1,4 +1,6 @@
-"""Tables of scale bars and surveyed places, as crews and other programs write them; places that cannot be right."""
+"""Tables of scale bars and surveyed places, as crews and other programs write them; places that
+cannot be right.
+"""
 
 from pathlib import Path
 
@@ -22,25 +24,34 @@ BARS = {
     "millimeters in brackets": "First point,Second point,Length (mm)\n1,2,500\n3,4,750\n",
     "semicolons and decimal commas": "first;second;length_m\n1;2;0,5\n3;4;0,75\n",
     "no header": "1,2,0.5,0.01\n3,4,0.75,0.01\n",
-    "ReefShape's template, filled in": "target 1,target 2,0.5,0.01\r\ntarget 3,target 4,0.75,0.01\r\n",
-    "ReefShape's words above": "[first point],[second point],[measured distance in meters]\n1,2,0.5\n3,4,0.75\n",
-    "Metashape's": "#Label,Distance (m),Accuracy (m)\ntarget 1_target 2,0.5,0.001\ntarget 3_target 4,0.75,0.001\n",
-    "tabs and a byte order mark": "\ufefffirst\tsecond\tdistance_m\ntag36h11_1\ttag36h11_2\t0.5\ntag36h11_3\ttag36h11_4\t0.75\n",
+    "ReefShape's template, filled in": "target 1,target 2,0.5,0.01\r\ntarget 3,target "
+    "4,0.75,0.01\r\n",
+    "ReefShape's words above": "[first point],[second point],[measured distance in "
+    "meters]\n1,2,0.5\n3,4,0.75\n",
+    "Metashape's": "#Label,Distance (m),Accuracy (m)\ntarget 1_target 2,0.5,0.001\ntarget "
+    "3_target 4,0.75,0.001\n",
+    "tabs and a byte order mark": "\ufefffirst\tsecond\tdistance_m\ntag36h11_1\ttag36h11_2\t0.5\ntag36h11_3\ttag36h11_4\t0.75\n",  # noqa: E501
 }
 
 
 @pytest.mark.parametrize("name", BARS)
 def test_scale_bars(name: str, tmp_path: Path) -> None:
     (tmp_path / "bars.csv").write_text(BARS[name], encoding="utf-8")
-    assert read_bars(tmp_path / "bars.csv") == {(1, 2): pytest.approx(0.5), (3, 4): pytest.approx(0.75)}
+    assert read_bars(tmp_path / "bars.csv") == {
+        (1, 2): pytest.approx(0.5),
+        (3, 4): pytest.approx(0.75),
+    }
 
 
 PLACES = {
     "this program's": "marker,x_m,y_m,z_m\n1,100,200,-8\n2,103,204,-8.5\n",
-    "with a note and errors": "marker,x_m,y_m,z_m,std_m,note\n1,100,200,-8,0.01,by tape\n2,103,204,-8.5,0.01,\n",
+    "with a note and errors": "marker,x_m,y_m,z_m,std_m,note\n1,100,200,-8,0.01,by "
+    "tape\n2,103,204,-8.5,0.01,\n",
     "no header": "1,100,200,-8\n2,103,204,-8.5\n",
-    "Metashape's": "#Label,X/Easting,Y/Northing,Z/Altitude\ntarget 1,100,200,-8\ntarget 2,103,204,-8.5\n",
-    "eastings and depths": "Marker;Easting [m];Northing [m];Depth [m]\n1;100,0;200,0;8,0\n2;103,0;204,0;8,5\n",
+    "Metashape's": "#Label,X/Easting,Y/Northing,Z/Altitude\ntarget 1,100,200,-8\ntarget "
+    "2,103,204,-8.5\n",
+    "eastings and depths": "Marker;Easting [m];Northing [m];Depth "
+    "[m]\n1;100,0;200,0;8,0\n2;103,0;204,0;8,5\n",
     "centimeters": "marker,x_cm,y_cm,z_cm\n1,10000,20000,-800\n2,10300,20400,-850\n",
 }
 
@@ -61,12 +72,19 @@ def test_latitudes_and_longitudes_become_meters(tmp_path: Path) -> None:
     for number, (north_m, east_m) in {1: (0.0, 0.0), 2: (4.0, 3.0)}.items():
         latitude, longitude = degrees_from_north_east(north_m, east_m, origin)
         rows += f"target {number},{latitude:.9f},{longitude:.9f},-8.5,0.02,0.03\n"
-    (tmp_path / "gis.csv").write_text(f"gis_label,gis_lat,gis_lon,Marker Depth (m),xyAcc,zAcc\n{rows}")
+    (tmp_path / "gis.csv").write_text(
+        f"gis_label,gis_lat,gis_lon,Marker Depth (m),xyAcc,zAcc\n{rows}"
+    )
     places = read_places(tmp_path / "gis.csv")
-    assert places.origin is not None and (places.origin.latitude_deg, places.origin.longitude_deg) == pytest.approx((12.15, -68.28))
+    assert places.origin is not None and (
+        places.origin.latitude_deg,
+        places.origin.longitude_deg,
+    ) == pytest.approx((12.15, -68.28))
     np.testing.assert_allclose(places.points[2], [3, 4, -8.5], atol=1e-3)
     assert places.stds_m[2] == 0.03
-    elsewhere = read_places(tmp_path / "gis.csv", GeoOrigin(*degrees_from_north_east(-10.0, 20.0, origin)))
+    elsewhere = read_places(
+        tmp_path / "gis.csv", GeoOrigin(*degrees_from_north_east(-10.0, 20.0, origin))
+    )
     np.testing.assert_allclose(elsewhere.points[1], [-20, 10, -8.5], atol=1e-3)
 
 
@@ -75,22 +93,34 @@ def test_latitudes_and_longitudes_become_meters(tmp_path: Path) -> None:
     [
         (read_bars, "1,2,50\n", "line 1: a scale bar of 50 m: name its unit"),
         (read_bars, "target a,target b,0.5,0.01\n", "line 1: 'target a' is no number of a marker"),
-        (read_bars, "#Label,Distance (m)\ntarget 1,0.5\n", "line 2: 'target 1' names no two markers"),
-        (read_bars, "first,second,how far\n1,2,3\n", "has no column 'length_m' .it has first, second, how far"),
+        (read_bars, "#Label,Distance (m)\ntarget 1,0.5\n",
+        "line 2: 'target 1' names no two markers"),
+        (read_bars, "first,second,how far\n1,2,3\n",
+        "has no column 'length_m' .it has first, second, how far"),
         (read_bars, "first,second,length_m\n1,2\n", "line 2: has too few columns"),
-        (read_places, "marker,x_m,y_m\n1,2,3\n", "has no column 'z_m' .*or marker, lat, lon, depth_m"),
+        (read_places, "marker,x_m,y_m\n1,2,3\n",
+        "has no column 'z_m' .*or marker, lat, lon, depth_m"),
         (read_places, "marker,x_m,y_m,z_m\n1,2,3,\n", "line 2: '' is not a number"),
-        (read_places, "marker,x_m,y_m,z_m\n1,-68.28,12.15,-8\n2,-68.279995,12.150003,-8\n", "if x and y are degrees, name"),
+        (read_places, "marker,x_m,y_m,z_m\n1,-68.28,12.15,-8\n2,-68.279995,12.150003,-8\n",
+        "if x and y are degrees, name"),
         (read_places, "", "holds no rows"),
     ],
 )  # fmt: skip
-def test_tables_that_cannot_be_used_name_the_line(read, text: str, message: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_tables_that_cannot_be_used_name_the_line(
+    read, text: str, message: str, tmp_path: Path
+) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "table.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         read(tmp_path / "table.csv")
 
 
-FLAT = {1: (-0.9, 0.35, -1.5), 2: (-0.3, -0.3, -1.5), 3: (0.35, 0.3, -1.5), 4: (0.9, -0.3, -1.5), 5: (0.0, 0.8, -1.5)}
+FLAT = {
+    1: (-0.9, 0.35, -1.5),
+    2: (-0.3, -0.3, -1.5),
+    3: (0.35, 0.3, -1.5),
+    4: (0.9, -0.3, -1.5),
+    5: (0.0, 0.8, -1.5),
+}
 MARKERS = [PlacedMarker(number, 4, *place, 0.002, 0.2, 0.001) for number, place in FLAT.items()]
 SURVEYED = pose(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
 CAMERAS = np.tile(np.eye(4), (3, 1, 1))
@@ -104,10 +134,14 @@ def test_a_mistyped_place_is_named_and_right_ones_are_not() -> None:
     places = surveyed()
     assert control_fit(MARKERS, places).doubt == ""
     places[3][1] += 1.0
-    assert control_fit(MARKERS, places).doubt.startswith("marker 3 lies 1.000 m from where the others put it")
+    assert control_fit(MARKERS, places).doubt.startswith(
+        "marker 3 lies 1.000 m from where the others put it"
+    )
     three = {number: places[number] for number in (1, 2, 3)}
     assert "standard errors: are all places right?" in control_fit(MARKERS, three).doubt
-    assert control_fit(MARKERS, three, dict.fromkeys(three, 1.0)).doubt == "", "within their standard errors"
+    assert control_fit(MARKERS, three, dict.fromkeys(three, 1.0)).doubt == "", (
+        "within their standard errors"
+    )
 
 
 @pytest.mark.parametrize("exchange", ["axes", "markers"])
@@ -121,6 +155,11 @@ def test_places_that_turn_the_map_upside_down_are_refused(exchange: str) -> None
     assert control_fit(MARKERS, places).is_upside_down(MARKERS, CAMERAS)
     corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
     own = [PlacedSighting(number, "", np.array(place) + corners) for number, place in FLAT.items()]
-    marks = Marks(dict.fromkeys(range(3), own), None, {}, {number: (place, 0.01) for number, place in places.items()})
+    marks = Marks(
+        dict.fromkeys(range(3), own),
+        None,
+        {},
+        {number: (place, 0.01) for number, place in places.items()},
+    )
     with pytest.raises(MappingError, match="the surveyed places put the bottom above the cameras"):
         at_places(marks, Placement(CAMERAS, np.zeros(3, np.int64)))

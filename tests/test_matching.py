@@ -52,11 +52,16 @@ def test_clear_water_is_dense_and_right() -> None:
 
 @pytest.mark.slow
 def test_a_black_rim_around_the_picture_has_no_range() -> None:
-    """As of a round picture, or the corners of an undistorted one; its edge looks like something 6 m away."""
+    """As of a round picture, or the corners of an undistorted one; its edge looks like something 6
+    m away.
+    """
     whole = scene()
     y, x = np.mgrid[:384, :480]
     black, right_black = (np.hypot(x - middle, y - 192) > 220 for middle in (240, 231))
-    images = [np.where(rim[..., None], 0, image) for rim, image in ((black, whole.frame.left), (right_black, whole.frame.right))]
+    images = [
+        np.where(rim[..., None], 0, image)
+        for rim, image in ((black, whole.frame.left), (right_black, whole.frame.right))
+    ]
     found, plain = match(swapped(whole, *images)), match(whole)
     known = np.isfinite(found.range_m)
     assert known[black].mean() < 0.002
@@ -66,8 +71,12 @@ def test_a_black_rim_around_the_picture_has_no_range() -> None:
 
 
 @pytest.mark.slow
-def test_large_images_without_detail_at_their_full_size_are_matched_at_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sharp pair enlarged four times, with the noise of a camera: neighboring pixels say nothing there."""
+def test_large_images_without_detail_at_their_full_size_are_matched_at_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A sharp pair enlarged four times, with the noise of a camera: neighboring pixels say nothing
+    there.
+    """
     small, rng = scene(), np.random.default_rng(0)
 
     def enlarged(image: np.ndarray) -> np.ndarray:
@@ -83,7 +92,9 @@ def test_large_images_without_detail_at_their_full_size_are_matched_at_less(monk
     large = RectifiedPair(focal_px, cx_left_px, cx_right_px, cy_px, pair.baseline_m, size)
     frame = StereoFrame("pair", enlarged(small.frame.left), enlarged(small.frame.right))
     plain = Matcher(large, CONFIG).match(frame)
-    assert np.array_equal(DetailMatcher(large, CONFIG).match(frame).range_m, plain.range_m, equal_nan=True), "too small for it"
+    assert np.array_equal(
+        DetailMatcher(large, CONFIG).match(frame).range_m, plain.range_m, equal_nan=True
+    ), "too small for it"
     monkeypatch.setattr(reduced, "LEAST_PIXELS", small.depth_m.size)
     found = DetailMatcher(large, CONFIG).match(frame)
     assert np.isfinite(plain.range_m).mean() + 0.1 < np.isfinite(found.range_m).mean()
@@ -97,9 +108,13 @@ def test_large_images_without_detail_at_their_full_size_are_matched_at_less(monk
 def test_maps_agree_with_one_another() -> None:
     found, pair = match(scene()), scene().pair
     known = np.isfinite(found.disparity)
-    assert np.array_equal(known, np.isfinite(found.range_m)) and np.array_equal(known, np.isfinite(found.range_std_m))
+    assert np.array_equal(known, np.isfinite(found.range_m)) and np.array_equal(
+        known, np.isfinite(found.range_std_m)
+    )
     assert np.array_equal(known, found.confidence > 0)
-    np.testing.assert_allclose(found.depth_m[known], pair.depth_from_disparity(found.disparity)[known])
+    np.testing.assert_allclose(
+        found.depth_m[known], pair.depth_from_disparity(found.disparity)[known]
+    )
     assert np.all(found.range_m[known] >= found.depth_m[known])
     assert not found.filled.any()
 
@@ -124,7 +139,9 @@ def test_fractions_of_disparity_are_not_locked_to_whole_pixels() -> None:
     slope = scene(relief_m=0.05, tilt=0.5)
     found = match(slope)
     known = np.isfinite(found.disparity)
-    histogram = [np.histogram(d[known] % 1, 10, (0, 1))[0] for d in (found.disparity, slope.disparity)]
+    histogram = [
+        np.histogram(d[known] % 1, 10, (0, 1))[0] for d in (found.disparity, slope.disparity)
+    ]
     assert np.all(np.abs(histogram[0] / histogram[1] - 1) < 0.2)
 
 
@@ -159,7 +176,10 @@ def test_exposure_may_differ() -> None:
 
 @pytest.mark.slow
 def test_sixteen_bits_hold_the_same_scene() -> None:
-    wide = swapped(scene(), *(image.astype(np.uint16) * 257 for image in (scene().frame.left, scene().frame.right)))
+    wide = swapped(
+        scene(),
+        *(image.astype(np.uint16) * 257 for image in (scene().frame.left, scene().frame.right)),
+    )
     difference = np.abs(match(wide).disparity - match(scene()).disparity)
     assert np.isfinite(difference).mean() > 0.85
     assert np.nanpercentile(difference, 99) < 0.05
@@ -171,7 +191,9 @@ def test_order_and_threads_do_not_matter() -> None:
     matcher = Matcher(scene().pair, CONFIG)
     alone = [Matcher(s.pair, CONFIG).match(s.frame) for s in scenes]
     with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda s: matcher.match(s.frame), [scenes[1], scenes[0], scenes[1], scenes[0]]))
+        together = list(
+            pool.map(lambda s: matcher.match(s.frame), [scenes[1], scenes[0], scenes[1], scenes[0]])
+        )
     for found, expected in zip(together, [alone[1], alone[0], alone[1], alone[0]], strict=True):
         np.testing.assert_array_equal(found.range_m, expected.range_m)
         np.testing.assert_array_equal(found.confidence, expected.confidence)
@@ -182,8 +204,12 @@ def test_what_the_left_camera_did_not_see_is_unknown() -> None:
     seen = np.ones(scene().disparity.shape, np.bool_)
     seen[:, 200:230] = False
     for fill in (False, True):
-        found = Matcher(scene().pair, MatchingConfig(min_range_m=0.8, fill=fill), seen).match(scene().frame)
-        assert np.isnan(found.range_m[~seen]).all() and np.isfinite(found.range_m[seen]).mean() > 0.8
+        found = Matcher(scene().pair, MatchingConfig(min_range_m=0.8, fill=fill), seen).match(
+            scene().frame
+        )
+        assert (
+            np.isnan(found.range_m[~seen]).all() and np.isfinite(found.range_m[seen]).mean() > 0.8
+        )
 
 
 @pytest.mark.slow
@@ -220,13 +246,20 @@ def test_filling_is_marked_and_leaves_the_measured_alone() -> None:
     np.testing.assert_array_equal(filled.range_m[known], measured.range_m[known])
     np.testing.assert_array_equal(filled.filled, np.isfinite(filled.range_m) & ~known)
     assert np.isfinite(filled.range_m).mean() > 0.98
-    assert np.all(filled.confidence[filled.filled] == 0) and np.isnan(filled.range_std_m[filled.filled]).all()
+    assert (
+        np.all(filled.confidence[filled.filled] == 0)
+        and np.isnan(filled.range_std_m[filled.filled]).all()
+    )
     np.testing.assert_array_equal(filled.measured_m, measured.range_m)
 
 
 @pytest.mark.parametrize(
     ("value", "complaint"),
-    [(0, "the left image is black"), (255, "the left image is saturated"), (90, "the left image is uniform")],
+    [
+        (0, "the left image is black"),
+        (255, "the left image is saturated"),
+        (90, "the left image is uniform"),
+    ],
 )
 def test_empty_images_are_named(value: int, complaint: str) -> None:
     empty = swapped(scene(), np.full_like(scene().frame.left, value), scene().frame.right)
@@ -243,7 +276,9 @@ def test_one_image_twice_is_named() -> None:
 @pytest.mark.parametrize("period_px", [12, 24, 40])
 def test_repeated_stripes_are_not_noise(period_px: int) -> None:
     wave = (128 + 80 * np.sin(2 * np.pi * np.arange(480 + 30) / period_px)).astype(np.uint8)
-    left, right = (np.repeat(np.tile(w, (384, 1))[..., None], 3, axis=2) for w in (wave[:480], wave[30:]))
+    left, right = (
+        np.repeat(np.tile(w, (384, 1))[..., None], 3, axis=2) for w in (wave[:480], wave[30:])
+    )
     found = match(swapped(scene(), left, right))
     assert any("repeats" in warning for warning in found.warnings)
     assert np.isfinite(found.range_m).mean() < 0.05
@@ -274,7 +309,11 @@ def test_the_vertical_disparity_of_a_frame_is_measured_below_a_pixel(shift_px: f
     right = scene().frame.right
     size = right.shape[1], right.shape[0]
     moved = cv2.warpAffine(
-        right, np.array([[1.0, 0, 0], [0, 1, shift_px]]), size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        right,
+        np.array([[1.0, 0, 0], [0, 1, shift_px]]),
+        size,
+        flags=cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REFLECT,
     )
     found = match(swapped(scene(), scene().frame.left, moved))
     assert found.vertical_px == pytest.approx(shift_px, abs=0.08)
@@ -291,7 +330,8 @@ def test_unrelated_images_give_next_to_nothing() -> None:
 def test_opencv_finds_the_same_bottom(doffs_px: float) -> None:
     view = render((320, 256), relief_m=0.2, seed=3, focal_px=450.0, doffs_px=doffs_px)
     found, ours = (
-        Matcher(view.pair, MatchingConfig(engine=engine, min_range_m=0.8)).match(view.frame) for engine in ("opencv", "sgm")
+        Matcher(view.pair, MatchingConfig(engine=engine, min_range_m=0.8)).match(view.frame)
+        for engine in ("opencv", "sgm")
     )
     known = np.isfinite(found.disparity)
     assert known[view.both].mean() > 0.8
@@ -301,18 +341,27 @@ def test_opencv_finds_the_same_bottom(doffs_px: float) -> None:
 
 
 def test_the_former_name_of_the_engine_is_refused_with_the_new_one() -> None:
-    with pytest.raises(ValidationError, match="is now called 'sgm'; 'opencv' is OpenCV's StereoSGBM"):
+    with pytest.raises(
+        ValidationError, match="is now called 'sgm'; 'opencv' is OpenCV's StereoSGBM"
+    ):
         MatchingConfig(engine="sgbm")
 
 
 @pytest.mark.real_data
 def test_teddy(real_data: Path) -> None:
-    left, right = (cv2.imread(str(real_data / "teddy" / f"{side}.png"))[..., ::-1].copy() for side in ("left", "right"))
-    truth = cv2.imread(str(real_data / "teddy" / "disparity_x4.pgm"), cv2.IMREAD_GRAYSCALE) / np.float32(4)
+    left, right = (
+        cv2.imread(str(real_data / "teddy" / f"{side}.png"))[..., ::-1].copy()
+        for side in ("left", "right")
+    )
+    truth = cv2.imread(
+        str(real_data / "teddy" / "disparity_x4.pgm"), cv2.IMREAD_GRAYSCALE
+    ) / np.float32(4)
     height, width = truth.shape
     pair = RectifiedPair(500.0, width / 2, width / 2, height / 2, 0.1, (width, height))
     for fill, coverage, bad in ((False, 0.82, 0.02), (True, 0.98, 0.06)):
-        found = Matcher(pair, MatchingConfig(min_range_m=50 / 64, fill=fill)).match(StereoFrame("teddy", left, right))
+        found = Matcher(pair, MatchingConfig(min_range_m=50 / 64, fill=fill)).match(
+            StereoFrame("teddy", left, right)
+        )
         known = (truth > 0) & np.isfinite(found.disparity)
         assert known.sum() / (truth > 0).sum() > coverage
         assert (np.abs(found.disparity - truth) > 2)[known].mean() < bad

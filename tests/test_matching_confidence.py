@@ -1,4 +1,6 @@
-"""What the confidence of a disparity is judged from: its surroundings, and the gray on both sides of an edge of depth."""
+"""What the confidence of a disparity is judged from: its surroundings, and the gray on both sides
+of an edge of depth.
+"""
 
 import numpy as np
 import pytest
@@ -15,13 +17,21 @@ EVERYTHING = slice(0, SHAPE[0])
 
 def matched(best: np.ndarray, checked: np.ndarray | None = None) -> MatchedDisparity:
     disparity = best if checked is None else np.where(checked, best, np.nan)
-    return MatchedDisparity(disparity.astype(np.float32), best.astype(np.float32), np.ones(best.shape, np.float32))
+    return MatchedDisparity(
+        disparity.astype(np.float32), best.astype(np.float32), np.ones(best.shape, np.float32)
+    )
 
 
-def fattened(best: np.ndarray, left: np.ndarray, rows: slice = EVERYTHING, odds: float = 1.0) -> np.ndarray:
+def fattened(
+    best: np.ndarray, left: np.ndarray, rows: slice = EVERYTHING, odds: float = 1.0
+) -> np.ndarray:
     context = Context.of(matched(best), left)
     return fattening(
-        (best.astype(np.float32), left), context, rows, np.full((rows.stop - rows.start, SHAPE[1]), odds, np.float32), 0.5
+        (best.astype(np.float32), left),
+        context,
+        rows,
+        np.full((rows.stop - rows.start, SHAPE[1]), odds, np.float32),
+        0.5,
     )
 
 
@@ -65,12 +75,16 @@ def test_samples_are_interpolated_to_the_size_of_the_image() -> None:
         whole = enlarged(samples, shape)
         assert whole.shape == shape
         inside = np.s_[4:-6, 4:-6]
-        np.testing.assert_allclose(whole[inside], (x + y)[inside] + 1, atol=0.01)  # samples stand half a pixel off the middle
+        np.testing.assert_allclose(
+            whole[inside], (x + y)[inside] + 1, atol=0.01
+        )  # samples stand half a pixel off the middle
 
 
 @pytest.mark.parametrize("rows", [EVERYTHING, slice(16, 37)])
 def test_a_pixel_with_the_gray_of_what_lies_behind_is_fattened(rows: slice) -> None:
-    """A near surface from column 40 on, whose disparity spreads 4 pixels over the far, darker one."""
+    """A near surface from column 40 on, whose disparity spreads 4 pixels over the far, darker
+    one.
+    """
     column = np.arange(SHAPE[1])
     best = np.where(column >= 36, 40.0, 20.0) + np.zeros(SHAPE)
     left = gray(np.where(column >= 40, 160, 60))
@@ -92,7 +106,10 @@ def test_equal_grays_say_nothing_about_the_edge() -> None:
 def test_less_confidence_leaves_the_ranges_that_are_known_as_they_are() -> None:
     scene = render((320, 256), relief_m=0.5, seed=3)
     strict, loose = (
-        Matcher(scene.pair, MatchingConfig(min_range_m=0.8, min_confidence=least)).match(scene.frame) for least in (0.8, 0.2)
+        Matcher(scene.pair, MatchingConfig(min_range_m=0.8, min_confidence=least)).match(
+            scene.frame
+        )
+        for least in (0.8, 0.2)
     )
     known = np.isfinite(strict.range_m)
     assert np.isfinite(loose.range_m).sum() > 1.005 * known.sum()

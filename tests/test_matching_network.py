@@ -14,8 +14,12 @@ from stereo_seecolor.matching.matcher import Matcher
 SHIFTS = np.arange(16, 48)
 
 
-def export(path: Path, inputs: tuple[str, str] = ("left", "right"), rows: int | None = None) -> Path:
-    """Block matching as a network: shift the right image, box-filter the difference, take the least."""
+def export(
+    path: Path, inputs: tuple[str, str] = ("left", "right"), rows: int | None = None
+) -> Path:
+    """Block matching as a network: shift the right image, box-filter the difference, take the
+    least.
+    """
     helper, numpy_helper = onnx.helper, onnx.numpy_helper
     constants, nodes, costs = [], [], []
 
@@ -26,15 +30,22 @@ def export(path: Path, inputs: tuple[str, str] = ("left", "right"), rows: int | 
     constant("zero", np.array(0, np.float32))
     constant("box", np.full((1, 3, 7, 7), 1 / 147, np.float32))
     for shift in SHIFTS:
-        pads, last = constant(f"pads{shift}", np.array([0, 0, 0, shift, 0, 0, 0, 0])), constant(f"end{shift}", np.array([-shift]))
+        pads, last = (
+            constant(f"pads{shift}", np.array([0, 0, 0, shift, 0, 0, 0, 0])),
+            constant(f"end{shift}", np.array([-shift])),
+        )
         constant(f"start{shift}", np.array([0]))
         constant(f"axis{shift}", np.array([3]))
         nodes += [
-            helper.make_node("Slice", [inputs[1], f"start{shift}", last, f"axis{shift}"], [f"cut{shift}"]),
+            helper.make_node(
+                "Slice", [inputs[1], f"start{shift}", last, f"axis{shift}"], [f"cut{shift}"]
+            ),
             helper.make_node("Pad", [f"cut{shift}", pads, "zero"], [f"moved{shift}"]),
             helper.make_node("Sub", [inputs[0], f"moved{shift}"], [f"signed{shift}"]),
             helper.make_node("Abs", [f"signed{shift}"], [f"difference{shift}"]),
-            helper.make_node("Conv", [f"difference{shift}", "box"], [f"cost{shift}"], pads=[3, 3, 3, 3]),
+            helper.make_node(
+                "Conv", [f"difference{shift}", "box"], [f"cost{shift}"], pads=[3, 3, 3, 3]
+            ),
         ]
         costs.append(f"cost{shift}")
     constant("first", np.array(SHIFTS[0], np.float32))
@@ -44,10 +55,18 @@ def export(path: Path, inputs: tuple[str, str] = ("left", "right"), rows: int | 
         helper.make_node("Cast", ["index"], ["whole"], to=onnx.TensorProto.FLOAT),
         helper.make_node("Add", ["whole", "first"], ["disparity"]),
     ]
-    tensors = [helper.make_tensor_value_info(n, onnx.TensorProto.FLOAT, [1, 3, rows or "H", "W"]) for n in inputs]
-    output = helper.make_tensor_value_info("disparity", onnx.TensorProto.FLOAT, [1, 1, rows or "H", "W"])
+    tensors = [
+        helper.make_tensor_value_info(n, onnx.TensorProto.FLOAT, [1, 3, rows or "H", "W"])
+        for n in inputs
+    ]
+    output = helper.make_tensor_value_info(
+        "disparity", onnx.TensorProto.FLOAT, [1, 1, rows or "H", "W"]
+    )
     graph = helper.make_graph(nodes, "block_matching", tensors, [output], constants)
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), str(path))
+    onnx.save(
+        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9),
+        str(path),
+    )
     return path
 
 

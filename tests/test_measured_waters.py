@@ -1,4 +1,6 @@
-"""Waters from measured absorption and scattering: what is known of natural waters holds of them, and light adds up."""
+"""Waters from measured absorption and scattering: what is known of natural waters holds of them,
+and light adds up.
+"""
 
 import numpy as np
 import pytest
@@ -33,7 +35,10 @@ def test_the_clearest_water_is_bluest_and_as_clear_as_the_clearest_ocean() -> No
 
 @pytest.mark.parametrize(
     ("kind", "absorption", "scattering"),
-    [("coast", 0.179, 0.219), ("harbor", 0.366, 1.824)],  # 1/m at 514 nm: Petzold 1972, off California and in San Diego harbor
+    [
+        ("coast", 0.179, 0.219),
+        ("harbor", 0.366, 1.824),
+    ],  # 1/m at 514 nm: Petzold 1972, off California and in San Diego harbor
 )
 def test_petzold_measured_such_waters(kind: Kind, absorption: float, scattering: float) -> None:
     drawn = [draw_contents(kind, RNG) for _ in range(200)]
@@ -53,11 +58,15 @@ def test_one_wavelength_follows_beer_and_lambert() -> None:
     bands = np.zeros((3, WAVELENGTH_NM.size))
     bands[[0, 1, 2], [20, 15, 5]] = 1.0
     beam = Contents(1.0, 0.1).absorption
-    water = MeasuredWater(bands, np.full(WAVELENGTH_NM.size, 0.5), beam, np.full(WAVELENGTH_NM.size, 0.1))
+    water = MeasuredWater(
+        bands, np.full(WAVELENGTH_NM.size, 0.5), beam, np.full(WAVELENGTH_NM.size, 0.1)
+    )
     range_m = np.array([[0.0, 1.0], [2.5, 7.0]])
     expected = np.exp(-range_m[..., None] * beam[[20, 15, 5]])
     np.testing.assert_allclose(water.attenuation(range_m), expected, rtol=1e-12)
-    np.testing.assert_allclose(water.backscatter(range_m), 0.1 * (1 - expected), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        water.backscatter(range_m), 0.1 * (1 - expected), rtol=1e-12, atol=1e-15
+    )
     np.testing.assert_allclose(water.white, 0.5)
 
 

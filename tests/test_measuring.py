@@ -1,4 +1,6 @@
-"""Lengths and areas on the surface that a frame shows: closed forms, silhouettes, and the synthetic reef's known truth."""
+"""Lengths and areas on the surface that a frame shows: closed forms, silhouettes, and the synthetic
+reef's known truth.
+"""
 
 import csv
 import io
@@ -37,7 +39,9 @@ def plane(slope: float = 0.0, depth_m: float = 2.0, std_m: float = 1e-4) -> Surf
     """z = depth + slope x, seen by the camera."""
     x = (np.arange(320) - 160.0) / 400.0
     range_m = (depth_m / (1 - slope * x))[None, :] * GEOMETRY.ray_length
-    return Surface(GEOMETRY, range_m.astype(np.float32), std_blocks(np.full((240, 320), std_m, np.float32)))
+    return Surface(
+        GEOMETRY, range_m.astype(np.float32), std_blocks(np.full((240, 320), std_m, np.float32))
+    )
 
 
 def picked(surface: Surface, *places: tuple[float, float]) -> list[Pick]:
@@ -63,7 +67,9 @@ def test_length_and_area_on_a_slanted_plane() -> None:
     points = np.array([pick.point_m for pick in corners])
     expected_m = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     assert straight_length(corners).value == pytest.approx(expected_m, rel=1e-6)
-    assert straight_length(along_surface(surface, corners)).value == pytest.approx(expected_m, rel=1e-4)
+    assert straight_length(along_surface(surface, corners)).value == pytest.approx(
+        expected_m, rel=1e-4
+    )
     trapezoid_m2 = 0.5 * np.linalg.norm(np.cross(points[2] - points[0], points[3] - points[1]))
     assert planar_area(corners).value == pytest.approx(trapezoid_m2, rel=1e-6)
     area, known = surface_area(surface, corners)
@@ -76,7 +82,9 @@ def test_a_bulge_is_longer_along_the_surface_and_rises_in_its_profile() -> None:
     y, x = np.mgrid[:240, :320]
     bulge_m = 0.2 * np.exp(-((x - 160) ** 2 + (y - 120) ** 2) / (2 * 30**2))
     range_m = ((2 - bulge_m) * GEOMETRY.ray_length).astype(np.float32)
-    line = along_surface(Surface(GEOMETRY, range_m, surface.std_blocks_m), picked(surface, (60, 120), (260, 120)))
+    line = along_surface(
+        Surface(GEOMETRY, range_m, surface.std_blocks_m), picked(surface, (60, 120), (260, 120))
+    )
     along_m, height_m = profile(line)
     assert straight_length(line).value > 1.03 * 1.0
     assert height_m.max() == pytest.approx(0.2, abs=0.01)
@@ -110,7 +118,11 @@ def test_stated_errors_are_those_of_repeated_clicks(kind: str) -> None:
 def test_at_a_silhouette_the_object_is_measured_and_not_what_is_behind(offset_px: int) -> None:
     x = np.arange(320)
     depth_m = np.where(x < 160, 1.0, 2.0)[None, :] * np.ones((240, 1))
-    surface = Surface(GEOMETRY, (depth_m * GEOMETRY.ray_length).astype(np.float32), np.full((60, 80), 1e-3, np.float32))
+    surface = Surface(
+        GEOMETRY,
+        (depth_m * GEOMETRY.ray_length).astype(np.float32),
+        np.full((60, 80), 1e-3, np.float32),
+    )
     (pick,) = picked(surface, (159 + offset_px, 120))
     assert pick.point_m[2] == pytest.approx(1.0, rel=1e-3)
 
@@ -164,7 +176,9 @@ def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
     assert planar_area(corners).value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-5)
     area = terrain.area(corners)
     assert area
-    assert area[0].value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-4) and area[1] == pytest.approx(1, abs=0.05)
+    assert area[0].value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-4) and area[
+        1
+    ] == pytest.approx(1, abs=0.05)
 
 
 def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
@@ -175,9 +189,13 @@ def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
     lengths = []
     for _ in range(400):
         clicked = [terrain.pick(x, y, None, 0.002) for x, y in rng.normal(ends, 0.002)]
-        points = np.array([spot.point_m for spot in clicked if spot]) + rng.normal(0, 0.004, (2, 1)) * (0, 0, 1)
+        points = np.array([spot.point_m for spot in clicked if spot]) + rng.normal(
+            0, 0.004, (2, 1)
+        ) * (0, 0, 1)
         lengths.append(np.linalg.norm(points[1] - points[0]))
-    assert np.std(lengths) == pytest.approx(straight_length(spots(terrain, *map(tuple, ends))).std, rel=0.12)
+    assert np.std(lengths) == pytest.approx(
+        straight_length(spots(terrain, *map(tuple, ends))).std, rel=0.12
+    )
 
 
 @pytest.mark.parametrize("offset_cells", [-1, 0, 1, 2])
@@ -214,9 +232,11 @@ def reef(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
 
 
 def known_lengths(run: FinishedRun, count: int, seed: int) -> Iterator[tuple[float, float, float]]:
-    """(true length, measured length, stated error) of lines of 0.05 to 2 m, clicked half a pixel beside their true ends.
+    """(true length, measured length, stated error) of lines of 0.05 to 2 m, clicked half a pixel
+    beside their true ends.
 
-    Ends lie where the truth has no edge within four pixels: which side of an edge a click means, no truth can say.
+    Ends lie where the truth has no edge within four pixels: which side of an edge a click means, no
+    truth can say.
     """
     rng, near = np.random.default_rng(seed), np.ones((9, 9), np.uint8)
     frames = []
@@ -228,10 +248,20 @@ def known_lengths(run: FinishedRun, count: int, seed: int) -> Iterator[tuple[flo
         surface, truth_m, steady = frames[rng.integers(len(frames))]
         g, (height, width) = surface.geometry, truth_m.shape
         start = rng.uniform(4, (width - 5, height - 5)).round()
-        length_px = np.exp(rng.uniform(np.log(0.05), np.log(2))) * g.focal_px / truth_m[int(start[1]), int(start[0])]
+        length_px = (
+            np.exp(rng.uniform(np.log(0.05), np.log(2)))
+            * g.focal_px
+            / truth_m[int(start[1]), int(start[0])]
+        )
         angle = rng.uniform(0, 2 * np.pi)
-        ends = np.array([start, (start + length_px * np.array([np.cos(angle), np.sin(angle)])).round()])
-        if (ends < 4).any() or (ends > (width - 5, height - 5)).any() or not all(steady[int(y), int(x)] for x, y in ends):
+        ends = np.array(
+            [start, (start + length_px * np.array([np.cos(angle), np.sin(angle)])).round()]
+        )
+        if (
+            (ends < 4).any()
+            or (ends > (width - 5, height - 5)).any()
+            or not all(steady[int(y), int(x)] for x, y in ends)
+        ):
             continue
         true_m = [truth_m[int(y), int(x)] * g.rays[int(y), int(x)].astype(float) for x, y in ends]
         picks = [surface.pick(*place) for place in rng.normal(ends, LIMITS.click_std_px)]
@@ -247,7 +277,9 @@ def test_200_known_lengths_are_found_and_their_intervals_hold(reef: FinishedRun)
     true_m, found_m, std_m = np.array(list(known_lengths(reef, 200, seed=11))).T
     relative, inside = (found_m - true_m) / true_m, abs(found_m - true_m) < 1.96 * std_m
     assert abs(found_m.sum() / true_m.sum() - 1) < 0.005
-    assert abs(relative.mean()) < 3 * relative.std() / np.sqrt(relative.size)  # short lines scatter by more than half a percent
+    assert abs(relative.mean()) < 3 * relative.std() / np.sqrt(
+        relative.size
+    )  # short lines scatter by more than half a percent
     assert 0.93 <= inside.mean() <= 0.97
 
 
@@ -275,7 +307,11 @@ def test_an_unknown_part_of_an_outline_is_in_its_standard_error() -> None:
     for unknown in (slice(0, 0), slice(90, 230)):
         holed = range_m.copy()
         holed[:, unknown] = np.nan
-        found = measured(Surface(pair, holed, np.full((60, 80), 0.004, np.float32)), Wanted("a", "0", "area", "", corners), 0.0)
+        found = measured(
+            Surface(pair, holed, np.full((60, 80), 0.004, np.float32)),
+            Wanted("a", "0", "area", "", corners),
+            0.0,
+        )
         assert found.surface is not None and found.surface_std is not None
         stds.append(found.surface_std / found.surface)
     assert found.known == pytest.approx(0.33, abs=0.06)
@@ -283,15 +319,25 @@ def test_an_unknown_part_of_an_outline_is_in_its_standard_error() -> None:
 
 
 def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
-    """A plate at 1.5 m before a bottom at 3 m, whose ranges end four pixels before its edge, as they do there."""
+    """A plate at 1.5 m before a bottom at 3 m, whose ranges end four pixels before its edge, as
+    they do there.
+    """
     pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
     depth_m = np.full((240, 320), 3.0)
     depth_m[100:140, 100:200] = 1.5
     depth_m[100:140, 196:200] = np.nan
-    surface = Surface(pair, (depth_m * pair.ray_length).astype(np.float32), np.full((60, 80), 0.004, np.float32))
-    within, edge, far = (measured(surface, Wanted("a", "0", "length", "", ((104, 120), (x, 120))), 0.0) for x in (194, 201, 260))
+    surface = Surface(
+        pair, (depth_m * pair.ray_length).astype(np.float32), np.full((60, 80), 0.004, np.float32)
+    )
+    within, edge, far = (
+        measured(surface, Wanted("a", "0", "length", "", ((104, 120), (x, 120))), 0.0)
+        for x in (194, 201, 260)
+    )
     assert within.value == pytest.approx(90 * 1.5 / 500, rel=0.01) and within.note == ""
-    assert edge.value is None and "place 2 lies at a step, 3.00 m away beside something 1.50 m away" in edge.note
+    assert (
+        edge.value is None
+        and "place 2 lies at a step, 3.00 m away beside something 1.50 m away" in edge.note
+    )
     assert far.value is not None and far.note == ""
 
 
@@ -301,7 +347,13 @@ def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
 @pytest.fixture
 def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
     dive = make_dive(2)
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []))
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        load_config(None, []),
+    )
     return tmp_path / "out"
 
 
@@ -316,12 +368,19 @@ def test_a_table_of_places_is_measured(out: Path, tmp_path: Path) -> None:
     length, point = measure(out, table(tmp_path / "points.csv", *rows))
     surface = surface_of(open_run(out), "0000")
     assert (length.label, length.kind) == ("coral", "length")
-    assert length.value == pytest.approx(straight_length(picked(surface, (60, 60), (100, 60))).value, rel=1e-12)
+    assert length.value == pytest.approx(
+        straight_length(picked(surface, (60, 60), (100, 60))).value, rel=1e-12
+    )
     assert point.z_m == pytest.approx(1.5, rel=0.02)
 
 
 def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None:
-    rows = ("a,0000,area,,60,60", "a,0000,area,,100,60", "a,0000,area,,100,90", "b,0000,point,,-50,3")
+    rows = (
+        "a,0000,area,,60,60",
+        "a,0000,area,,100,60",
+        "a,0000,area,,100,90",
+        "b,0000,point,,-50,3",
+    )
     code, text, _ = cli("measure", out, table(tmp_path / "points.csv", *rows))
     found = list(csv.DictReader(io.StringIO(text)))
     assert code == 3  # b lies outside the picture
@@ -336,21 +395,31 @@ def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None
         (["a,0000,point,,x,2"], r"line 2: x_px is 'x': give a number"),
         (["a,0000,point,,2,nan"], r"line 2: y_px is 'nan': give a number"),
         (["a,0000,length,,50,50"], r"measure 'a': length needs at least 2 places"),
-        (["a,0000,length,,50,50", "a,0001,length,,50,50"], r"line 3: measure 'a' has another frame or kind than before"),
+        (
+            ["a,0000,length,,50,50", "a,0001,length,,50,50"],
+            r"line 3: measure 'a' has another frame or kind than before",
+        ),
         (["a,0009,point,,50,50"], r"holds no finished frame '0009'"),
         (["a,,point,,,"], r"x_m is '': give a number"),
         (["a,0000,point,,inf,2"], r"line 2: x_px is 'inf': give a number"),
-        ([f"a,0000,area,,{place}" for place in ("60,60", "100,90", "100,60", "60,90")], r"measure 'a': the outline crosses itself"),
+        (
+            [f"a,0000,area,,{place}" for place in ("60,60", "100,90", "100,60", "60,90")],
+            r"measure 'a': the outline crosses itself",
+        ),
     ],
 )
-def test_a_table_that_cannot_be_used_is_named(out: Path, tmp_path: Path, rows: list[str], message: str) -> None:
+def test_a_table_that_cannot_be_used_is_named(
+    out: Path, tmp_path: Path, rows: list[str], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         measure(out, table(tmp_path / "points.csv", *rows))
 
 
 def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("x,y\n1,2\n")
-    with pytest.raises(InputError, match=r"has no column 'measure': give the columns measure, frame"):
+    with pytest.raises(
+        InputError, match=r"has no column 'measure': give the columns measure, frame"
+    ):
         measure(out, tmp_path / "points.csv")
 
 
@@ -378,9 +447,18 @@ def test_lengths_as_eventmeasure_has_them(out: Path, tmp_path: Path, cli: Cli) -
         "1",
         "",
     ]
-    assert (bar["Comment"], bar["Genus"], bar["OpCode"], bar["Frame"]) == ("bar", "", out.name, "0001")
+    assert (bar["Comment"], bar["Genus"], bar["OpCode"], bar["Frame"]) == (
+        "bar",
+        "",
+        out.name,
+        "0001",
+    )
     middle = np.array([float(fish[f"Mid {axis} (mm)"]) for axis in "XYZ"])
     assert float(fish["Range (mm)"]) == pytest.approx(np.linalg.norm(middle), abs=0.02)
-    assert float(fish["Direction (deg)"]) == pytest.approx(np.degrees(np.arccos(middle[2] / np.linalg.norm(middle))), abs=0.01)
-    assert float(fish["Horz. Dir. (deg)"]) == pytest.approx(np.degrees(np.arctan2(middle[0], middle[2])), abs=0.01)
+    assert float(fish["Direction (deg)"]) == pytest.approx(
+        np.degrees(np.arccos(middle[2] / np.linalg.norm(middle))), abs=0.01
+    )
+    assert float(fish["Horz. Dir. (deg)"]) == pytest.approx(
+        np.degrees(np.arctan2(middle[0], middle[2])), abs=0.01
+    )
     assert fish["Time (mins)"] == "", "the frames tell no time"

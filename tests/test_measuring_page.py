@@ -44,7 +44,7 @@ console.log(JSON.stringify({
   crossed: [given.places, given.crossed].map(crossesItself),
   map: ground.area(spots),
 }));
-"""
+"""  # noqa: E501
 
 
 def seen() -> Surface:
@@ -59,7 +59,9 @@ def seen() -> Surface:
 def reef() -> Ground:
     """A dome with steep sides on rough ground, with a hole."""
     y, x = (np.mgrid[:50, :50] + 0.5) * 0.02
-    heights = np.sqrt(np.maximum(0.3**2 - (x - 0.5) ** 2 - (y - 0.5) ** 2, 0)) + 0.01 * np.sin(40 * x) * np.cos(30 * y)
+    heights = np.sqrt(np.maximum(0.3**2 - (x - 0.5) ** 2 - (y - 0.5) ** 2, 0)) + 0.01 * np.sin(
+        40 * x
+    ) * np.cos(30 * y)
     heights[30:38, 5:20] = np.nan
     return Ground(heights, 0.0, 1.0, 0.02, 0.004)
 
@@ -78,7 +80,9 @@ def page() -> dict:
         "--loader=ts",
         "--banner:js=globalThis.window=globalThis;",
     ]
-    built = subprocess.run(bundle, cwd=WEB, input=PROGRAM, capture_output=True, text=True, check=True).stdout
+    built = subprocess.run(
+        bundle, cwd=WEB, input=PROGRAM, capture_output=True, text=True, check=True
+    ).stdout
     surface, ground = seen(), reef()
     ranges = {
         "width": 160,
@@ -87,10 +91,29 @@ def page() -> dict:
         "std_m": surface.std_blocks_m.ravel().tolist(),
     }
     pair = {"focal_px": PAIR.focal_px, "cx_left_px": PAIR.cx_left_px, "cy_px": PAIR.cy_px}
-    terrain = {"rows": 50, "columns": 50, "cell_m": 0.02, "heights": ground.heights_m.ravel().tolist(), "std_m": ground.std_m}
-    given = {"ranges": ranges, "pair": pair, "ground": terrain, "places": PLACES, "crossed": CROSSED, "beside": BESIDE}
+    terrain = {
+        "rows": 50,
+        "columns": 50,
+        "cell_m": 0.02,
+        "heights": ground.heights_m.ravel().tolist(),
+        "std_m": ground.std_m,
+    }
+    given = {
+        "ranges": ranges,
+        "pair": pair,
+        "ground": terrain,
+        "places": PLACES,
+        "crossed": CROSSED,
+        "beside": BESIDE,
+    }
     text = json.dumps({**given, "corners": CORNERS}).replace("NaN", "null")
-    run = subprocess.run(["node", "--input-type=module", "-e", built], input=text, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        ["node", "--input-type=module", "-e", built],
+        input=text,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return dict(json.loads(run.stdout))
 
 
@@ -100,7 +123,11 @@ def test_an_area_in_a_frame_is_the_same(page: dict) -> None:
     area, known = surface_area(surface, picks)
     assert known < 0.95
     assert page["frame"] == [
-        {"value": pytest.approx(area.value, rel=1e-6), "std": pytest.approx(area.std, rel=1e-5), "power": 2},
+        {
+            "value": pytest.approx(area.value, rel=1e-6),
+            "std": pytest.approx(area.std, rel=1e-5),
+            "power": 2,
+        },
         known,
     ]
 
@@ -110,7 +137,11 @@ def test_an_area_on_the_map_is_the_same(page: dict) -> None:
     found = ground.area([spot for corner in CORNERS if (spot := ground.pick(*corner, None, 0.002))])
     assert found is not None and found[1] < 0.95
     area = found[0]
-    assert page["map"][0] == {"value": pytest.approx(area.value, rel=1e-6), "std": pytest.approx(area.std, rel=1e-5), "power": 2}
+    assert page["map"][0] == {
+        "value": pytest.approx(area.value, rel=1e-6),
+        "std": pytest.approx(area.std, rel=1e-5),
+        "power": 2,
+    }
     assert page["map"][1] == pytest.approx(found[1])
 
 
@@ -118,6 +149,12 @@ def test_steps_and_outlines_that_cross_themselves_are_refused_by_both(page: dict
     surface = seen()
     beside, plain = surface.pick(*BESIDE), surface.pick(*PLACES[0])
     assert beside is not None and plain is not None
-    assert surface.nearer_m(beside) == pytest.approx(page["step"], rel=1e-6) and page["step"] == pytest.approx(1.2, rel=0.01)
+    assert surface.nearer_m(beside) == pytest.approx(page["step"], rel=1e-6) and page[
+        "step"
+    ] == pytest.approx(1.2, rel=0.01)
     assert surface.nearer_m(plain) is None and page["plain"] is None
-    assert page["crossed"] == [crosses_itself(np.array(each)) for each in (PLACES, CROSSED)] == [False, True]
+    assert (
+        page["crossed"]
+        == [crosses_itself(np.array(each)) for each in (PLACES, CROSSED)]
+        == [False, True]
+    )

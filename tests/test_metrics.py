@@ -1,4 +1,6 @@
-"""Structure, colonies and cover of a site: against closed forms, and with standard errors that hold."""
+"""Structure, colonies and cover of a site: against closed forms, and with standard errors that
+hold.
+"""
 
 import csv
 import json
@@ -20,10 +22,23 @@ from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.reef.commands.compare import metrics
 from stereo_seecolor.extras.reef.metrics.colony import Colony, Measured, measure_outlines
 from stereo_seecolor.extras.reef.metrics.outlines import Outline, read_outlines
-from stereo_seecolor.extras.reef.metrics.structure import Numbers, mean_height_range, numbers_of, rdh, squares_of, structure
+from stereo_seecolor.extras.reef.metrics.structure import (
+    Numbers,
+    mean_height_range,
+    numbers_of,
+    rdh,
+    squares_of,
+    structure,
+)
 from stereo_seecolor.extras.reef.metrics.tables import cover
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors, grid_of, terrain_errors, terrain_of
+from stereo_seecolor.extras.reef.site.terrain import (
+    Terrain,
+    TerrainErrors,
+    grid_of,
+    terrain_errors,
+    terrain_of,
+)
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
@@ -46,11 +61,17 @@ def mesh_of(height: Callable[[Array, Array], Array], half_m: float = 0.3) -> Sit
     points = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
     n = 2 * steps + 1
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    triangles = np.concatenate([corner[:, None] + [0, 1, n], corner[:, None] + [1, n + 1, n]]).astype(np.int32)
-    return SiteMesh(points, np.tile([0.0, 0, 1], (n * n, 1)), np.full((n * n, 3), 90, np.uint8), triangles)
+    triangles = np.concatenate(
+        [corner[:, None] + [0, 1, n], corner[:, None] + [1, n + 1, n]]
+    ).astype(np.int32)
+    return SiteMesh(
+        points, np.tile([0.0, 0, 1], (n * n, 1)), np.full((n * n, 3), 90, np.uint8), triangles
+    )
 
 
-def site(mesh: SiteMesh, std_m: float = 0.003, correlation_m: float = 0.01) -> tuple[Terrain, TerrainErrors]:
+def site(
+    mesh: SiteMesh, std_m: float = 0.003, correlation_m: float = 0.01
+) -> tuple[Terrain, TerrainErrors]:
     terrain = terrain_of(mesh, grid_of(mesh, CELL_M))
     std, views = np.full(terrain.grid.shape, std_m), np.full(terrain.grid.shape, 4, np.int32)
     return terrain, TerrainErrors(std, std, views, correlation_m)
@@ -72,7 +93,8 @@ def test_a_slope_has_the_dimension_of_a_plane_and_the_rugosity_of_its_tilt() -> 
     assert found.rugosity_area == pytest.approx(np.sqrt(1 + 0.5**2), abs=1e-9)
     assert found.height_range_m == pytest.approx(across.max() - across.min())
     assert found.fractal_dimension == pytest.approx(2, abs=0.03)
-    # by ranges of the heights at cells' centers: 12 of them span 11 cells, a range of sqrt(2) 0.5 11 / 12 of the edge
+    # by ranges of the heights at cells' centers: 12 of them span 11 cells, a range of sqrt(2) 0.5
+    # 11 / 12 of the edge
     assert found.rugosity_hvar == pytest.approx(np.sqrt(1 + 0.5**2), abs=0.03)
     flat = rdh(np.zeros((64, 64)), 0.01)
     assert (flat.rugosity_hvar, flat.fractal_dimension, flat.height_range_m) == (1, 2, 0)
@@ -81,13 +103,17 @@ def test_a_slope_has_the_dimension_of_a_plane_and_the_rugosity_of_its_tilt() -> 
 
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2.2, 0.25), (2.5, 0.12), (2.8, 0.12)])
 def test_the_dimension_of_a_fractal_surface_is_found(dimension: float, tolerance: float) -> None:
-    """Height ranges are known to say too much of a smooth surface: their largest square holds few independent heights."""
+    """Height ranges are known to say too much of a smooth surface: their largest square holds few
+    independent heights.
+    """
     n, rng = 1024, np.random.default_rng(3)
     frequency = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :])
     frequency[0, 0] = np.inf
     spectrum = np.fft.rfft2(rng.standard_normal((n, n))) * frequency ** -(3 - dimension + 1)
     heights = np.fft.irfft2(spectrum)[:512, :512]
-    assert rdh(heights / heights.std(), 0.01).fractal_dimension == pytest.approx(dimension, abs=tolerance)
+    assert rdh(heights / heights.std(), 0.01).fractal_dimension == pytest.approx(
+        dimension, abs=tolerance
+    )
 
 
 def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:
@@ -107,8 +133,12 @@ def test_a_half_sphere_has_its_volume_surface_and_height() -> None:
     assert colony.measured.planar_m2 == pytest.approx(np.pi * RIM_M**2, rel=0.01)
     assert colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
     assert colony.measured.height_m == pytest.approx(0.15, abs=1e-3)
-    assert colony.measured.mesh_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.03)  # steep cells at the foot
-    assert colony.measured.surface_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.05)  # which three cells show less of
+    assert colony.measured.mesh_m2 == pytest.approx(
+        2 * np.pi * 0.15**2 + ring_m2, rel=0.03
+    )  # steep cells at the foot
+    assert colony.measured.surface_m2 == pytest.approx(
+        2 * np.pi * 0.15**2 + ring_m2, rel=0.05
+    )  # which three cells show less of
     assert (colony.views, colony.unseen) == (4, 0)
 
 
@@ -116,28 +146,39 @@ def test_a_volume_stands_above_ground_that_slopes() -> None:
     mesh = mesh_of(lambda x, y: dome(x, y) + 0.4 * x - 0.2 * y)
     terrain, errors = site(mesh)
     (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
-    assert colony is not None and colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
+    assert colony is not None and colony.measured.volume_l == pytest.approx(
+        1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01
+    )
 
 
 def test_the_mesh_counts_what_overhangs() -> None:
     ground = mesh_of(lambda x, y: 0 * x)
     table = ground.moved(np.block([[np.eye(3), np.array([[0], [0], [0.2]])], [np.zeros(3), 1]]))
     both = SiteMesh(
-        *(np.concatenate([getattr(ground, n), getattr(table, n)]) for n in ("points_m", "normals", "color")),
+        *(
+            np.concatenate([getattr(ground, n), getattr(table, n)])
+            for n in ("points_m", "normals", "color")
+        ),
         np.concatenate([ground.triangles, table.triangles + len(ground.points_m)]),
     )
     terrain, errors = site(both)
     (scale, *_) = structure(both, terrain, errors)
     assert scale.mapped.rugosity_area == pytest.approx(1, abs=1e-9)
-    assert scale.mapped.mesh_rugosity == pytest.approx(2, abs=0.05)  # a cell at the edge is half covered
+    assert scale.mapped.mesh_rugosity == pytest.approx(
+        2, abs=0.05
+    )  # a cell at the edge is half covered
 
 
 def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
-    """Surveys of one dome with errors of known size: their volumes differ by as much as each of them says."""
+    """Surveys of one dome with errors of known size: their volumes differ by as much as each of
+    them says.
+    """
     rng, clean = np.random.default_rng(1), mesh_of(dome)
     found = []
     for _ in range(24):
-        noisy = clean.points_m + np.array([0, 0, 0.004]) * rng.standard_normal((len(clean.points_m), 1))
+        noisy = clean.points_m + np.array([0, 0, 0.004]) * rng.standard_normal(
+            (len(clean.points_m), 1)
+        )
         mesh = SiteMesh(noisy, clean.normals, clean.color, clean.triangles)
         terrain, errors = site(mesh, 0.004, correlation_m=0.0)
         (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
@@ -149,7 +190,9 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
 
 @pytest.mark.parametrize(("wave_m", "tall_m"), [(0.3, 0.0), (0.3, 0.02), (0.2, 0.02), (0.3, 0.04)])
 def test_structure_is_that_of_the_ground_and_not_of_its_noise(wave_m: float, tall_m: float) -> None:
-    """Waves, smoothed as matching does, with noise of 5 mm: what the map has is too rough by many of its standard errors."""
+    """Waves, smoothed as matching does, with noise of 5 mm: what the map has is too rough by many
+    of its standard errors.
+    """
     rng = np.random.default_rng(3)
     x, y = np.meshgrid(*(np.arange(200) * CELL_M,) * 2)
     true_m = tall_m * np.sin(2 * np.pi * x / wave_m) * np.cos(2 * np.pi * y / wave_m)
@@ -173,13 +216,24 @@ def test_structure_is_that_of_the_ground_and_not_of_its_noise(wave_m: float, tal
 
 
 def test_cover_is_of_what_was_seen_and_of_what_was_outlined() -> None:
-    colonies = [colony("coral", 2.0, 1.0, 0.1), colony("coral", 4.0, 2.0, 0.1), colony("", 2.0, 3.0, 0.2)]
+    colonies = [
+        colony("coral", 2.0, 1.0, 0.1),
+        colony("coral", 4.0, 2.0, 0.1),
+        colony("", 2.0, 3.0, 0.2),
+    ]
     coral, sand = cover(colonies, 30.0)
-    assert (coral.label, coral.outlines, coral.surface_m2, coral.of_outlined_surface) == ("coral", 2, 6, 0.75)
+    assert (coral.label, coral.outlines, coral.surface_m2, coral.of_outlined_surface) == (
+        "coral",
+        2,
+        6,
+        0.75,
+    )
     assert (coral.of_seen, coral.of_outlined_planar) == (0.1, 0.5)
     assert (sand.label, sand.of_seen, sand.of_outlined_surface) == ("unlabeled", 0.1, 0.25)
     # of a / (a + b) with a = 6 +- 0.1 sqrt 2, b = 2 +- 0.2
-    assert coral.of_outlined_surface_std == pytest.approx(np.hypot(2 * 0.1 * np.sqrt(2), 6 * 0.2) / 64)
+    assert coral.of_outlined_surface_std == pytest.approx(
+        np.hypot(2 * 0.1 * np.sqrt(2), 6 * 0.2) / 64
+    )
     assert sand.of_outlined_surface_std == pytest.approx(coral.of_outlined_surface_std)
 
 
@@ -191,17 +245,24 @@ def half_seen(height: Callable[[Array, Array], Array]) -> SiteMesh:
 
 
 def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
-    """A dome shifted to the seen side: the rest is flat, which the half that was seen does not tell."""
+    """A dome shifted to the seen side: the rest is flat, which the half that was seen does not
+    tell.
+    """
 
     def beside(x: Array, y: Array) -> Array:
         return dome(x + 0.05, y, 0.1)
 
     true, seen = mesh_of(beside), half_seen(beside)
-    truth, found = (measure_outlines([circle(RIM_M)], mesh, *site(mesh), STD_M)[0] for mesh in (true, seen))
+    truth, found = (
+        measure_outlines([circle(RIM_M)], mesh, *site(mesh), STD_M)[0] for mesh in (true, seen)
+    )
     assert truth is not None and found is not None
     assert found.unseen == pytest.approx(0.5, abs=0.05)
     for name in ("surface_m2", "volume_l"):
-        error, std = abs(vars(found.measured)[name] - vars(truth.measured)[name]), vars(found.standard_error)[name]
+        error, std = (
+            abs(vars(found.measured)[name] - vars(truth.measured)[name]),
+            vars(found.standard_error)[name],
+        )
         assert error < 2.5 * std, name
         assert std > 3 * vars(truth.standard_error)[name], name
     flat = half_seen(lambda x, y: 0 * x)
@@ -215,7 +276,11 @@ def test_outlines_that_overlap_count_what_they_share_once() -> None:
     twice = [each for each in measure_outlines(outlines, mesh, *site(mesh), STD_M) if each]
     assert cover(twice, 1.0)[0].surface_m2 == pytest.approx(twice[0].measured.surface_m2)
     inner = [
-        each for each in measure_outlines([circle(RIM_M, "", "rock"), circle(0.1, "", "coral")], mesh, *site(mesh), STD_M) if each
+        each
+        for each in measure_outlines(
+            [circle(RIM_M, "", "rock"), circle(0.1, "", "coral")], mesh, *site(mesh), STD_M
+        )
+        if each
     ]
     assert sum(each.planar_m2 for each in cover(inner, 1.0)) == pytest.approx(
         inner[0].measured.planar_m2, rel=0.01
@@ -225,7 +290,14 @@ def test_outlines_that_overlap_count_what_they_share_once() -> None:
 def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:
     nothing = float("nan")
     error = Measured(0, 0, std_m2, nothing, nothing, nothing, nothing)
-    return Colony("", label, Measured(planar_m2, planar_m2, surface_m2, nothing, nothing, nothing, nothing), error, 0, 3)
+    return Colony(
+        "",
+        label,
+        Measured(planar_m2, planar_m2, surface_m2, nothing, nothing, nothing, nothing),
+        error,
+        0,
+        3,
+    )
 
 
 def test_an_outline_with_a_hole_covers_the_cells_whose_centers_it_holds() -> None:
@@ -253,7 +325,9 @@ def test_terrain_is_surer_where_more_frames_saw_it(fused: Path) -> None:
     errors = terrain_errors(posed, terrain)
     assert errors.views.max() >= 3
     once, often = errors.views == 1, errors.views == 3
-    single_m = 0.004 * 1.5**2  # straight below; further out the range and its error grow, and the ray leans
+    single_m = (
+        0.004 * 1.5**2
+    )  # straight below; further out the range and its error grow, and the ray leans
     assert np.nanmin(errors.std_m[once]) == pytest.approx(single_m, rel=0.2)
     assert np.nanmedian(errors.std_m[often]) == pytest.approx(single_m / np.sqrt(3), rel=0.25)
     assert np.isnan(errors.std_m[errors.views == 0]).all()
@@ -261,7 +335,11 @@ def test_terrain_is_surer_where_more_frames_saw_it(fused: Path) -> None:
 
 def write_geojson(path: Path, rings: dict[str, list[list[float]]], **members: object) -> Path:
     features = [
-        {"type": "Feature", "properties": {"Label": label}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
+        {
+            "type": "Feature",
+            "properties": {"Label": label},
+            "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]},
+        }
         for label, ring in rings.items()
     ]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features, **members}))
@@ -271,10 +349,14 @@ def write_geojson(path: Path, rings: dict[str, list[list[float]]], **members: ob
 SQUARE = [[0.2, -0.2], [0.6, -0.2], [0.6, 0.2], [0.2, 0.2]]
 
 
-def test_metrics_of_a_run_with_outlines(fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]) -> None:
+def test_metrics_of_a_run_with_outlines(
+    fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]
+) -> None:
     far = [[x + 50, y] for x, y in SQUARE]
     polygons = write_geojson(tmp_path / "p.geojson", {"coral": SQUARE, "far": far})
-    code, said, _ = cli("metrics", fused, "--polygons", polygons, "--out", tmp_path / "to", "--json")
+    code, said, _ = cli(
+        "metrics", fused, "--polygons", polygons, "--out", tmp_path / "to", "--json"
+    )
     result = json.loads(said)
     assert mismatch(result, SHAPES["metrics"]) is None
     assert (code, result["unseen"]) == (3, ["2"])
@@ -283,8 +365,15 @@ def test_metrics_of_a_run_with_outlines(fused: Path, tmp_path: Path, cli: Callab
     assert coral["measured"]["rugosity"] == pytest.approx(1, abs=0.02)
     with (tmp_path / "to/structure.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert float(rows[0]["rugosity_area"]) == pytest.approx(1, abs=0.01) and float(rows[0]["rugosity_area_std"]) > 0
-    assert sorted(path.name for path in (tmp_path / "to").iterdir()) == ["cover.csv", "outlines.csv", "structure.csv"]
+    assert (
+        float(rows[0]["rugosity_area"]) == pytest.approx(1, abs=0.01)
+        and float(rows[0]["rugosity_area_std"]) > 0
+    )
+    assert sorted(path.name for path in (tmp_path / "to").iterdir()) == [
+        "cover.csv",
+        "outlines.csv",
+        "structure.csv",
+    ]
     code, said, _ = cli("metrics", fused, "--polygons", polygons)
     assert "not seen: 2" in said and "coral" in said
     with pytest.raises(OutputError, match="new or an empty folder"):
@@ -293,10 +382,14 @@ def test_metrics_of_a_run_with_outlines(fused: Path, tmp_path: Path, cli: Callab
 
 def georeferenced(fused: Path) -> PosedRun:
     posed = open_posed_run(fused)
-    return replace(posed, map=replace(posed.map, offset_m=[100.0, 200, 0], origin=GeoOrigin(-18.5, 147.2)))
+    return replace(
+        posed, map=replace(posed.map, offset_m=[100.0, 200, 0], origin=GeoOrigin(-18.5, 147.2))
+    )
 
 
-def test_geojson_in_meters_degrees_or_a_named_system_is_the_same_outline(fused: Path, tmp_path: Path) -> None:
+def test_geojson_in_meters_degrees_or_a_named_system_is_the_same_outline(
+    fused: Path, tmp_path: Path
+) -> None:
     import pyproj
 
     posed = georeferenced(fused)
@@ -322,7 +415,12 @@ def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path:
     import rasterio
 
     with rasterio.open(fused / "map/orthomosaic.tif") as file:
-        west, north, cell_m, size = file.bounds.left, file.bounds.top, file.res[0], (file.width, file.height)
+        west, north, cell_m, size = (
+            file.bounds.left,
+            file.bounds.top,
+            file.res[0],
+            (file.width, file.height),
+        )
     contour = [[(x - west) / cell_m - 0.5, (north - y) / cell_m - 0.5] for x, y in SQUARE]
     region = {"id": 7, "class name": "Pocillopora", "contour": contour, "inner contours": []}
     image = {"width": size[0], "height": size[1], "annotations": {"regions": [region]}}
@@ -342,10 +440,15 @@ def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path:
         ("{", "is no GeoJSON"),
         ('{"type": "FeatureCollection", "features": []}', "holds no polygon"),
         ('{"features": 3}', "is damaged, or of a form"),
-        ('{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}', "holds no polygon"),
+        (
+            '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}',
+            "holds no polygon",
+        ),
     ],
 )
-def test_files_without_outlines_say_so(fused: Path, tmp_path: Path, content: str, message: str) -> None:
+def test_files_without_outlines_say_so(
+    fused: Path, tmp_path: Path, content: str, message: str
+) -> None:
     (tmp_path / "p.json").write_text(content)
     with pytest.raises(InputError, match=message):
         read_outlines(tmp_path / "p.json", open_posed_run(fused))
@@ -358,7 +461,9 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: Samp
     with rasterio.open(made.folder / "dem.tif") as file:
         assert np.isfinite(file.read(1)).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2)
     with rasterio.open(made.folder / "orthomosaic.tif") as file:
-        assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2, rel=0.005)  # edges, in other cells
+        assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(
+            made.area_m2, rel=0.005
+        )  # edges, in other cells
     assert metrics(sample_run.out).area_m2 == pytest.approx(made.area_m2)
     facts = DiveFacts.of(open_run(sample_run.out))
     said = digits(made.area_m2)

@@ -25,13 +25,20 @@ def corrected(out: Path, suffix: str) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("image_format", "suffix"), [("png", ".png"), ("png16", ".png"), ("jpg", ".jpg"), ("tiff32", ".tiff")])
-def test_two_monochrome_cameras_give_one_channel(make_dive, tmp_path: Path, image_format: str, suffix: str) -> None:
+@pytest.mark.parametrize(
+    ("image_format", "suffix"),
+    [("png", ".png"), ("png16", ".png"), ("jpg", ".jpg"), ("tiff32", ".tiff")],
+)
+def test_two_monochrome_cameras_give_one_channel(
+    make_dive, tmp_path: Path, image_format: str, suffix: str
+) -> None:
     dive = make_dive(2)
     for side in "LR":
         make_gray(dive.root / side)
     config = load_config(None, [f"output.image_format={image_format}"])
-    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", config)
+    summary = run(
+        dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", config
+    )
     assert summary.count("ok") == 2
     assert corrected(tmp_path / "out", suffix).ndim == 2
     frame = SurveyFrames(open_run(tmp_path / "out"))[1]
@@ -48,13 +55,20 @@ def test_color_with_monochrome_matches_and_stays_in_color(make_dive, tmp_path: P
     assert corrected(tmp_path / "out", ".png").ndim == 3
 
 
-def test_a_monochrome_camera_sees_less_water_in_what_is_corrected(make_dive, tmp_path: Path) -> None:
-    """Far and near halves of one texture differ in contrast by attenuation; corrected, they differ less."""
+def test_a_monochrome_camera_sees_less_water_in_what_is_corrected(
+    make_dive, tmp_path: Path
+) -> None:
+    """Far and near halves of one texture differ in contrast by attenuation; corrected, they differ
+    less.
+    """
     dive = make_dive(2)
     for side in "LR":
         make_gray(dive.root / side)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
-    raw, now = cv2.imread(str(dive.root / "L" / "0001.png"), cv2.IMREAD_UNCHANGED), corrected(tmp_path / "out", ".png")
+    raw, now = (
+        cv2.imread(str(dive.root / "L" / "0001.png"), cv2.IMREAD_UNCHANGED),
+        corrected(tmp_path / "out", ".png"),
+    )
     known = now > 0
 
     def contrast_ratio(image: np.ndarray) -> float:

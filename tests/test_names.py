@@ -60,14 +60,20 @@ def test_streamed_json_is_the_text_of_what_it_stands_for(tmp_path):
     }
     for _ in range(2):  # as often as it is asked for
         assert b"".join(JsonText(streamed)).decode() == json.dumps(content) + "\n"
-    text = b"".join(JsonText({"deep": {"list": [1, {}], "streamed": streamed}, "é": None}, 2)).decode()
+    text = b"".join(
+        JsonText({"deep": {"list": [1, {}], "streamed": streamed}, "é": None}, 2)
+    ).decode()
     assert json.loads(text) == {"deep": {"list": [1, {}], "streamed": content}, "é": None}
-    assert '\n      "a": {\n        "x": [1.5, null],\n        "y": {}\n      },' in text  # a member a line
+    assert (
+        '\n      "a": {\n        "x": [1.5, null],\n        "y": {}\n      },' in text
+    )  # a member a line
     assert text.startswith('{\n  "deep": {\n    "list": [\n      1,\n      {}\n    ],')
     long = JsonText({"long": StreamedList(lambda: range(50_000))})
     assert len(list(long)) > 3
     write_atomic(tmp_path / "long.json", long)
     assert json.loads((tmp_path / "long.json").read_bytes()) == {"long": list(range(50_000))}
     assert holds(tmp_path / "long.json", long)
-    assert not holds(tmp_path / "long.json", JsonText({"long": StreamedList(lambda: range(49_999))}))
+    assert not holds(
+        tmp_path / "long.json", JsonText({"long": StreamedList(lambda: range(49_999))})
+    )
     assert not holds(tmp_path / "long.json", b"".join(long)[:-1])

@@ -30,16 +30,26 @@ def frequent_collection():
     gc.set_threshold(*before)
 
 
-def test_threads_read_arrays_while_garbage_is_collected(tmp_path: Path, frequent_collection: None) -> None:
-    content = np.zeros(3, [(f"field{number}", np.float32) for number in range(40)])  # a long header: much to parse
+def test_threads_read_arrays_while_garbage_is_collected(
+    tmp_path: Path, frequent_collection: None
+) -> None:
+    content = np.zeros(
+        3, [(f"field{number}", np.float32) for number in range(40)]
+    )  # a long header: much to parse
     np.save(tmp_path / "one.npy", content)
     np.savez(tmp_path / "some.npz", content=content)
     write_arrays(tmp_path / "raw", [content])
 
     def read(_: int) -> bool:
         Garbage(), Garbage(), Garbage()
-        found = load_array(tmp_path / "one.npy"), load_arrays(tmp_path / "some.npz")["content"], read_arrays(tmp_path / "raw", 1)
-        return found[2] is not None and all(np.array_equal(one, content) for one in (found[0], found[1], found[2][0]))
+        found = (
+            load_array(tmp_path / "one.npy"),
+            load_arrays(tmp_path / "some.npz")["content"],
+            read_arrays(tmp_path / "raw", 1),
+        )
+        return found[2] is not None and all(
+            np.array_equal(one, content) for one in (found[0], found[1], found[2][0])
+        )
 
     with ThreadPoolExecutor(4) as threads:
         assert all(threads.map(read, range(1000)))

@@ -1,4 +1,6 @@
-"""``output.geometry: original``: products in the left camera's own pixels lie where it saw the scene, under its own names."""
+"""``output.geometry: original``: products in the left camera's own pixels lie where it saw the
+scene, under its own names.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +23,12 @@ from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.run_folder.finished_run import open_run
 
-RIGS = {"pinhole": pinhole_rig, "fisheye": fisheye_rig, "port": port_rig, "vertical": lambda: rig_at(91.0)}
+RIGS = {
+    "pinhole": pinhole_rig,
+    "fisheye": fisheye_rig,
+    "port": port_rig,
+    "vertical": lambda: rig_at(91.0),
+}
 ORIGINAL = ("--set", "output.geometry=original")
 MARK = (231, 118)
 NEAR_MARK_PX = 12
@@ -40,7 +47,10 @@ def test_ranges_of_a_slope_come_back_to_the_pixels_that_saw_it(name: str) -> Non
     rectified_m *= np.linalg.norm(rectification.pair.rays, axis=-1)
     width, height = rig.left.image_size
     u, v = np.meshgrid(np.arange(0, width, 37), np.arange(0, height, 41))
-    rays = cameras_in_water(rig)[0].rays(np.column_stack([u.ravel(), v.ravel()]).astype(float)) @ rectification.R_left.T
+    rays = (
+        cameras_in_water(rig)[0].rays(np.column_stack([u.ravel(), v.ravel()]).astype(float))
+        @ rectification.R_left.T
+    )
     truth_m = (distance_m / (rays @ normal) * np.linalg.norm(rays, axis=-1)).reshape(u.shape)
     found_m = view.ranges(rectified_m.astype(np.float32))[v, u]
     seen = np.isfinite(found_m)
@@ -50,7 +60,9 @@ def test_ranges_of_a_slope_come_back_to_the_pixels_that_saw_it(name: str) -> Non
     columns, rows = rectification.pair.image_size
     x, y = x + rectification.pair.cx_left_px, y + rectification.pair.cy_px
     inside = (x > 1) & (x < columns - 2) & (y > 1) & (y < rows - 2)
-    assert (seen.ravel() == inside)[inside | ~seen.ravel()].all(), "unknown only where the rectified image does not reach"
+    assert (seen.ravel() == inside)[inside | ~seen.ravel()].all(), (
+        "unknown only where the rectified image does not reach"
+    )
 
 
 @pytest.mark.slow
@@ -68,25 +80,36 @@ def test_no_range_is_made_up_between_two_surfaces() -> None:
 
 
 def photograph_plane(folder: Path, suffix: str = ".jpg") -> StereoRig:
-    """Three pairs of a plane that the left camera looks at squarely, with a white mark in each left image; and their rig."""
+    """Three pairs of a plane that the left camera looks at squarely, with a white mark in each left
+    image; and their rig.
+    """
     K = np.array([[520.0, 0, 243], [0, 520, 176], [0, 0, 1]])
     left = Camera(K, np.array([-0.25, 0.05, 0, 0, 0]), (480, 360))
     T = np.eye(4)
     T[:3, :3], T[0, 3] = cv2.Rodrigues(np.array([0.01, 0.04, -0.02]))[0], -0.1
-    rig = StereoRig(left, Camera(K + np.diag([5.0, 4, 0]), np.array([-0.2, 0.04, 0, 0, 0]), (480, 360)), T)
+    rig = StereoRig(
+        left, Camera(K + np.diag([5.0, 4, 0]), np.array([-0.2, 0.04, 0, 0, 0]), (480, 360)), T
+    )
     pose = np.eye(4)
     pose[2, 3] = PLANE_M
     for number in range(3):
         rng = np.random.default_rng(number)
         sand = cv2.GaussianBlur(rng.integers(0, 256, (700, 900), dtype=np.uint8), (0, 0), 1.0)
         sand = cv2.normalize(sand, None, 20, 120, cv2.NORM_MINMAX)
-        for side, camera, extrinsic in (("left", rig.left, np.eye(4)), ("right", rig.right, rig.T_right_left)):
+        for side, camera, extrinsic in (
+            ("left", rig.left, np.eye(4)),
+            ("right", rig.right, rig.T_right_left),
+        ):
             (folder / side).mkdir(parents=True, exist_ok=True)
             gray = rendered(camera, extrinsic @ pose, sand, 520, np.array([-0.85, -0.65]))
-            picture = np.stack([gray * 0.9, gray, gray * 0.5], axis=-1).astype(np.uint8)  # blue, green, red
+            picture = np.stack([gray * 0.9, gray, gray * 0.5], axis=-1).astype(
+                np.uint8
+            )  # blue, green, red
             if side == "left":
                 picture[MARK[1] - 2 : MARK[1] + 3, MARK[0] - 2 : MARK[0] + 3] = 255
-            save_photograph(folder / side / f"dive_{number}_{side[0].upper()}{suffix}", picture[..., ::-1])
+            save_photograph(
+                folder / side / f"dive_{number}_{side[0].upper()}{suffix}", picture[..., ::-1]
+            )
     native.write(rig, folder / "cam.yaml")
     return rig
 
@@ -101,7 +124,9 @@ def save_photograph(path: Path, rgb: np.ndarray) -> None:
     if path.suffix == ".tif":
         path.write_bytes(encode_tiff(rgb, exif.tobytes()[6:]))
     else:
-        Image.fromarray(rgb).save(path, exif=exif, **({"quality": 98} if path.suffix == ".jpg" else {}))
+        Image.fromarray(rgb).save(
+            path, exif=exif, **({"quality": 98} if path.suffix == ".jpg" else {})
+        )
 
 
 def place_of_mark(image: np.ndarray) -> np.ndarray:
@@ -111,7 +136,14 @@ def place_of_mark(image: np.ndarray) -> np.ndarray:
 
 
 def words(folder: Path, out: Path, *more: str) -> list[str]:
-    sides = ["--left", str(folder / "left"), "--right", str(folder / "right"), "--calib", str(folder / "cam.yaml")]
+    sides = [
+        "--left",
+        str(folder / "left"),
+        "--right",
+        str(folder / "right"),
+        "--calib",
+        str(folder / "cam.yaml"),
+    ]
     return ["run", *sides, "--out", str(out), *more]
 
 
@@ -125,9 +157,17 @@ def test_a_point_keeps_its_pixel(cli: Cli, tmp_path: Path, suffix: str) -> None:
         raw = read_array(frame.left)
         path = frame.products["original/corrected"]
         assert path.relative_to(run.root) == Path("original/corrected") / frame.left.name
-        corrected, range_m, mask = (frame.read(f"original/{product}") for product in ("corrected", "range", "mask"))
-        assert corrected.shape == raw.shape and corrected.dtype == raw.dtype and range_m.shape == mask.shape == raw.shape[:2]
-        assert np.array_equal(place_of_mark(corrected), place_of_mark(raw)) and np.array_equal(place_of_mark(raw), MARK)
+        corrected, range_m, mask = (
+            frame.read(f"original/{product}") for product in ("corrected", "range", "mask")
+        )
+        assert (
+            corrected.shape == raw.shape
+            and corrected.dtype == raw.dtype
+            and range_m.shape == mask.shape == raw.shape[:2]
+        )
+        assert np.array_equal(place_of_mark(corrected), place_of_mark(raw)) and np.array_equal(
+            place_of_mark(raw), MARK
+        )
         capture = read_capture(path.read_bytes())
         assert capture.exposure_s == 0.005 and capture.captured_s == 1714979289.0
 
@@ -137,7 +177,9 @@ def test_a_point_keeps_its_pixel(cli: Cli, tmp_path: Path, suffix: str) -> None:
         truth_m = (PLANE_M * np.linalg.norm(rays, axis=1)).reshape(height, width)
         known = np.isfinite(range_m)
         assert known.mean() > 0.6
-        off_mark = np.hypot(columns - MARK[0], rows - MARK[1]) > NEAR_MARK_PX  # it is in the left image alone: no match is right
+        off_mark = (
+            np.hypot(columns - MARK[0], rows - MARK[1]) > NEAR_MARK_PX
+        )  # it is in the left image alone: no match is right
         errors = np.abs(range_m[known & off_mark] / truth_m[known & off_mark] - 1)
         assert (errors > 0.02).mean() < 1e-3, "wrong matches are few, and the geometry is right"
         assert np.median(range_m[known] / truth_m[known]) == pytest.approx(1, abs=1e-3)
@@ -145,7 +187,9 @@ def test_a_point_keeps_its_pixel(cli: Cli, tmp_path: Path, suffix: str) -> None:
         assert (corrected[~known].max(axis=1) > 0).mean() > 0.99, "the whole picture is corrected"
 
 
-def test_a_rectified_rig_gives_the_same_twice(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_rectified_rig_gives_the_same_twice(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     """Nothing is resampled, so that both ways must agree to the bit, with the same brightness."""
     dive, out = make_dive(2), tmp_path / "out"
     assert cli(*dive.command(out, *ORIGINAL))[0] == 0
@@ -156,7 +200,9 @@ def test_a_rectified_rig_gives_the_same_twice(cli: Cli, make_dive: Callable[...,
 
 
 @pytest.mark.slow
-def test_rectified_products_stay_as_they_are(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_rectified_products_stay_as_they_are(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     """A map, a water and a score are made of these; so a run with originals holds both."""
     dive, plain, out = make_dive(2), tmp_path / "plain", tmp_path / "out"
     cli(*dive.command(plain))
@@ -170,14 +216,18 @@ def test_rectified_products_stay_as_they_are(cli: Cli, make_dive: Callable[..., 
 
 
 @pytest.mark.slow
-def test_overwrite_leaves_no_originals(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_overwrite_leaves_no_originals(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     cli(*dive.command(out, *ORIGINAL))
     assert cli(*dive.command(out, "--overwrite"))[0] == 0
     assert not (out / "original").exists()
 
 
-def test_a_file_of_others_among_originals_is_refused(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_file_of_others_among_originals_is_refused(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     cli(*dive.command(out, *ORIGINAL))
     mine = out / "original" / "corrected" / "mine.png"
@@ -187,7 +237,9 @@ def test_a_file_of_others_among_originals_is_refused(cli: Cli, make_dive: Callab
     assert mine.read_bytes() == b"mine"
 
 
-def test_left_images_of_one_name_are_refused(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_left_images_of_one_name_are_refused(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive = make_dive(2)
     for side in "LR":
         (dive.root / side / "0001.png").rename(dive.root / side / "A.png")

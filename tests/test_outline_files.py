@@ -1,4 +1,6 @@
-"""Polygons as other programs save them: systems that are local or not known, numbers that are none, files of other formats."""
+"""Polygons as other programs save them: systems that are local or not known, numbers that are none,
+files of other formats.
+"""
 
 import json
 from pathlib import Path
@@ -14,12 +16,18 @@ from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.records import GeoOrigin
 
 RING = [[0.5, 0.2], [1.2, 0.2], [1.2, 0.8], [0.5, 0.2]]
-POSED: Any = SimpleNamespace(origin=GeoOrigin(-14.685, 145.46), offset_m=np.array([10.0, 20.0, 0.0]), map_folder=Path("map"))
+POSED: Any = SimpleNamespace(
+    origin=GeoOrigin(-14.685, 145.46), offset_m=np.array([10.0, 20.0, 0.0]), map_folder=Path("map")
+)
 
 
 def geojson(path: Path, ring: list[list[float]], name: str | None = None) -> Path:
     crs = {"crs": {"type": "name", "properties": {"name": name}}} if name is not None else {}
-    feature = {"type": "Feature", "properties": {"label": "P"}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    feature = {
+        "type": "Feature",
+        "properties": {"label": "P"},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
     path.write_text(json.dumps({"type": "FeatureCollection", **crs, "features": [feature]}))
     return path
 
@@ -27,7 +35,8 @@ def geojson(path: Path, ring: list[list[float]], name: str | None = None) -> Pat
 @pytest.mark.parametrize(
     "name",
     [
-        'LOCAL_CS["Local Coordinates (m)",UNIT["meter",1]]', 'ENGCRS["Local"]', "Undefined Cartesian SRS with unknown unit",
+        'LOCAL_CS["Local Coordinates (m)",UNIT["meter",1]]', 'ENGCRS["Local"]',
+        "Undefined Cartesian SRS with unknown unit",
         "local", "", None,
     ],
 )  # fmt: skip
@@ -38,13 +47,20 @@ def test_a_local_system_is_the_maps_own(name: str | None, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("name", ["urn:ogc:def:crs:EPSG::99999", "EPSG:wrong", "my system"])
 def test_a_system_that_is_not_known_is_named(name: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=rf"p\.geojson: its crs '{name}' is not known: save the polygons in EPSG:4326"):
+    with pytest.raises(
+        InputError,
+        match=rf"p\.geojson: its crs '{name}' is not known: save the polygons in EPSG:4326",
+    ):
         read_outlines(geojson(tmp_path / "p.geojson", RING, name), POSED)
 
 
-@pytest.mark.parametrize("ring", [[[float("nan"), 0.2], [1, 0], [1, 1]], [[1e300, 0], [1, 0], [1, 1]]])
+@pytest.mark.parametrize(
+    "ring", [[[float("nan"), 0.2], [1, 0], [1, 1]], [[1e300, 0], [1, 0], [1, 1]]]
+)
 @pytest.mark.parametrize("name", [None, "ESRI:102100"])
-def test_what_is_no_coordinate_is_refused(ring: list[list[float]], name: str | None, tmp_path: Path) -> None:
+def test_what_is_no_coordinate_is_refused(
+    ring: list[list[float]], name: str | None, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match="polygon 1 has coordinates that are no numbers"):
         read_outlines(geojson(tmp_path / "p.geojson", ring, name), POSED)
 

@@ -44,7 +44,9 @@ def test_images_keep_their_bit_depth() -> None:
     for dtype in (np.uint8, np.uint16):
         rgb = RNG.integers(0, np.iinfo(dtype).max, (6, 7, 3), dtype=dtype)
         np.testing.assert_array_equal(decoded(encode_image(rgb, "png"))[..., ::-1], rgb)
-    np.testing.assert_array_equal(decoded(encode_image(np.full((2, 2, 3), 255, np.uint8), "png16")), 65535)
+    np.testing.assert_array_equal(
+        decoded(encode_image(np.full((2, 2, 3), 255, np.uint8), "png16")), 65535
+    )
     linear = RNG.normal(size=(4, 5, 3)).astype(np.float32)
     np.testing.assert_array_equal(decoded(encode_image(linear, "tiff32"))[..., ::-1], linear)
     assert decoded(encode_image(np.full((8, 8, 3), 65535, np.uint16), "jpg")).mean() > 250
@@ -90,11 +92,17 @@ def test_rounded_errors_differ_by_a_fifth_of_a_percent() -> None:
 def test_a_lean_run_writes_no_clouds_and_deflated_ranges() -> None:
     lean, full = OutputConfig(preset="lean"), OutputConfig()
     assert (lean.with_clouds, lean.map_compression) == (False, "fast")
-    assert (full.with_clouds, full.map_compression, OutputConfig(compression="small").map_compression) == (True, None, "small")
+    assert (
+        full.with_clouds,
+        full.map_compression,
+        OutputConfig(compression="small").map_compression,
+    ) == (True, None, "small")
 
 
 def test_small_confidence_is_not_taken_for_none() -> None:
-    assert decoded(encode_confidence(np.array([[0, 1e-4, 1]], np.float32))).tolist() == [[0, 1, 255]]
+    assert decoded(encode_confidence(np.array([[0, 1e-4, 1]], np.float32))).tolist() == [
+        [0, 1, 255]
+    ]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -112,7 +120,9 @@ def test_cloud_is_binary_float_ply(dtype: type) -> None:
     np.testing.assert_array_equal(vertices["rgb"], (rgb >> (0 if dtype == np.uint8 else 8))[known])
 
 
-def test_no_temporary_file_is_left_and_failure_keeps_the_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_temporary_file_is_left_and_failure_keeps_the_old(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_atomic(tmp_path / "a" / "b.txt", b"old")
 
     def full(*_: object) -> None:
@@ -132,7 +142,9 @@ def test_keys_tell_parts_apart() -> None:
 
 def some_water(seed: int) -> Water:
     values = np.random.default_rng(seed).uniform(0, 1, (9, 3))
-    return Water(*values, standard_errors={"beta": np.array([0.1, np.nan, 0.2])}, warnings=("little relief",))
+    return Water(
+        *values, standard_errors={"beta": np.array([0.1, np.nan, 0.2])}, warnings=("little relief",)
+    )
 
 
 def test_water_comes_back_and_serves_other_frames(tmp_path: Path) -> None:
@@ -184,7 +196,9 @@ def test_summary_counts_problems() -> None:
     assert summary.problems() == [("dark", 2, "a"), ("is truncated", 1, "c")]
     assert summary.stage_seconds() == {"read": 9.0, "match": 3.0}
     table = b"".join(frames_csv(rows)).decode().splitlines()
-    assert table[0] == "name,status,kept,left,right,timestamp_s,error,warnings,coverage,match_s,read_s"
+    assert (
+        table[0] == "name,status,kept,left,right,timestamp_s,error,warnings,coverage,match_s,read_s"
+    )
     assert table[3].startswith("c,failed,0,,,,/x/c.png: is truncated,")
 
 
@@ -201,7 +215,15 @@ def test_problems_that_differ_in_numbers_are_one() -> None:
 
 
 def test_rows_of_two_passes_become_one() -> None:
-    first = FrameRow("a", left="l", timestamp_s=1.0, warnings=("dim",), kept=True, seconds={"read": 1.0}, facts={"coverage": 1.0})
+    first = FrameRow(
+        "a",
+        left="l",
+        timestamp_s=1.0,
+        warnings=("dim",),
+        kept=True,
+        seconds={"read": 1.0},
+        facts={"coverage": 1.0},
+    )
     row = first.then(FrameRow("a", warnings=("dim", "red"), seconds={"read": 1.0, "color": 2.0}))
     assert row.warnings == ("dim", "red")
     assert row.seconds == {"read": 2.0, "color": 2.0}
@@ -211,7 +233,9 @@ def test_rows_of_two_passes_become_one() -> None:
 def test_table_joins_what_the_stages_say_of_a_pair() -> None:
     table = FrameTable()
     for i in range(3):
-        table.add(FrameRow(f"{i}", left=f"L/{i}.png", seconds={"read": 1.0}, facts={"coverage": 0.5}))
+        table.add(
+            FrameRow(f"{i}", left=f"L/{i}.png", seconds={"read": 1.0}, facts={"coverage": 0.5})
+        )
     table.add(FrameRow("1", left="L/1.png", status="failed", error="gone", seconds={"color": 2.0}))
     assert [row.name for row in table.rows] == ["0", "1", "2"]
     assert (table.rows[1].status, table.rows[1].facts) == ("failed", {"coverage": 0.5})
@@ -228,7 +252,10 @@ def test_a_jpeg_that_is_cut_short_is_not_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", ["fast", "small"])
 def test_own_files_are_read_as_opencv_reads_them(compression: Compression) -> None:
     noise = RNG.integers(0, 255, (37, 51, 3), dtype=np.uint8)
-    codes, ranges = noise[..., 0] // 64, np.where(RNG.random((37, 51)) < 0.1, np.nan, RNG.random((37, 51))).astype(np.float32)
+    codes, ranges = (
+        noise[..., 0] // 64,
+        np.where(RNG.random((37, 51)) < 0.1, np.nan, RNG.random((37, 51))).astype(np.float32),
+    )
     for content in (
         encode_image(noise, "png", compression=compression),
         encode_image(np.repeat(noise[..., :1], 3, axis=2), "png", compression=compression),
@@ -236,11 +263,19 @@ def test_own_files_are_read_as_opencv_reads_them(compression: Compression) -> No
         encode_map(ranges, compression),
         encode_map(ranges),
     ):
-        found, expected = quickly_decoded(content), cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        found, expected = (
+            quickly_decoded(content),
+            cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED),
+        )
         assert found is not None
         assert found.dtype == expected.dtype
-        np.testing.assert_array_equal(found, expected[..., ::-1] if expected.ndim == 3 else expected)
-        assert all(quickly_decoded(content[:size]) is None for size in (0, 10, 60, len(content) // 2, len(content) - 13))
+        np.testing.assert_array_equal(
+            found, expected[..., ::-1] if expected.ndim == 3 else expected
+        )
+        assert all(
+            quickly_decoded(content[:size]) is None
+            for size in (0, 10, 60, len(content) // 2, len(content) - 13)
+        )
         if content == encode_map(ranges):
             continue  # its pixels have no checksum
         wrong = bytearray(content)
@@ -255,8 +290,12 @@ def test_pngs_of_other_programs_are_read_as_opencv_reads_them() -> None:
         file = io.BytesIO()
         Image.fromarray(pixels).save(file, "PNG")  # all five filters, row by row
         for strategy in range(5):
-            content = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_STRATEGY, strategy])[1].tobytes()
-            np.testing.assert_array_equal(quickly_decoded(content), pixels[..., ::-1] if pixels.ndim == 3 else pixels)
+            content = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_STRATEGY, strategy])[
+                1
+            ].tobytes()
+            np.testing.assert_array_equal(
+                quickly_decoded(content), pixels[..., ::-1] if pixels.ndim == 3 else pixels
+            )
         np.testing.assert_array_equal(quickly_decoded(file.getvalue()), pixels)
 
 
@@ -290,12 +329,19 @@ def test_rows_of_a_long_dive_are_as_they_were_added_whatever_comes_when() -> Non
     number = 2 * sequences.CHUNK + 7
     table = FrameTable()
     for k in range(number):
-        table.add(FrameRow(f"{k}", left=f"l/{k}", hashes={"left": f"{k:064x}"}, seconds={"match": 0.5}))
+        table.add(
+            FrameRow(f"{k}", left=f"l/{k}", hashes={"left": f"{k:064x}"}, seconds={"match": 0.5})
+        )
     for k in (*range(number), 3, sequences.CHUNK):
         table.add(FrameRow(f"{k}", left=f"l/{k}", seconds={"color": 1.0}))
     rows = table.rows
     assert len(rows) == number
     assert [row.name for row in rows] == [f"{k}" for k in range(number)]
-    assert [rows[k].seconds["color"] for k in (0, 3, sequences.CHUNK, number - 1)] == [1.0, 2.0, 2.0, 1.0]
+    assert [rows[k].seconds["color"] for k in (0, 3, sequences.CHUNK, number - 1)] == [
+        1.0,
+        2.0,
+        2.0,
+        1.0,
+    ]
     assert all(row.seconds["match"] == 0.5 for row in rows)
     assert rows[-1].hashes == {"left": f"{number - 1:064x}"}

@@ -1,4 +1,6 @@
-"""The page of a run: what it says, what it is made of, and that making it again costs nothing and loses nothing."""
+"""The page of a run: what it says, what it is made of, and that making it again costs nothing and
+loses nothing.
+"""
 
 import csv
 import json
@@ -29,7 +31,13 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.overview import RowFacts, judge_so_far
-from stereo_seecolor.report.range_code import RANGE_CODE_CODE, CodedRanges, std_blocks, std_codes, std_from_codes
+from stereo_seecolor.report.range_code import (
+    RANGE_CODE_CODE,
+    CodedRanges,
+    std_blocks,
+    std_codes,
+    std_from_codes,
+)
 from stereo_seecolor.report.texts import digits
 from stereo_seecolor.run_folder.finished_run import open_run
 
@@ -41,7 +49,14 @@ NASTY = "<img src=x onerror=alert(1)>"
 def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> None:
     """A run without a page."""
     options = RunOptions(overwrite=overwrite, page="none")
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, settings), options)
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        out,
+        load_config(None, settings),
+        options,
+    )
 
 
 @pytest.fixture
@@ -65,18 +80,23 @@ def colors(path: Path) -> np.ndarray:
 
 def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
     assert report(out).made == 2
-    assert data(out)["shown"] == {name: ["thumbnails", "after", "before", "ranges"] for name in ("0000", "0001")}
+    assert data(out)["shown"] == {
+        name: ["thumbnails", "after", "before", "ranges"] for name in ("0000", "0001")
+    }
     for product in ("thumbnails", "before", "after"):
         assert cv2.imread(str(out / "page" / product / "0001.jpg")).shape == (128, 176, 3)
     before, after, corrected = (
-        colors(out / path) for path in ("page/before/0001.jpg", "page/after/0001.jpg", "corrected/0001.png")
+        colors(out / path)
+        for path in ("page/before/0001.jpg", "page/after/0001.jpg", "corrected/0001.png")
     )
     assert abs(after - corrected).max() < 1 < abs(before - corrected).max()
 
 
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
-    assert data(out)["calibration"].startswith("Standard errors include 0.5 % of a length for the calibration")
+    assert data(out)["calibration"].startswith(
+        "Standard errors include 0.5 % of a length for the calibration"
+    )
     assert "0.5 % is an assumption" in data(out)["calibration"]
     assert "yaw" not in data(out)["calibration"]
     assert data(out)["calibration_std"] == 0.005
@@ -84,13 +104,17 @@ def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Pat
 
 def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> None:
     rig = native.read(out / "rig.yaml")
-    (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, errors=RigErrors(0.003, 0.004, "Kalibr"))))
+    (out / "rig.yaml").write_bytes(
+        native.to_bytes(replace(rig, errors=RigErrors(0.003, 0.004, "Kalibr")))
+    )
     report(out)
     assert data(out)["calibration_std"] == pytest.approx(0.005)
     assert "as the calibration itself states (Kalibr)" in data(out)["calibration"]
 
 
-def test_a_setting_says_how_well_lengths_are_known(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_setting_says_how_well_lengths_are_known(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     go(make_dive(2), tmp_path / "out", "measuring.length_error=0.002")
     report(tmp_path / "out")
     assert data(tmp_path / "out")["calibration_std"] == 0.002
@@ -118,17 +142,28 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     said = re.search(r"yaw makes ([0-9.]+) % of a range of ([0-9.]+) m", data(out)["calibration"])
     assert said
     assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
-    assert data(out)["calibration_std"] == pytest.approx(np.hypot(0.005, float(said[1]) / 100), rel=0.05)
+    assert data(out)["calibration_std"] == pytest.approx(
+        np.hypot(0.005, float(said[1]) / 100), rel=0.05
+    )
 
 
 def test_every_plot_has_a_title(out: Path) -> None:
     report(out)
     found = data(out)
-    written = {"light_gain", "exposure", "camera_exposure_s", "camera_gain", "camera_aperture", "clipped_fraction"}
+    written = {
+        "light_gain",
+        "exposure",
+        "camera_exposure_s",
+        "camera_gain",
+        "camera_aperture",
+        "clipped_fraction",
+    }
     assert not {f"plots.{plot}" for plot in found["plots"].keys() | written} - found["texts"].keys()
 
 
-def test_a_dive_without_faults_is_called_good(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_dive_without_faults_is_called_good(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, known = make_dive(2), load_config(None, ["color.robust.white_point=[1, 1, 1]"])
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", known)
     page = (tmp_path / "out/index.html").read_text("utf-8")
@@ -154,11 +189,15 @@ def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_pa
     page = (tmp_path / "out/index.html").read_text("utf-8")
     assert "Look at this before you use the results:" in page
     assert "1 of 3 pairs failed." in page
-    assert re.search(r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S)
+    assert re.search(
+        r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S
+    )
     assert data(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
 
 
-def test_a_run_without_a_good_frame_has_a_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_run_without_a_good_frame_has_a_page(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive = make_dive(2)
     noise = np.random.default_rng(0)
     for file in sorted((dive.root / "L").iterdir()):  # nothing that the right camera saw
@@ -193,13 +232,20 @@ def test_the_page_allows_no_network_and_no_inline_script(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_formats_that_no_browser_shows_are_shown_as_jpeg(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_formats_that_no_browser_shows_are_shown_as_jpeg(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive = make_dive(1, dtype=np.uint16)
     go(dive, tmp_path / "a", "output.image_format=tiff32")
     go(dive, tmp_path / "b")
     report(tmp_path / "a")
     report(tmp_path / "b")
-    assert abs(colors(tmp_path / "a/page/after/0000.jpg") - colors(tmp_path / "b/page/after/0000.jpg")).max() < 2
+    assert (
+        abs(
+            colors(tmp_path / "a/page/after/0000.jpg") - colors(tmp_path / "b/page/after/0000.jpg")
+        ).max()
+        < 2
+    )
 
 
 @pytest.mark.slow
@@ -222,7 +268,9 @@ def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
 
 
 @pytest.mark.slow
-def test_the_page_takes_at_most_15_percent_of_a_lean_folder(sample_run: SampleRun, tmp_path: Path) -> None:
+def test_the_page_takes_at_most_15_percent_of_a_lean_folder(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
     out = sample_run.copy(tmp_path / "out")
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
     code, said = command("run", *sides, "--out", out, "--set", "output.preset=lean")
@@ -232,7 +280,10 @@ def test_the_page_takes_at_most_15_percent_of_a_lean_folder(sample_run: SampleRu
     report(out)
     shutil.rmtree(out / "clouds", ignore_errors=True)  # of the run before, with other settings
     assert (out / "page/map/map.js").is_file()
-    page, whole = (sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) for folder in (out / "page", out))
+    page, whole = (
+        sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+        for folder in (out / "page", out)
+    )
     assert page <= 0.15 * whole
 
 
@@ -241,7 +292,9 @@ def test_a_page_is_made_once(out: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()}
     result = report(out)
     assert (result.made, result.kept) == (0, 2)
-    assert before == {path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()}
+    assert before == {
+        path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()
+    }
 
 
 def test_what_a_run_makes_of_its_frames_in_memory_is_what_their_files_give(
@@ -268,14 +321,18 @@ def test_a_frame_that_changed_is_made_again(make_dive: Callable[..., Dive], tmp_
     go(dive, out)
     assert not (out / "index.html").exists()  # it would show what is no longer there
     changed = [
-        name for name in ("0000", "0001", "0002") if contents(out)[f"corrected/{name}.png"] != before[f"corrected/{name}.png"]
+        name
+        for name in ("0000", "0001", "0002")
+        if contents(out)[f"corrected/{name}.png"] != before[f"corrected/{name}.png"]
     ]
     result = report(out)
     assert "0001" in changed
     assert (result.made, result.kept) == (len(changed), 3 - len(changed))
 
 
-def test_pictures_of_inputs_that_are_gone_are_kept(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_pictures_of_inputs_that_are_gone_are_kept(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     go(dive, out)
     report(out)
@@ -284,7 +341,9 @@ def test_pictures_of_inputs_that_are_gone_are_kept(make_dive: Callable[..., Dive
     assert (out / "page/before/0001.jpg").exists()
 
 
-def test_without_inputs_the_page_shows_what_there_is(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_without_inputs_the_page_shows_what_there_is(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     go(dive, out)
     shutil.rmtree(dive.root)
@@ -315,7 +374,9 @@ def test_overwrite_takes_the_page_away(make_dive: Callable[..., Dive], tmp_path:
 
 
 @pytest.mark.slow
-def test_a_pair_that_is_gone_takes_its_pictures_along(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_pair_that_is_gone_takes_its_pictures_along(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(3), tmp_path / "out"
     go(dive, out)
     report(out)
@@ -337,7 +398,9 @@ def test_an_edited_page_is_kept_aside(out: Path) -> None:
     assert "stereo-seecolor" in (out / "index.html").read_text("utf-8")
 
 
-@pytest.mark.parametrize("name", ["index.html", "page/notes.txt", "page/after/notes.txt", "page/mine/x.js"])
+@pytest.mark.parametrize(
+    "name", ["index.html", "page/notes.txt", "page/after/notes.txt", "page/mine/x.js"]
+)
 def test_files_of_others_where_the_page_goes_are_refused(out: Path, name: str) -> None:
     (out / name).parent.mkdir(parents=True, exist_ok=True)
     (out / name).write_text("field notes")
@@ -363,7 +426,9 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_chart_is_shown_before_and_after_beside_its_published_colors(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_chart_is_shown_before_and_after_beside_its_published_colors(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     corners = np.array([(30, 30), (120, 30), (120, 90), (30, 90)], float)
     monkeypatch.setattr(
         "stereo_seecolor.extras.evaluation.charts.search.find_charts",
@@ -383,7 +448,9 @@ def test_a_chart_is_shown_before_and_after_beside_its_published_colors(out: Path
 def test_patches_of_the_published_colors_have_no_difference() -> None:
     cells = np.rint(CLASSIC.srgb * 255).astype(np.uint8).reshape(4, 6, 3)
     image = np.kron(cells, np.ones((20, 20, 1), np.uint8))
-    colors, difference = patch_colors(chart("chart", np.array([(0, 0), (120, 0), (120, 80), (0, 80)]), image.shape[:2]), image)
+    colors, difference = patch_colors(
+        chart("chart", np.array([(0, 0), (120, 0), (120, 80), (0, 80)]), image.shape[:2]), image
+    )
     assert difference < 0.5
     assert colors[0] == "rgb(115 82 68)"
 
@@ -394,7 +461,9 @@ def test_patches_of_the_published_colors_have_no_difference() -> None:
 def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
-    assert "White point: red over green is known to" in (tmp_path / "out/index.html").read_text("utf-8")
+    assert "White point: red over green is known to" in (tmp_path / "out/index.html").read_text(
+        "utf-8"
+    )
     assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
 
 
@@ -415,13 +484,22 @@ class Watch:
 def test_while_a_run_works_its_page_says_how_far_it_is(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.live_page.PACE", LivePace(every_s=0.0, most_of_time=1e9))
+    monkeypatch.setattr(
+        "stereo_seecolor.report.live_page.PACE", LivePace(every_s=0.0, most_of_time=1e9)
+    )
     dive, watch = make_dive(3), Watch(tmp_path / "out/index.html")
     (dive.root / "L/0001.png").write_bytes(b"")
     for side in "LR":
         (dive.root / side / "0002.png").rename(dive.root / side / f"{NASTY}.png")
     options = RunOptions(workers=1, page="live", listener=watch)
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []), options)
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        load_config(None, []),
+        options,
+    )
     ranges = next(page for page in watch.seen if "ranges, 2 of 3." in page)
     assert "1 of 2 pairs failed." in ranges
     colors = next(page for page in watch.seen if "colors, 1 of 2." in page)
@@ -432,11 +510,20 @@ def test_while_a_run_works_its_page_says_how_far_it_is(
     assert "1 of 3 pairs failed." in final
 
 
-def test_no_page_says_that_a_run_works_that_has_ended_by_an_error(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_no_page_says_that_a_run_works_that_has_ended_by_an_error(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, options = make_dive(2), RunOptions(page="live", strict=True)
     (dive.root / "L/0001.png").write_bytes(b"")
     with pytest.raises(SeeColorError):
-        run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []), options)
+        run(
+            dive.root / "L",
+            dive.root / "R",
+            dive.root / "cam.yaml",
+            tmp_path / "out",
+            load_config(None, []),
+            options,
+        )
     assert not (tmp_path / "out/index.html").exists()
 
 
@@ -497,7 +584,9 @@ def test_the_tables_rows_are_read_back_as_they_were(out: Path) -> None:
     stages = list(open_run(out).totals["stage_seconds"])
     rows = read_frames(out / "frames.csv", stages)
     assert b"".join(frames_csv(rows)) == (out / "frames.csv").read_bytes()
-    assert [row["name"] for row in csv.DictReader((out / "frames.csv").read_text().splitlines())] == [row.name for row in rows]
+    assert [
+        row["name"] for row in csv.DictReader((out / "frames.csv").read_text().splitlines())
+    ] == [row.name for row in rows]
 
 
 # The page's program
@@ -515,18 +604,28 @@ def test_the_built_program_is_that_of_its_sources(tmp_path: Path) -> None:
     shutil.copytree(WEB, work, ignore=shutil.ignore_patterns("node_modules"))
     if (WEB / "node_modules").is_dir():
         (work / "node_modules").symlink_to(WEB / "node_modules")
-    elif subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=work, capture_output=True).returncode:
+    elif subprocess.run(
+        ["npm", "ci", "--no-audit", "--no-fund"], cwd=work, capture_output=True
+    ).returncode:
         pytest.skip("npm ci could not fetch the page's libraries")
     (tmp_path / "built").mkdir()
     subprocess.run(["npx", "--no-install", "tsc", "--noEmit"], cwd=work, check=True)
     subprocess.run(["node", "build.mjs", str(tmp_path / "built")], cwd=work, check=True)
     for name in BUILT:
-        assert (tmp_path / "built" / name).read_bytes() == (STATIC / name).read_bytes(), f"{name}: run npm run build in web/"
+        assert (tmp_path / "built" / name).read_bytes() == (STATIC / name).read_bytes(), (
+            f"{name}: run npm run build in web/"
+        )
 
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(0.0, "0"), (5.67e-17, "0"), (0.00001364, "0.000014"), (0.0123456, "0.0123"), (12345.6, "12346")],
+    [
+        (0.0, "0"),
+        (5.67e-17, "0"),
+        (0.00001364, "0.000014"),
+        (0.0123456, "0.0123"),
+        (12345.6, "12346"),
+    ],
 )
 def test_numbers_of_the_page_have_no_powers_of_ten(value: float, shown: str) -> None:
     assert digits(value) == shown

@@ -1,4 +1,6 @@
-"""The page in a real browser: opened from a file, nothing leaves it, and what is clicked happens."""
+"""The page in a real browser: opened from a file, nothing leaves it, and what is clicked
+happens.
+"""
 
 import csv
 import json
@@ -33,7 +35,10 @@ from stereo_seecolor.report.map_mesh import MeshSizes
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 CHROMIUM = (
-    os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    os.environ.get("CHROMIUM")
+    or shutil.which("chromium")
+    or shutil.which("chromium-browser")
+    or shutil.which("google-chrome")
 )
 NASTY = "<img src=x onerror=document.title='fooled'>"
 FLAT_BGR = np.array([40, 120, 200])
@@ -58,7 +63,14 @@ def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
     for side in "LR":
         (dive.root / side / "0002.png").rename(dive.root / side / f"{NASTY}.png")
     (dive.root / "L/0001.png").write_bytes(b"")
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []), RunOptions())
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        load_config(None, []),
+        RunOptions(),
+    )
     report(tmp_path / "out")
     return tmp_path / "out"
 
@@ -71,9 +83,17 @@ def opened(browser: Browser, out: Path) -> Iterator[Callable[[str], Page]]:
 
     def go(place: str) -> Page:
         page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None)
+        page.on(
+            "console",
+            lambda message: (
+                complaints.append(message.text) if message.type in ("error", "warning") else None
+            ),
+        )
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: complaints.append(request.url) if not _is_local(request.url) else None)
+        page.on(
+            "request",
+            lambda request: complaints.append(request.url) if not _is_local(request.url) else None,
+        )
         page.goto(f"{(out / 'index.html').as_uri()}#{place}")
         return page
 
@@ -83,7 +103,9 @@ def opened(browser: Browser, out: Path) -> Iterator[Callable[[str], Page]]:
 
 
 def until(page: Page, condition: str) -> None:
-    """Wait for a condition; the page's policy forbids Playwright's own way, which evaluates text inside the page."""
+    """Wait for a condition; the page's policy forbids Playwright's own way, which evaluates text
+    inside the page.
+    """
     for _ in range(100):
         if page.evaluate(condition):
             return
@@ -97,8 +119,15 @@ def _is_local(url: str) -> bool:
 
 def test_the_overview_shows_its_pictures(opened: Callable[[str], Page]) -> None:
     page = opened("overview")
-    assert page.locator(".verdict .line").inner_text().endswith("Look at this before you use the results:")
-    until(page, "[...document.querySelectorAll('.examples img')].every(image => image.naturalWidth > 0)")
+    assert (
+        page.locator(".verdict .line")
+        .inner_text()
+        .endswith("Look at this before you use the results:")
+    )
+    until(
+        page,
+        "[...document.querySelectorAll('.examples img')].every(image => image.naturalWidth > 0)",
+    )
     assert page.locator("#frames").is_hidden()
 
 
@@ -119,7 +148,10 @@ def test_the_slider_moves_by_key_and_by_mouse(opened: Callable[[str], Page]) -> 
     box = slider.bounding_box()
     assert box
     page.mouse.click(box["x"] + box["width"] / 4, box["y"] + 20)
-    until(page, "Math.abs(document.querySelector('.stage .slider').getAttribute('aria-valuenow') - 25) < 2")
+    until(
+        page,
+        "Math.abs(document.querySelector('.stage .slider').getAttribute('aria-valuenow') - 25) < 2",
+    )
 
 
 def test_the_strip_is_walked_by_keys_and_filtered(opened: Callable[[str], Page]) -> None:
@@ -132,7 +164,9 @@ def test_the_strip_is_walked_by_keys_and_filtered(opened: Callable[[str], Page])
     assert page.locator(".strip-item").count() == 1
 
 
-def test_the_range_under_the_pointer_is_the_one_measured(opened: Callable[[str], Page], out: Path) -> None:
+def test_the_range_under_the_pointer_is_the_one_measured(
+    opened: Callable[[str], Page], out: Path
+) -> None:
     from stereo_seecolor.run_folder.finished_run import open_run
 
     page = opened("frames/0000")
@@ -142,7 +176,9 @@ def test_the_range_under_the_pointer_is_the_one_measured(opened: Callable[[str],
     box = canvas.bounding_box()
     assert box
     width, height = open_run(out).geometry.image_size  # type: ignore[union-attr]
-    page.mouse.move(box["x"] + box["width"] * (90.5 / width), box["y"] + box["height"] * (64.5 / height))
+    page.mouse.move(
+        box["x"] + box["width"] * (90.5 / width), box["y"] + box["height"] * (64.5 / height)
+    )
     expected_m = open_run(out).frame("0000").measured_range_m()[64, 90]
     assert page.locator(".viewer > .readout").inner_text().startswith(f"{expected_m:.3f} m ±")
 
@@ -171,9 +207,15 @@ def test_a_white_within_its_error_is_chosen_by_sliders_and_saved_for_a_rerun(
     page.close()
     old, new = Water.load(out / "water.json"), Water.load(tmp_path / "water_white.json")
     red, blue = white_errors(old) * [1, -0.5]
-    np.testing.assert_allclose(np.log(new.white / old.white), np.array([red, 0, blue]) - (red + blue) / 3, atol=1e-9)
-    assert old.exposure and new.exposure == pytest.approx(with_white(old, new.white, np.zeros(3)).exposure)
-    np.testing.assert_allclose(gains, old.white / new.white * new.exposure / old.exposure, rtol=0.03)
+    np.testing.assert_allclose(
+        np.log(new.white / old.white), np.array([red, 0, blue]) - (red + blue) / 3, atol=1e-9
+    )
+    assert old.exposure and new.exposure == pytest.approx(
+        with_white(old, new.white, np.zeros(3)).exposure
+    )
+    np.testing.assert_allclose(
+        gains, old.white / new.white * new.exposure / old.exposure, rtol=0.03
+    )
     run(
         dive.root / "L",
         dive.root / "R",
@@ -186,7 +228,9 @@ def test_a_white_within_its_error_is_chosen_by_sliders_and_saved_for_a_rerun(
 
 
 def screen(page: Page, folder: Path) -> np.ndarray:
-    """The middle of the picture as the screen shows it, RGB in [0, 1], in which nothing is clipped or nearly black."""
+    """The middle of the picture as the screen shows it, RGB in [0, 1], in which nothing is clipped
+    or nearly black.
+    """
     page.locator(".stage img").screenshot(path=folder / "screen.png")
     shown = cv2.imread(str(folder / "screen.png"))[..., ::-1] / 255.0
     height, width = shown.shape[:2]
@@ -198,7 +242,9 @@ def clicked(page: Page, *places: tuple[float, float]) -> None:
     box = page.locator(".overlay").bounding_box()
     assert box
     for x, y in places:
-        page.mouse.click(box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128)
+        page.mouse.click(
+            box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128
+        )
 
 
 def stored(page: Page) -> list[dict[str, Any]]:
@@ -207,7 +253,9 @@ def stored(page: Page) -> list[dict[str, Any]]:
     return kept
 
 
-def test_measures_in_the_browser_are_those_of_the_command_line(opened: Callable[[str], Page], out: Path, tmp_path: Path) -> None:
+def test_measures_in_the_browser_are_those_of_the_command_line(
+    opened: Callable[[str], Page], out: Path, tmp_path: Path
+) -> None:
     page = opened("frames/0000")
     page.get_by_role("button", name="Measure").click()
     until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
@@ -260,8 +308,12 @@ def test_a_double_click_ends_a_line_and_adds_no_point(opened: Callable[[str], Pa
     assert page.evaluate("getSelection().toString()") == ""
 
 
-def test_a_double_tap_ends_a_line_on_a_phone_and_nothing_is_wider_than_it(browser: Browser, out: Path) -> None:
-    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+def test_a_double_tap_ends_a_line_on_a_phone_and_nothing_is_wider_than_it(
+    browser: Browser, out: Path
+) -> None:
+    context = browser.new_context(
+        viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
+    )
     page = context.new_page()
     page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
     at = measuring(page)
@@ -275,7 +327,9 @@ def test_a_double_tap_ends_a_line_on_a_phone_and_nothing_is_wider_than_it(browse
     context.close()
 
 
-def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(opened: Callable[[str], Page]) -> None:
+def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(
+    opened: Callable[[str], Page],
+) -> None:
     page = opened("frames/0000")
     at = measuring(page)
     width = page.locator(".overlay").bounding_box()["width"]  # type: ignore[index]
@@ -283,14 +337,18 @@ def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(opened: Callabl
     page.mouse.move(*spot)
     page.mouse.wheel(0, -600)
     until(page, f"document.querySelector('.overlay').getBoundingClientRect().width > {2 * width}")
-    np.testing.assert_allclose(at(60, 40), spot, atol=2)  # stays under the pointer, to a whole pixel times the zoom
+    np.testing.assert_allclose(
+        at(60, 40), spot, atol=2
+    )  # stays under the pointer, to a whole pixel times the zoom
     spot = at(60, 40)
     page.mouse.click(*spot)
     page.mouse.move(spot[0] + 80, spot[1] + 60)
     page.mouse.down()
     page.mouse.move(spot[0] + 40, spot[1] + 20, steps=4)
     page.mouse.up()
-    np.testing.assert_allclose(at(60, 40), (spot[0] - 40, spot[1] - 40), atol=1)  # dragging moves it, and sets no point
+    np.testing.assert_allclose(
+        at(60, 40), (spot[0] - 40, spot[1] - 40), atol=1
+    )  # dragging moves it, and sets no point
     page.mouse.click(*at(75, 50))
     page.get_by_role("button", name="Finish").click()
     np.testing.assert_allclose(stored(page)[0]["places"], [(60, 40), (75, 50)], atol=0.2)
@@ -309,7 +367,9 @@ def test_the_tools_for_measuring_stand_above_the_fold(browser: Browser, out: Pat
     context.close()
 
 
-def test_a_point_that_is_dragged_is_measured_anew(opened: Callable[[str], Page], out: Path, tmp_path: Path) -> None:
+def test_a_point_that_is_dragged_is_measured_anew(
+    opened: Callable[[str], Page], out: Path, tmp_path: Path
+) -> None:
     page = opened("frames/0000")
     page.get_by_role("button", name="Measure").click()
     until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
@@ -319,7 +379,10 @@ def test_a_point_that_is_dragged_is_measured_anew(opened: Callable[[str], Page],
     before_m = stored(page)[0]["value"]
     box = page.locator(".overlay").bounding_box()
     assert box
-    x, y = (box["x"] + box["width"] * (120 + 0.5) / 176, box["y"] + box["height"] * (50 + 0.5) / 128)
+    x, y = (
+        box["x"] + box["width"] * (120 + 0.5) / 176,
+        box["y"] + box["height"] * (50 + 0.5) / 128,
+    )
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x - box["width"] * 30 / 176, y + box["height"] * 20 / 128, steps=5)
@@ -333,7 +396,9 @@ def test_a_point_that_is_dragged_is_measured_anew(opened: Callable[[str], Page],
     assert abs(dragged["value"] - before_m) > 0.01
 
 
-def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], Page], tmp_path: Path) -> None:
+def test_measures_are_undone_labelled_kept_and_exported(
+    opened: Callable[[str], Page], tmp_path: Path
+) -> None:
     page = opened("frames/0000")
     page.get_by_role("button", name="Measure").click()
     page.wait_for_timeout(500)
@@ -356,7 +421,10 @@ def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], 
     assert float(row[8]) == pytest.approx(1000 * stored(page)[0]["value"], abs=0.01)
     assert row[9] == '\'=HYPERLINK("x"), massive'  # no formula for a spreadsheet
     page.reload()
-    assert (stored(page)[0]["label"], stored(page)[0]["note"]) == ('=HYPERLINK("x"), massive', "bleached")
+    assert (stored(page)[0]["label"], stored(page)[0]["note"]) == (
+        '=HYPERLINK("x"), massive',
+        "bleached",
+    )
     page.get_by_role("button", name="Measure").click()
     page.get_by_role("button", name="Delete measure 1").click()
     expect(page.locator(".measures tbody tr")).to_have_count(0)
@@ -366,8 +434,14 @@ def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], 
 
 def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page], out: Path) -> None:
     page = opened("plots")
-    curves = json.loads((out / "page/dive.js").read_text().partition("(")[2].rpartition(")")[0])["plots"]["seconds"]
-    labels = [each for each in page.locator(".plot").last.locator(".u-legend .u-label").all() if each.is_visible()]
+    curves = json.loads((out / "page/dive.js").read_text().partition("(")[2].rpartition(")")[0])[
+        "plots"
+    ]["seconds"]
+    labels = [
+        each
+        for each in page.locator(".plot").last.locator(".u-legend .u-label").all()
+        if each.is_visible()
+    ]
     assert [each.inner_text() for each in labels] == list(curves)
     plot = page.locator(".plot .u-over").first
     box = plot.bounding_box()
@@ -378,11 +452,18 @@ def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page],
 
 
 @pytest.mark.slow
-def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(opened: Callable[[str], Page], out: Path) -> None:
+def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(
+    opened: Callable[[str], Page], out: Path
+) -> None:
     head, tail = "seecolor.dive(", ");\n"
     dive = json.loads((out / "page/dive.js").read_text().removeprefix(head).removesuffix(tail))
     count = 5000
-    dive |= {"names": [f"n{i}" for i in range(count)], "status": ["failed"] * count, "plots": {}, "problems_of": {}}
+    dive |= {
+        "names": [f"n{i}" for i in range(count)],
+        "status": ["failed"] * count,
+        "plots": {},
+        "problems_of": {},
+    }
     (out / "page/dive.js").write_text(f"{head}{json.dumps(dive)}{tail}")
     page = opened("frames/n2500")
     expect(page.locator(".frame-name")).to_have_text("n2500")
@@ -399,7 +480,9 @@ def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
         page.goto(f"{(out / 'index.html').as_uri()}#{place}")
         page.wait_for_timeout(200)
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
-        assert page.evaluate("(tabs => tabs.scrollWidth <= tabs.clientWidth)(document.querySelector('.tabs'))")
+        assert page.evaluate(
+            "(tabs => tabs.scrollWidth <= tabs.clientWidth)(document.querySelector('.tabs'))"
+        )
     context.close()
 
 
@@ -425,7 +508,10 @@ def on_map(browser: Browser, mapped: Path) -> Iterator[Page]:
     context = browser.new_context(viewport={"width": 1200, "height": 900})
     page, complaints = context.new_page(), []
     page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("request", lambda request: complaints.append(request.url) if not _is_local(request.url) else None)
+    page.on(
+        "request",
+        lambda request: complaints.append(request.url) if not _is_local(request.url) else None,
+    )
     page.goto(f"{(mapped / 'index.html').as_uri()}#map")
     page.locator(".map-stage canvas").wait_for()
     yield page
@@ -436,7 +522,9 @@ def on_map(browser: Browser, mapped: Path) -> Iterator[Page]:
 def mapped_run(out: Path) -> None:
     write_run(out, [flat_frame(i) for i in range(4)], PAIR)
     rows = [f"f{i},ok,0,,,{i},,\n" for i in range(4)]
-    (out / "frames.csv").write_text("name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows))
+    (out / "frames.csv").write_text(
+        "name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows)
+    )
     write_tum(out.with_name("track.tum"), track(4))
     fuse(out, out.with_name("track.tum"), RunConfig(mapping=CONFIG))
     report(out)
@@ -444,9 +532,13 @@ def mapped_run(out: Path) -> None:
 
 def middle_color(page: Page) -> np.ndarray:
     """The mean color of the middle of the map as it is drawn."""
-    image = cv2.imdecode(np.frombuffer(page.locator(".map-stage").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(
+        np.frombuffer(page.locator(".map-stage").screenshot(), np.uint8), cv2.IMREAD_COLOR
+    )
     height, width = image.shape[:2]
-    return image[height * 2 // 5 : height * 3 // 5, width * 2 // 5 : width * 3 // 5].mean(axis=(0, 1))
+    return image[height * 2 // 5 : height * 3 // 5, width * 2 // 5 : width * 3 // 5].mean(
+        axis=(0, 1)
+    )
 
 
 @pytest.mark.slow
@@ -496,9 +588,12 @@ def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) ->
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize(
-    ("place", "pressed"), [("overview", ""), ("frames", ""), ("frames", "Measure"), ("map", "Length"), ("map", "Mosaic")]
+    ("place", "pressed"),
+    [("overview", ""), ("frames", ""), ("frames", "Measure"), ("map", "Length"), ("map", "Mosaic")],
 )
-def test_axe_finds_no_fault(browser: Browser, mapped: Path, scheme: Literal["light", "dark"], place: str, pressed: str) -> None:
+def test_axe_finds_no_fault(
+    browser: Browser, mapped: Path, scheme: Literal["light", "dark"], place: str, pressed: str
+) -> None:
     context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme=scheme)
     page = context.new_page()
     page.goto(f"{(mapped / 'index.html').as_uri()}#{place}")
@@ -515,13 +610,20 @@ def test_axe_finds_no_fault(browser: Browser, mapped: Path, scheme: Literal["lig
 @pytest.mark.slow
 def test_hillshade_is_offered_where_it_changes_what_is_shown(on_map: Page) -> None:
     shade = on_map.get_by_role("button", name="Hillshade")
-    for view, there in (("Mosaic", True), ("Terrain", False), ("In three dimensions", False), ("Relief", False)):
+    for view, there in (
+        ("Mosaic", True),
+        ("Terrain", False),
+        ("In three dimensions", False),
+        ("Relief", False),
+    ):
         on_map.get_by_role("button", name=view, exact=True).click()
         expect(shade).to_be_visible(visible=there)
 
 
 @pytest.mark.slow
-def test_frames_are_looked_for_at_the_height_of_the_terrain(mapped: Path, browser: Browser, tmp_path: Path) -> None:
+def test_frames_are_looked_for_at_the_height_of_the_terrain(
+    mapped: Path, browser: Browser, tmp_path: Path
+) -> None:
     """And not at the middle height of a piece, which is made wrong here."""
     copy = shutil.copytree(mapped, tmp_path / "out")
     file = copy / "page/map/map.js"
@@ -566,7 +668,9 @@ def test_a_double_click_ends_a_line_on_the_map(on_map: Page, view: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("view", ["In three dimensions", "Mosaic"])
-def test_measures_on_the_map_are_those_of_the_command_line(on_map: Page, mapped: Path, tmp_path: Path, view: str) -> None:
+def test_measures_on_the_map_are_those_of_the_command_line(
+    on_map: Page, mapped: Path, tmp_path: Path, view: str
+) -> None:
     on_map.get_by_role("button", name=view).click()
     for _ in range(50):
         if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
@@ -575,7 +679,11 @@ def test_measures_on_the_map_are_those_of_the_command_line(on_map: Page, mapped:
     box = on_map.locator(".map-stage").bounding_box()
     assert box
     for number, kind in enumerate(("Length", "Area", "Point"), start=1):
-        corners = ((0.46, 0.4 + 0.05 * number), (0.54, 0.4 + 0.05 * number), (0.5, 0.46 + 0.05 * number))  # beside earlier ones
+        corners = (
+            (0.46, 0.4 + 0.05 * number),
+            (0.54, 0.4 + 0.05 * number),
+            (0.5, 0.46 + 0.05 * number),
+        )  # beside earlier ones
         places = [(box["x"] + box["width"] * x, box["y"] + box["height"] * y) for x, y in corners]
         on_map.get_by_role("button", name=kind, exact=True).click()
         count = {"Length": 2, "Area": 3, "Point": 1}[kind]

@@ -1,4 +1,6 @@
-"""The page in Firefox, where it is installed: it opens from a file, nothing leaves it, and its parts work."""
+"""The page in Firefox, where it is installed: it opens from a file, nothing leaves it, and its
+parts work.
+"""
 
 import os
 import shutil
@@ -23,23 +25,42 @@ def test_the_page_works_in_firefox(make_dive: Callable[..., Dive], tmp_path: Pat
     if FIREFOX is None:
         pytest.skip("Firefox is not installed (apt-get install firefox-esr, or FIREFOX=PATH)")
     dive = make_dive(2)
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []))
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        load_config(None, []),
+    )
     report(tmp_path / "out")
     page = (tmp_path / "out/index.html").as_uri()
     with firefox(FIREFOX, tmp_path / "profile") as browser:
         browser.open(page)
-        browser.until("[...document.querySelectorAll('.examples img')].every(image => image.naturalWidth > 0)")
+        browser.until(
+            "[...document.querySelectorAll('.examples img')].every(image => image.naturalWidth > 0)"
+        )
         browser.ask("location.hash = '#frames/0001'")
         browser.until("document.querySelector('.frame-name')?.textContent === '0001'")
         browser.until("document.querySelector('.stage .slider img').naturalWidth > 0")
-        browser.ask("[...document.querySelectorAll('#frames .choice button')].find(each => each.textContent === 'Range').click()")
+        browser.ask(
+            "[...document.querySelectorAll('#frames .choice button')].find(each => "
+            "each.textContent === 'Range').click()"
+        )
         browser.until("document.querySelector('.stage canvas')?.width > 0")
-        browser.ask("[...document.querySelectorAll('#frames .choice button')].find(each => each.textContent === 'Measure').click()")
+        browser.ask(
+            "[...document.querySelectorAll('#frames .choice button')].find(each => "
+            "each.textContent === 'Measure').click()"
+        )
         browser.until("document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
         browser.ask("document.querySelector('.overlay').scrollIntoView()")
         time.sleep(1)  # ranges are read
         place = "(r => [r.left + 0.4 * r.width, r.left + 0.6 * r.width, r.top + 0.4 * r.height])"
-        x1, x2, y = (item["value"] for item in browser.ask(f"{place}(document.querySelector('.overlay').getBoundingClientRect())"))
+        x1, x2, y = (
+            item["value"]
+            for item in browser.ask(
+                f"{place}(document.querySelector('.overlay').getBoundingClientRect())"
+            )
+        )
         browser.click((x1, y), (x2, y), (x2, y))
         browser.until("document.querySelectorAll('.measures tbody tr').length === 1")
         assert browser.ask("JSON.parse(Object.values(localStorage)[0])[0].places.length") == 2

@@ -1,4 +1,6 @@
-"""The map as the page holds it: what is packed comes out again, tiles make up the whole, and it is made once."""
+"""The map as the page holds it: what is packed comes out again, tiles make up the whole, and it is
+made once.
+"""
 
 import base64
 import zlib
@@ -24,9 +26,15 @@ def hills(count: int = 60, seed: int = 0) -> Piece:
     """A grid of triangles over hills, 1 cm apart, in no order."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:count, :count] * 0.01
-    points = np.stack([x + 5, y - 3, 0.1 * np.sin(9 * x) * np.cos(7 * y)], axis=-1).reshape(-1, 3).astype(np.float32)
+    points = (
+        np.stack([x + 5, y - 3, 0.1 * np.sin(9 * x) * np.cos(7 * y)], axis=-1)
+        .reshape(-1, 3)
+        .astype(np.float32)
+    )
     corner = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
-    triangles = np.concatenate([corner[:, None] + [0, 1, count], corner[:, None] + [1, count + 1, count]])
+    triangles = np.concatenate(
+        [corner[:, None] + [0, 1, count], corner[:, None] + [1, count + 1, count]]
+    )
     order = rng.permutation(len(points))
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
@@ -38,7 +46,11 @@ def unpacked(packed: dict[str, Any]) -> Piece:
     """What the page's program makes of a packed piece."""
 
     def read(name: str, planes: int) -> np.ndarray:
-        content = np.frombuffer(zlib.decompress(base64.b64decode(packed[name])), np.uint8).reshape(planes, -1).astype(np.int64)
+        content = (
+            np.frombuffer(zlib.decompress(base64.b64decode(packed[name])), np.uint8)
+            .reshape(planes, -1)
+            .astype(np.int64)
+        )
         return sum(plane << (8 * i) for i, plane in enumerate(content))
 
     folded = read("positions", 3)
@@ -54,7 +66,9 @@ def unpacked(packed: dict[str, Any]) -> Piece:
 
 def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
     """Triangles as the places and colors of their corners, in no order."""
-    corners = np.concatenate([np.rint(piece.points_m / step_m), piece.colors], axis=1).astype(int)[piece.triangles]
+    corners = np.concatenate([np.rint(piece.points_m / step_m), piece.colors], axis=1).astype(int)[
+        piece.triangles
+    ]
     return {tuple(int(v) for v in triangle.ravel()) for triangle in corners}
 
 
@@ -63,15 +77,24 @@ def test_what_is_packed_comes_out_again() -> None:
     mesh = replace(mesh, colors=mesh.colors & 0xFC | 2)  # of those that the page can show
     found = unpacked(mesh.in_strips(0.04).packed(step_m))
     assert len(found.points_m) == len(mesh.points_m)
-    order, found_order = np.lexsort(mesh.points_m[:, :2].round(2).T), np.lexsort(found.points_m[:, :2].round(2).T)
-    np.testing.assert_allclose(found.points_m[found_order], mesh.points_m[order], atol=step_m / 2 + 1e-5)
+    order, found_order = (
+        np.lexsort(mesh.points_m[:, :2].round(2).T),
+        np.lexsort(found.points_m[:, :2].round(2).T),
+    )
+    np.testing.assert_allclose(
+        found.points_m[found_order], mesh.points_m[order], atol=step_m / 2 + 1e-5
+    )
     assert (found.colors[found_order] == mesh.colors[order]).all()
     assert by_colors(mesh) == by_colors(found)
 
 
 def by_colors(piece: Piece) -> list[list[tuple[int, ...]]]:
-    """Triangles as the colors of their corners, in no order, each from its least corner on: turned, it is the same triangle."""
-    corners = [[tuple(map(int, color)) for color in triangle] for triangle in piece.colors[piece.triangles]]
+    """Triangles as the colors of their corners, in no order, each from its least corner on: turned,
+    it is the same triangle.
+    """
+    corners = [
+        [tuple(map(int, color)) for color in triangle] for triangle in piece.colors[piece.triangles]
+    ]
     return sorted(min(triangle[i:] + triangle[:i] for i in range(3)) for triangle in corners)
 
 
@@ -86,7 +109,9 @@ def test_a_triangle_takes_five_bytes() -> None:
     assert len(packed["positions"]) + len(packed["indices"]) + len(packed["colors"]) < 5 * count
 
 
-def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(300, 800))
     mesh = hills()
     finest, *coarser = list(mesh_levels(mesh, 0.01))
@@ -94,7 +119,9 @@ def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(monkeypatch: pyt
     assert len(finest[1]) > 4
     assert sum(len(tile.triangles) for tile in finest[1].values()) == len(mesh.triangles)
     assert set.union(*(as_set(tile, 1e-4) for tile in finest[1].values())) == as_set(mesh, 1e-4)
-    assert [cell_m for cell_m, _ in coarser] == [0.01 * 2**level for level in range(1, len(coarser) + 1)]
+    assert [cell_m for cell_m, _ in coarser] == [
+        0.01 * 2**level for level in range(1, len(coarser) + 1)
+    ]
     assert sum(len(tile.triangles) for tile in coarser[-1][1].values()) <= 300
     for (_, fine), (_, coarse) in zip([finest, *coarser], coarser, strict=False):
         assert {(column // 2, row // 2) for column, row in fine} >= coarse.keys()
@@ -105,11 +132,22 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
     heights_m = (-12 + np.cumsum(rng.normal(0, 0.01, (70, 90)), axis=1)).astype(np.float32)
     heights_m[rng.random(heights_m.shape) < 0.2] = np.nan
     packed = coded_heights(heights_m)
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["heights"])), np.uint8).reshape(2, 70, 90).astype(np.uint16)
+    planes = (
+        np.frombuffer(zlib.decompress(base64.b64decode(packed["heights"])), np.uint8)
+        .reshape(2, 70, 90)
+        .astype(np.uint16)
+    )
     folded = planes[0] | planes[1] << 8
-    codes = ((folded >> 1) ^ -(folded & 1)).cumsum(axis=1, dtype=np.uint16).cumsum(axis=0, dtype=np.uint16)
+    codes = (
+        ((folded >> 1) ^ -(folded & 1))
+        .cumsum(axis=1, dtype=np.uint16)
+        .cumsum(axis=0, dtype=np.uint16)
+    )
     known = (
-        np.unpackbits(np.frombuffer(zlib.decompress(base64.b64decode(packed["known"])), np.uint8))[: 70 * 90].reshape(70, 90) > 0
+        np.unpackbits(np.frombuffer(zlib.decompress(base64.b64decode(packed["known"])), np.uint8))[
+            : 70 * 90
+        ].reshape(70, 90)
+        > 0
     )
     found = np.where(known, packed["low_m"] + codes * packed["step_m"], np.nan)
     assert (np.isnan(found) == np.isnan(heights_m)).all()
@@ -124,17 +162,27 @@ def test_a_coarse_mesh_lies_on_the_fine_one() -> None:
 
 
 def test_a_pyramid_is_the_image_at_every_level() -> None:
-    image = np.dstack([np.tile(np.arange(1100) // 5, (700, 1)).astype(np.uint8)] * 3 + [np.full((700, 1100), 255, np.uint8)])
+    image = np.dstack(
+        [np.tile(np.arange(1100) // 5, (700, 1)).astype(np.uint8)] * 3
+        + [np.full((700, 1100), 255, np.uint8)]
+    )
 
     def read(box: tuple[int, int, int, int], size: tuple[int, int]) -> np.ndarray:
         left, top, width, height = box
-        return cv2.resize(image[top : top + height, left : left + width], size, interpolation=cv2.INTER_AREA)
+        return cv2.resize(
+            image[top : top + height, left : left + width], size, interpolation=cv2.INTER_AREA
+        )
 
     contents = dict(pyramid(1100, 700, read))
-    tiles = {name: cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) for name, content in contents.items()}
+    tiles = {
+        name: cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        for name, content in contents.items()
+    }
     finest = levels(1100, 700) - 1
     assert (finest, tiles["8/0_0.webp"].shape[:2]) == (11, (88, 138))
-    assert {name for name in tiles if name.startswith("11/")} == {f"11/{x}_{y}.webp" for x in range(3) for y in range(2)}
+    assert {name for name in tiles if name.startswith("11/")} == {
+        f"11/{x}_{y}.webp" for x in range(3) for y in range(2)
+    }
     assert tiles["11/2_1.webp"].shape[:2] == (700 - 512, 1100 - 1024)
     assert abs(int(tiles["11/1_0.webp"][100, 100, 0]) - image[100, 612, 0]) < 6
 
@@ -145,29 +193,42 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
     report(out)
     page = (out / "index.html").read_text("utf-8")
     assert "3 frames along 0.6 m of track were fused" in page
-    first = {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
+    first = {
+        path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
+    }
     folders = {"map.js", "mosaic", "terrain", "hillshade", "heights"}
     assert {path.name for path in (out / "page/map").iterdir()} == {"0_0_0.js", *folders}
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())
     report(out)
-    assert first == {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
+    assert first == {
+        path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
+    }
     fuse(out, tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"mosaic_m": 0.04})))
     report(out)
     levels_now = {path.name for path in (out / "page/map/mosaic").iterdir()}
-    assert levels_now == {str(int(coarsest) - 1)}  # half as many pixels a side; the earlier mosaic is gone
+    assert levels_now == {
+        str(int(coarsest) - 1)
+    }  # half as many pixels a side; the earlier mosaic is gone
 
 
 @pytest.mark.slow
-def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pictures(tmp_path: Path) -> None:
+def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pictures(
+    tmp_path: Path,
+) -> None:
     out = write_map(tmp_path / "out", flat_frames(3), "prior")
     report(out)
     (out / "page/before").mkdir(exist_ok=True)
     for i in range(3):
-        cv2.imwrite(str(out / f"page/before/f{i}.jpg"), np.full((*PAIR.image_size[::-1], 3), (200, 90, 30), np.uint8))
+        cv2.imwrite(
+            str(out / f"page/before/f{i}.jpg"),
+            np.full((*PAIR.image_size[::-1], 3), (200, 90, 30), np.uint8),
+        )
     report(out)
     (tile,) = (out / "page/map/raw").rglob("0_0.webp")
     found = cv2.imdecode(np.frombuffer(tile.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    alpha = found[..., 3] if found.shape[2] == 4 else np.full(found.shape[:2], 255)  # WebP leaves out an opacity that is whole
+    alpha = (
+        found[..., 3] if found.shape[2] == 4 else np.full(found.shape[:2], 255)
+    )  # WebP leaves out an opacity that is whole
     assert (alpha > 0).mean() > 0.5
     assert abs(found[alpha > 250][:, :3].mean(axis=0) - (200, 90, 30)).max() < 4
     assert (out / "page/map/0_0_0_raw.js").exists()

@@ -52,22 +52,34 @@ def test_a_pair_of_which_little_matches_passes() -> None:
 
 
 def test_images_of_different_scenes_fail() -> None:
-    with pytest.raises(MatchingError, match=r"^a: only 2\.0% of the pixels match: the two images do not show the same thing"):
+    with pytest.raises(
+        MatchingError,
+        match=r"^a: only 2\.0% of the pixels match: the two images do not show the same thing",
+    ):
         PairCheck(Swapped(0.02))("a", matched(0.02), partial(pair, "a"))
 
 
 def water(seed: int) -> np.ndarray:
     """Brighter above, with a camera's noise and a few drifting particles."""
     rng = np.random.default_rng(seed)
-    image = np.linspace(120, 80, 480)[:, None, None] * np.ones((1, 640, 3)) + rng.normal(0, 2, (480, 640, 3))
+    image = np.linspace(120, 80, 480)[:, None, None] * np.ones((1, 640, 3)) + rng.normal(
+        0, 2, (480, 640, 3)
+    )
     image[rng.integers(0, 480, 40), rng.integers(0, 640, 40)] += 100
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
 def reef(seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    coarse = [cv2.resize(rng.normal(100, 20, (480 // n, 640 // n)), (640, 480), interpolation=cv2.INTER_CUBIC) for n in (2, 4, 8)]
-    return np.clip(np.mean(coarse, axis=0)[..., None] + rng.normal(0, 2, (480, 640, 3)), 0, 255).astype(np.uint8)
+    coarse = [
+        cv2.resize(
+            rng.normal(100, 20, (480 // n, 640 // n)), (640, 480), interpolation=cv2.INTER_CUBIC
+        )
+        for n in (2, 4, 8)
+    ]
+    return np.clip(
+        np.mean(coarse, axis=0)[..., None] + rng.normal(0, 2, (480, 640, 3)), 0, 255
+    ).astype(np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -77,23 +89,34 @@ def reef(seed: int) -> np.ndarray:
         (water(0), reef(1), "the left image shows"),
     ],
 )
-def test_images_without_texture_are_not_called_two_scenes(left: np.ndarray, right: np.ndarray, said: str) -> None:
+def test_images_without_texture_are_not_called_two_scenes(
+    left: np.ndarray, right: np.ndarray, said: str
+) -> None:
     """Nor are they matched the other way round, which later pairs may need."""
     swapped = Swapped(0.9)
-    with pytest.raises(MatchingError, match=rf"^a: only 1\.0% of the pixels match: {said} too little texture to match"):
+    with pytest.raises(
+        MatchingError,
+        match=rf"^a: only 1\.0% of the pixels match: {said} too little texture to match",
+    ):
         PairCheck(swapped)("a", matched(0.01), lambda: StereoFrame("a", left, right))
     assert swapped.names == []
 
 
 def test_pairs_without_texture_are_known_nowhere() -> None:
-    known = PairCheck(Swapped(0.9))("a", matched(0.01), lambda: StereoFrame("a", water(0), water(1)))
+    known = PairCheck(Swapped(0.9))(
+        "a", matched(0.01), lambda: StereoFrame("a", water(0), water(1))
+    )
     assert np.isnan(known.range_m).all() and not known.confidence.any() and not known.filled.any()
-    assert known.warnings[0].startswith("only 1.0% of the pixels match: both images show too little texture to match")
+    assert known.warnings[0].startswith(
+        "only 1.0% of the pixels match: both images show too little texture to match"
+    )
 
 
 def test_images_with_texture_that_do_not_match_are_two_scenes() -> None:
     with pytest.raises(MatchingError, match="the two images do not show the same thing"):
-        PairCheck(lambda raw: matched(0.01))("a", matched(0.01), lambda: StereoFrame("a", reef(0), reef(1)))
+        PairCheck(lambda raw: matched(0.01))(
+            "a", matched(0.01), lambda: StereoFrame("a", reef(0), reef(1))
+        )
 
 
 def test_frames_half_in_the_dark_can_still_be_two_scenes() -> None:
@@ -101,12 +124,19 @@ def test_frames_half_in_the_dark_can_still_be_two_scenes() -> None:
     for image in (left, right):
         image[: image.shape[0] // 2] = water(2)[: image.shape[0] // 2] // 20
     with pytest.raises(MatchingError, match="the two images do not show the same thing"):
-        PairCheck(lambda raw: matched(0.01))("a", matched(0.01), lambda: StereoFrame("a", left, right))
+        PairCheck(lambda raw: matched(0.01))(
+            "a", matched(0.01), lambda: StereoFrame("a", left, right)
+        )
 
 
 def test_water_of_which_something_matches_passes() -> None:
     little = matched(0.2)
-    assert PairCheck(lambda raw: matched(0.05))("a", little, lambda: StereoFrame("a", water(0), water(1))) is little
+    assert (
+        PairCheck(lambda raw: matched(0.05))(
+            "a", little, lambda: StereoFrame("a", water(0), water(1))
+        )
+        is little
+    )
 
 
 def test_an_image_that_cannot_be_matched_fails_with_the_reason() -> None:
@@ -120,7 +150,10 @@ def test_swapped_sides_are_named_for_every_pair_after_one_trial() -> None:
     swapped = Swapped(0.8)
     check = PairCheck(swapped)
     for name in "abcd":
-        with pytest.raises(MatchingError, match=f"^{name}: left and right look swapped: 10% .*: exchange --left and --right$"):
+        with pytest.raises(
+            MatchingError,
+            match=f"^{name}: left and right look swapped: 10% .*: exchange --left and --right$",
+        ):
             check(name, matched(0.1), partial(pair, name))
     assert swapped.names == ["a"]
 
@@ -135,7 +168,14 @@ def test_a_dive_of_poor_pairs_is_not_matched_twice() -> None:
 
 @pytest.mark.real_data
 def test_real_water_is_told_from_real_bottoms(real_data: Path) -> None:
-    frames = {path.stem: cv2.imread(str(path)) for path in sorted((real_data / "flsea" / "rgb").glob("*.tiff"))}
+    frames = {
+        path.stem: cv2.imread(str(path))
+        for path in sorted((real_data / "flsea" / "rgb").glob("*.tiff"))
+    }
     assert frames and all(textured_fraction(image) > 0.6 for image in frames.values())
-    for water in (frames["0003"][:150, 500:], frames["0006"][:190, :170], frames["0010"][:180, 560:700]):
+    for water in (
+        frames["0003"][:150, 500:],
+        frames["0006"][:190, :170],
+        frames["0010"][:180, 560:700],
+    ):
         assert textured_fraction(water.copy()) < 0.1

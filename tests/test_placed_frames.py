@@ -1,4 +1,6 @@
-"""What a map tells of its frames: residuals of given poses in frames.csv, the place on Earth in each picture's EXIF."""
+"""What a map tells of its frames: residuals of given poses in frames.csv, the place on Earth in
+each picture's EXIF.
+"""
 
 import csv
 import json
@@ -29,7 +31,9 @@ def point(name: str = "f0", residual_m: float | None = None) -> TrackPoint:
 
 
 @pytest.mark.parametrize("image_format", SUFFIX)
-def test_a_position_is_written_and_pixels_and_other_tags_stay(image_format: ImageFormat, tmp_path: Path) -> None:
+def test_a_position_is_written_and_pixels_and_other_tags_stay(
+    image_format: ImageFormat, tmp_path: Path
+) -> None:
     exif = Image.Exif()
     exif[ExifTags.Base.Make] = "Reef"
     exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime] = 0.004
@@ -50,29 +54,43 @@ def test_a_position_is_written_and_pixels_and_other_tags_stay(image_format: Imag
     stored = Image.Exif()
     stored.load(b"Exif\x00\x00" + exif_block(after.read_bytes()))
     gps = stored.get_ifd(ExifTags.IFD.GPSInfo)
-    assert float(gps[ExifTags.GPS.GPSAltitude]) == 12.34 and gps[ExifTags.GPS.GPSAltitudeRef] == b"\x01"
+    assert (
+        float(gps[ExifTags.GPS.GPSAltitude]) == 12.34
+        and gps[ExifTags.GPS.GPSAltitudeRef] == b"\x01"
+    )
     assert stored[ExifTags.Base.Make] == "Reef"
-    assert located(after.read_bytes(), gps_tags(point(), ORIGIN)) == after.read_bytes(), "a second time changes nothing"
+    assert located(after.read_bytes(), gps_tags(point(), ORIGIN)) == after.read_bytes(), (
+        "a second time changes nothing"
+    )
 
 
 def test_a_picture_without_exif_gets_a_position() -> None:
     content = encode_image(np.zeros((8, 9, 3), np.uint8), "jpg")
-    assert read_capture(located(content, gps_tags(point(), ORIGIN))).latitude_deg == pytest.approx(-33.124167, abs=1e-6)
+    assert read_capture(located(content, gps_tags(point(), ORIGIN))).latitude_deg == pytest.approx(
+        -33.124167, abs=1e-6
+    )
 
 
 @pytest.mark.slow
 def test_frames_of_a_map_on_earth_hold_their_place(tmp_path: Path) -> None:
     out = write_map(tmp_path / "out", flat_frames(4), "prior")
     before = [frame.read("corrected") for frame in open_run(out).frames]
-    assert exif_block((out / "corrected" / "f0.png").read_bytes()) == b"", "a map of its own coordinates tells no place"
+    assert exif_block((out / "corrected" / "f0.png").read_bytes()) == b"", (
+        "a map of its own coordinates tells no place"
+    )
     description = json.loads((out / "map" / "map.json").read_bytes())
-    description["origin"] = {"latitude_deg": ORIGIN.latitude_deg, "longitude_deg": ORIGIN.longitude_deg}
+    description["origin"] = {
+        "latitude_deg": ORIGIN.latitude_deg,
+        "longitude_deg": ORIGIN.longitude_deg,
+    }
     (out / "map" / "map.json").write_text(json.dumps(description))
     with RunFolder.existing(out, "fuse") as folder:
         describe_frames(folder)
         assert folder.frames.finished("corrected", "f2", "key"), "the manifest knows the new files"
     with (out / "map" / "poses.csv").open() as file:
-        placed = {row["name"]: (float(row["y_m"]), float(row["x_m"])) for row in csv.DictReader(file)}
+        placed = {
+            row["name"]: (float(row["y_m"]), float(row["x_m"])) for row in csv.DictReader(file)
+        }
     for frame, pixels in zip(open_run(out).frames, before, strict=True):
         assert np.array_equal(frame.read("corrected"), pixels)
         capture = read_capture(frame.products["corrected"].read_bytes())
@@ -82,7 +100,9 @@ def test_frames_of_a_map_on_earth_hold_their_place(tmp_path: Path) -> None:
 
 
 def test_residuals_are_columns_of_frames_csv_while_there_are_any() -> None:
-    table = b"".join(frames_csv([FrameRow("f0", error="a, b"), FrameRow("f1", facts={"coverage": 0.5})]))
+    table = b"".join(
+        frames_csv([FrameRow("f0", error="a, b"), FrameRow("f1", facts={"coverage": 0.5})])
+    )
     with_both = with_residuals(table, [point("f0", 0.25)])
     rows = list(csv.DictReader(with_both.decode().splitlines()))
     assert [row["position_residual_m"] for row in rows] == ["0.2500", ""]

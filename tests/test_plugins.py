@@ -1,4 +1,6 @@
-"""Packages add commands, export formats and formats of trajectories by entry points; the core loads none of its own extras."""
+"""Packages add commands, export formats and formats of trajectories by entry points; the core loads
+none of its own extras.
+"""
 
 import json
 import os
@@ -20,7 +22,9 @@ from stereo_seecolor.errors import PluginError
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.run_folder.finished_run import open_run
 
-PROJECT_FILE = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PROJECT_FILE = tomllib.loads(
+    (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+)["project"]
 LOADED_WHERE_NEEDED = {"rich", "threadpoolctl"}
 """rich: on a terminal. threadpoolctl: where numpy was imported before the program."""
 
@@ -114,8 +118,19 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     root = tmp_path_factory.mktemp("reef-notes")
     (root / "pyproject.toml").write_text(PROJECT)
     (root / "reef_notes.py").write_text(MODULE)
-    options = ("--no-deps", "--no-index", "--no-build-isolation", "--quiet", "--target", str(root / "installed"))
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, str(root)], check=True, capture_output=True)
+    options = (
+        "--no-deps",
+        "--no-index",
+        "--no-build-isolation",
+        "--quiet",
+        "--target",
+        str(root / "installed"),
+    )
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", *options, str(root)],
+        check=True,
+        capture_output=True,
+    )
     return os.environ | {"PYTHONPATH": str(root / "installed"), "COLUMNS": "300", "TERM": "dumb"}
 
 
@@ -127,12 +142,16 @@ def program(environment: dict[str, str], *words: str | Path) -> tuple[int, str, 
 
 
 @pytest.mark.slow
-def test_a_command_of_another_package_is_in_the_help_and_runs(installed: dict[str, str], sample_run: SampleRun) -> None:
+def test_a_command_of_another_package_is_in_the_help_and_runs(
+    installed: dict[str, str], sample_run: SampleRun
+) -> None:
     code, printed, said = program(installed, "--help")
     assert code == 0
     assert " Notes " in printed and "Print the name of a run." in printed
     assert printed.index(" run ") < printed.index(" config ") < printed.index(" export ")
-    assert said.startswith("lost: the package reef-notes, which adds it to commands, cannot be loaded: ")
+    assert said.startswith(
+        "lost: the package reef-notes, which adds it to commands, cannot be loaded: "
+    )
     assert program(installed, "note", sample_run.out) == (0, f"noted {sample_run.out.name}\n", "")
     code, _, said = program(installed, "lost")
     assert code == 1
@@ -140,40 +159,66 @@ def test_a_command_of_another_package_is_in_the_help_and_runs(installed: dict[st
 
 
 @pytest.mark.slow
-def test_an_export_format_of_another_package_is_written(installed: dict[str, str], sample_run: SampleRun, tmp_path: Path) -> None:
+def test_an_export_format_of_another_package_is_written(
+    installed: dict[str, str], sample_run: SampleRun, tmp_path: Path
+) -> None:
     code, printed, _ = program(installed, "export", "--list")
     assert code == 0
     assert "names        the names of the frames: any editor" in printed.splitlines()
-    code, _, said = program(installed, "export", sample_run.out, "--to", "names", "--out", tmp_path / "names")
+    code, _, said = program(
+        installed, "export", sample_run.out, "--to", "names", "--out", tmp_path / "names"
+    )
     assert (code, said) == (0, "")
     assert (tmp_path / "names" / "names.txt").read_text().split()[0] == "reef_1790000000000"
 
 
 @pytest.mark.slow
-def test_a_trajectory_format_of_another_package_is_read(installed: dict[str, str], tmp_path: Path) -> None:
+def test_a_trajectory_format_of_another_package_is_read(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
     notes = tmp_path / "track.notes"
     notes.write_text("a b c")
-    code = "import sys, pathlib; from stereo_seecolor.inputs.trajectories import read_trajectory as read; "
+    code = (
+        "import sys, pathlib; from stereo_seecolor.inputs.trajectories import read_trajectory "
+        "as read; "
+    )
     code += "print(read(pathlib.Path(sys.argv[1])).T_world_camera[:, 0, 3].tolist())"
-    ended = subprocess.run([sys.executable, "-c", code, notes], capture_output=True, text=True, env=installed)
+    ended = subprocess.run(
+        [sys.executable, "-c", code, notes], capture_output=True, text=True, env=installed
+    )
     assert ended.stdout == "[0.0, 1.0, 2.0]\n", ended.stderr
 
 
 @pytest.mark.slow
-def test_an_engine_of_another_package_fuses_the_map(installed: dict[str, str], sample_run: SampleRun, tmp_path: Path) -> None:
+def test_an_engine_of_another_package_fuses_the_map(
+    installed: dict[str, str], sample_run: SampleRun, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     shutil.copytree(sample_run.out, out)
     code, _, said = program(installed, "fuse", out, "--set", "mapping.engine=raised")
     assert code == 0, said
     assert json.loads((out / "map/map.json").read_text())["engine"] == "raised"
-    raised, ours = (read_vertices(folder / "map/cloud.ply")["position"] for folder in (out, sample_run.out))
+    raised, ours = (
+        read_vertices(folder / "map/cloud.ply")["position"] for folder in (out, sample_run.out)
+    )
     np.testing.assert_allclose(raised - ours, np.broadcast_to([0, 0, 1], ours.shape), atol=1e-5)
 
 
 @pytest.mark.slow
-def test_a_matching_engine_of_another_package_gives_the_ranges(installed: dict[str, str], tmp_path: Path) -> None:
+def test_a_matching_engine_of_another_package_gives_the_ranges(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml", "--out", out)
+    sides = (
+        "--left",
+        REEF / "left",
+        "--right",
+        REEF / "right",
+        "--calib",
+        REEF / "cam.yaml",
+        "--out",
+        out,
+    )
     settings = ("--set", "matching.engine=level", "--set", "matching.min_confidence=0")
     code, _, said = program(installed, "run", *sides, *settings, "--progress", "none")
     assert code == 0, said
@@ -184,15 +229,25 @@ def test_a_matching_engine_of_another_package_gives_the_ranges(installed: dict[s
 
 
 @pytest.mark.parametrize(
-    ("setting", "known"), [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, onnx")], ids=["maps", "matching"]
+    ("setting", "known"),
+    [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, onnx")],
+    ids=["maps", "matching"],
 )
-def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(cli: Cli, setting: str, known: str) -> None:
+def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(
+    cli: Cli, setting: str, known: str
+) -> None:
     code, _, said = cli("config", "--set", f"{setting}=voxblox")
     assert code == 1
-    assert said == f"stereo-seecolor: --set: {setting}: no installed package adds this engine; known are {known} (got 'voxblox')\n"
+    assert (
+        said
+        == f"stereo-seecolor: --set: {setting}: no installed package adds this engine; known are "
+        f"{known} (got 'voxblox')\n"
+    )
 
 
-def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(sample_run: SampleRun, tmp_path: Path) -> None:
+def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     shutil.copytree(sample_run.out, out)
     text = (out / "run.json").read_text()
@@ -203,7 +258,9 @@ def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(samp
 
 
 def test_a_part_that_no_package_adds_is_named_with_those_that_are_known() -> None:
-    with pytest.raises(PluginError, match=r"^fax: no installed package adds it to recordings \(known: mcap\)$"):
+    with pytest.raises(
+        PluginError, match=r"^fax: no installed package adds it to recordings \(known: mcap\)$"
+    ):
         plugins.load("recordings", "fax")
 
 
@@ -222,7 +279,15 @@ def test_a_run_with_a_map_loads_no_extra_and_all_that_the_base_installs(tmp_path
     code += "print([name for name in sys.modules if name.startswith('stereo_seecolor.extras')])\n"
     code += "print(*(name for name in sys.modules if '.' not in name))"
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
-    words = ("run", *map(str, sides), "--out", str(tmp_path / "out"), "--fuse", "--progress", "none")
+    words = (
+        "run",
+        *map(str, sides),
+        "--out",
+        str(tmp_path / "out"),
+        "--fuse",
+        "--progress",
+        "none",
+    )
     ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert ended.stdout.splitlines()[-3:-1] == ["0", "[]"], ended.stderr
     loaded = set(ended.stdout.splitlines()[-1].split())

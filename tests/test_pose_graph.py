@@ -23,13 +23,19 @@ def lawnmower() -> np.ndarray:
 def test_false_loops_are_told_from_the_drift_of_a_long_dive() -> None:
     T, rng = lawnmower(), np.random.default_rng(0)
     ends = [(j - back, j, False) for j in range(len(T)) for back in (1, 2, 3) if j >= back]
-    ends += [(2 * LINE_FRAMES * (j // LINE_FRAMES) - 1 - j, j, True) for j in range(LINE_FRAMES, len(T))]
-    false_numbers = range(next(number for number, (*_, loop) in enumerate(ends) if loop), len(ends), 100)
+    ends += [
+        (2 * LINE_FRAMES * (j // LINE_FRAMES) - 1 - j, j, True) for j in range(LINE_FRAMES, len(T))
+    ]
+    false_numbers = range(
+        next(number for number, (*_, loop) in enumerate(ends) if loop), len(ends), 100
+    )
     covariance = np.diag([STD_RAD**2] * 3 + [STD_M**2] * 3)
     edges = []
     for number, (i, j, loop) in enumerate(ends):
         false_m = rng.normal(0, 3, 3) if number in false_numbers else np.zeros(3)
-        error = pose(rotation_from_vector(rng.normal(0, STD_RAD, 3)), rng.normal(0, STD_M, 3) + false_m)
+        error = pose(
+            rotation_from_vector(rng.normal(0, STD_RAD, 3)), rng.normal(0, STD_M, 3) + false_m
+        )
         edges.append(Edge(i, j, inverse(T[i]) @ T[j] @ error, covariance, 100, loop))
     start = T.copy()
     for edge in (edge for edge in edges if edge.j - edge.i == 1):

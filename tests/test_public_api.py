@@ -1,4 +1,6 @@
-"""What the top of the package exports can be imported and keeps its parameters; importing the package alone loads nothing heavy."""
+"""What the top of the package exports can be imported and keeps its parameters; importing the
+package alone loads nothing heavy.
+"""
 
 import inspect
 import subprocess
@@ -26,15 +28,25 @@ def test_a_name_that_does_not_exist_is_an_attribute_error() -> None:
 
 
 def test_importing_the_package_loads_nothing_heavy() -> None:
-    code = "import sys, stereo_seecolor; print([m for m in ('cv2', 'torch', 'numba', 'scipy', 'open3d') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    code = (
+        "import sys, stereo_seecolor; print([m for m in ('cv2', 'torch', 'numba', 'scipy', "
+        "'open3d') if m in sys.modules])"
+    )
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "[]"
+    )
 
 
 SIGNATURES = Path(__file__).resolve().parents[1] / "tests" / "golden" / "public_api.txt"
 
 
 def parameters(function: Callable[..., Any]) -> str:
-    """The parameters of a function in order, ``*`` before those by keyword alone, ``=`` behind those with a default."""
+    """The parameters of a function in order, ``*`` before those by keyword alone, ``=`` behind
+    those with a default.
+    """
     found = list(inspect.signature(function).parameters.values())
     by_name = next((i for i, p in enumerate(found) if p.kind is p.KEYWORD_ONLY), len(found))
     words = [p.name + ("=" if p.default is not p.empty else "") for p in found]
@@ -42,22 +54,31 @@ def parameters(function: Callable[..., Any]) -> str:
 
 
 def public_signatures() -> dict[str, str]:
-    """The public names of both packages, and the public methods and properties of their classes, with their parameters."""
+    """The public names of both packages, and the public methods and properties of their classes,
+    with their parameters.
+    """
     found: dict[str, str] = {}
     for package in (stereo_seecolor, calibration):
         for name in package.__all__:
             thing, where = getattr(package, name), f"{package.__name__}.{name}"
-            plain = not callable(thing) or (isinstance(thing, type) and issubclass(thing, Exception | BaseModel))
+            plain = not callable(thing) or (
+                isinstance(thing, type) and issubclass(thing, Exception | BaseModel)
+            )
             found[where] = "" if plain else parameters(thing)
-            for member, value in vars(thing).items() if isinstance(thing, type) and not plain else ():
+            for member, value in (
+                vars(thing).items() if isinstance(thing, type) and not plain else ()
+            ):
                 if not member.startswith("_"):
                     function = getattr(value, "__func__", value)
-                    found[f"{where}.{member}"] = parameters(function) if inspect.isfunction(function) else ""
+                    found[f"{where}.{member}"] = (
+                        parameters(function) if inspect.isfunction(function) else ""
+                    )
     return dict(sorted(found.items()))
 
 
 def test_what_programs_call_is_still_there() -> None:
-    """Programs go on to work: names stay, and their parameters in order; what is new comes behind them and has a default.
+    """Programs go on to work: names stay, and their parameters in order; what is new comes behind
+    them and has a default.
 
     ``python tests/test_public_api.py`` writes the file, for a release.
     """
@@ -70,4 +91,7 @@ def test_what_programs_call_is_still_there() -> None:
 
 
 if __name__ == "__main__":
-    SIGNATURES.write_text("".join(f"{name}: {given}\n" for name, given in public_signatures().items()), encoding="utf-8")
+    SIGNATURES.write_text(
+        "".join(f"{name}: {given}\n" for name, given in public_signatures().items()),
+        encoding="utf-8",
+    )

@@ -1,4 +1,6 @@
-"""Points that lie outside the ranges looked for are said before a run, with the setting that takes them."""
+"""Points that lie outside the ranges looked for are said before a run, with the setting that takes
+them.
+"""
 
 import dataclasses
 
@@ -31,7 +33,10 @@ def test_a_run_says_what_lies_beyond_its_ranges(make_dive, cli, tmp_path) -> Non
     dive = make_dive(1)
     code, printed, said = cli(*dive.command(tmp_path / "out"), "--set", "matching.max_range_m=1.5")
     assert code == 0
-    assert "features lie beyond matching.max_range_m (1.5 m) and get no range: --set matching.max_range_m=" in printed + said
+    assert (
+        "features lie beyond matching.max_range_m (1.5 m) and get no range: --set "
+        "matching.max_range_m=" in printed + said
+    )
 
 
 def test_inspect_sets_the_range_that_a_dive_needs(make_dive) -> None:
@@ -42,6 +47,8 @@ def test_inspect_sets_the_range_that_a_dive_needs(make_dive) -> None:
     write_rig(dataclasses.replace(rig, T_right_left=T), dive.root / "cam.yaml")
     found = inspect([dive.root])
     assert found.run_command.endswith("--set matching.max_range_m=60")
-    assert any("get no range: --set matching.max_range_m=60" in problem for problem in found.problems)
+    assert any(
+        "get no range: --set matching.max_range_m=60" in problem for problem in found.problems
+    )
     assert found.measured is not None
     assert found.measured.median_range_m == pytest.approx(19 * np.median(dive.range_m), rel=0.1)

@@ -1,4 +1,6 @@
-"""Range maps of other programs are read by their content, in their units, and refused or named where they are no meters."""
+"""Range maps of other programs are read by their content, in their units, and refused or named
+where they are no meters.
+"""
 
 import io
 import re
@@ -60,8 +62,15 @@ def mat73(values: np.ndarray) -> bytes:
 
 def gdal_tiff(values: np.ndarray, unknown: float, **how: object) -> bytes:
     with rasterio.MemoryFile() as memory:
-        shape = {"width": values.shape[1], "height": values.shape[0], "count": 1, "dtype": values.dtype}
-        with memory.open(driver="GTiff", nodata=unknown, transform=rasterio.Affine.scale(2), **shape, **how) as file:
+        shape = {
+            "width": values.shape[1],
+            "height": values.shape[0],
+            "count": 1,
+            "dtype": values.dtype,
+        }
+        with memory.open(
+            driver="GTiff", nodata=unknown, transform=rasterio.Affine.scale(2), **shape, **how
+        ) as file:
             file.write(values, 1)
         return bytes(memory.read())
 
@@ -69,12 +78,16 @@ def gdal_tiff(values: np.ndarray, unknown: float, **how: object) -> bytes:
 KINDS = {
     "half float.tif": lambda: encode_tiff(RANGE_M.astype(np.float16)),
     "double.tif": lambda: image_file(".tiff", RANGE_M.astype(np.float64)),
-    "int16.tif": lambda: gdal_tiff(np.where(MILLIMETERS > 0, MILLIMETERS, 32000).astype(np.int16), 32000),
+    "int16.tif": lambda: gdal_tiff(
+        np.where(MILLIMETERS > 0, MILLIMETERS, 32000).astype(np.int16), 32000
+    ),
     "uint32.tif": lambda: gdal_tiff(MILLIMETERS.astype(np.uint32), 0),
     "big.tif": lambda: gdal_tiff(RANGE_M, np.nan, BIGTIFF="YES", compress="zstd"),
     "zstd.tif": lambda: gdal_tiff(RANGE_M, np.nan, compress="zstd"),
     "u16.png": lambda: image_file(".png", MILLIMETERS.astype(np.uint16)),
-    "u16 with a mark.png": lambda: image_file(".png", np.where(MILLIMETERS > 0, MILLIMETERS, 65535).astype(np.uint16)),
+    "u16 with a mark.png": lambda: image_file(
+        ".png", np.where(MILLIMETERS > 0, MILLIMETERS, 65535).astype(np.uint16)
+    ),
     "little.pfm": lambda: pfm(RANGE_M),
     "big.pfm": lambda: pfm(RANGE_M, ">"),
     "float.exr": lambda: exr({"Z": RANGE_M}),
@@ -84,8 +97,12 @@ KINDS = {
     "int.npy": lambda: saved(np.save, MILLIMETERS.astype(np.int64)),
     "one.npy": lambda: saved(np.save, RANGE_M[..., None]),
     "one.npz": lambda: saved(np.savez_compressed, RANGE_M),
-    "named.npz": lambda: saved(np.savez, K=np.eye(3), mask=RANGE_M > 0, confidence=RANGE_M * 0, depth=RANGE_M),
-    "a.mat": lambda: saved(scipy.io.savemat, {"range": RANGE_M.astype(np.float64), "K": np.eye(3)}, do_compression=True),
+    "named.npz": lambda: saved(
+        np.savez, K=np.eye(3), mask=RANGE_M > 0, confidence=RANGE_M * 0, depth=RANGE_M
+    ),
+    "a.mat": lambda: saved(
+        scipy.io.savemat, {"range": RANGE_M.astype(np.float64), "K": np.eye(3)}, do_compression=True
+    ),
     "7.3.mat": lambda: mat73(RANGE_M),
 }
 
@@ -96,7 +113,10 @@ def test_kinds_of_range_maps(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(read_range_map(tmp_path / name), RANGE_M, atol=0.0011)
 
 
-@pytest.mark.parametrize(("units_per_m", "values"), [(5000, np.uint16), (256, np.uint16), (100, np.float32), (50, np.uint8)])
+@pytest.mark.parametrize(
+    ("units_per_m", "values"),
+    [(5000, np.uint16), (256, np.uint16), (100, np.float32), (50, np.uint8)],
+)
 def test_units_are_set(tmp_path: Path, units_per_m: float, values: type) -> None:
     stored = np.nan_to_num(np.round(RANGE_M * units_per_m)).astype(values)
     path = tmp_path / "a.tiff"
@@ -109,12 +129,30 @@ def normalized(top: float) -> np.ndarray:
 
 
 REFUSED = {
-    "a.png": (lambda: image_file(".png", np.nan_to_num(normalized(65535)).astype(np.uint16)), "a map without scale"),
-    "b.tiff": (lambda: image_file(".tiff", normalized(1).astype(np.float32)), "its values end at 1, .* a map without scale"),
-    "c.tiff": (lambda: image_file(".tiff", RANGE_M * 1000), "read as meters, which no range under water is: set input.range_units"),
-    "d.png": (lambda: image_file(".png", np.nan_to_num(RANGE_M * 8).astype(np.uint16)), "its median is 0.0.* read as millimeters"),
-    "e.png": (lambda: image_file(".png", np.uint8(np.nan_to_num(normalized(255)))), r"8 bits, .*\(near is bright"),
-    "f.npz": (lambda: saved(np.savez, left=RANGE_M, right=RANGE_M), r"several maps \(left, right\)"),
+    "a.png": (
+        lambda: image_file(".png", np.nan_to_num(normalized(65535)).astype(np.uint16)),
+        "a map without scale",
+    ),
+    "b.tiff": (
+        lambda: image_file(".tiff", normalized(1).astype(np.float32)),
+        "its values end at 1, .* a map without scale",
+    ),
+    "c.tiff": (
+        lambda: image_file(".tiff", RANGE_M * 1000),
+        "read as meters, which no range under water is: set input.range_units",
+    ),
+    "d.png": (
+        lambda: image_file(".png", np.nan_to_num(RANGE_M * 8).astype(np.uint16)),
+        "its median is 0.0.* read as millimeters",
+    ),
+    "e.png": (
+        lambda: image_file(".png", np.uint8(np.nan_to_num(normalized(255)))),
+        r"8 bits, .*\(near is bright",
+    ),
+    "f.npz": (
+        lambda: saved(np.savez, left=RANGE_M, right=RANGE_M),
+        r"several maps \(left, right\)",
+    ),
     "g.npy": (lambda: saved(np.save, np.zeros((9, 9, 3))), "has 3 channels"),
     "h.npy": (lambda: saved(np.save, np.array([{}])), "Python objects"),
     "i.pfm": (lambda: pfm(RANGE_M)[:-9], "truncated or damaged"),
@@ -143,7 +181,10 @@ def test_two_maps_of_one_name_are_named(tmp_path: Path) -> None:
     for name in ("images/1.png", "range/1.png", "range/1.tiff"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    with pytest.raises(InputError, match=r"several files are called '1' \(1.png, 1.tiff\): .* pattern such as 'range/\*.tiff'"):
+    with pytest.raises(
+        InputError,
+        match=r"several files are called '1' \(1.png, 1.tiff\): .* pattern such as 'range/\*.tiff'",
+    ):
         pair_by_stem(tmp_path / "images", tmp_path / "range")
 
 
@@ -151,19 +192,31 @@ def test_arrays_are_paired_with_images(tmp_path: Path) -> None:
     for name in ("images/1.png", "images/2.png", "range/1.npy", "range/2.mat"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    assert [pair.right.name for pair in pair_by_stem(tmp_path / "images", tmp_path / "range").pairs] == ["1.npy", "2.mat"]
+    assert [
+        pair.right.name for pair in pair_by_stem(tmp_path / "images", tmp_path / "range").pairs
+    ] == ["1.npy", "2.mat"]
 
 
-def fitted(water: WaterName, ranges: Callable[[np.ndarray], np.ndarray], gray: bool = False) -> dict[str, Water]:
-    """Waters fitted to drawn frames of a slope, with the ranges that ``ranges`` makes of the true ones."""
+def fitted(
+    water: WaterName, ranges: Callable[[np.ndarray], np.ndarray], gray: bool = False
+) -> dict[str, Water]:
+    """Waters fitted to drawn frames of a slope, with the ranges that ``ranges`` makes of the true
+    ones.
+    """
     true = lit_water(water, depth_m=8, camera_depth_m=6, exposure_range_m=3).water
     found = {}
     for seed in range(3):
         random = np.random.default_rng(seed)
         range_m = np.linspace(1.5, 5, 96)[:, None] + random.uniform(0, 0.5, (96, 128))
-        reflectance = np.clip(random.lognormal(-1.6, 0.7, (96, 128, 1)) * random.uniform(0.8, 1.25, (96, 128, 3)), 0, 1)
+        reflectance = np.clip(
+            random.lognormal(-1.6, 0.7, (96, 128, 1)) * random.uniform(0.8, 1.25, (96, 128, 3)),
+            0,
+            1,
+        )
         light = reflectance * true.white * true.attenuation(range_m) + true.backscatter(range_m)
-        image = np.round(255 * encode_srgb(np.clip(light[..., 1:2].repeat(3, 2) if gray else light, 0, 1))).astype(np.uint8)
+        image = np.round(
+            255 * encode_srgb(np.clip(light[..., 1:2].repeat(3, 2) if gray else light, 0, 1))
+        ).astype(np.uint8)
         found[str(seed)] = fit(image, ranges(range_m).astype(np.float32))
     return found
 
@@ -186,6 +239,8 @@ def test_ranges_in_meters_are_not_doubted(water: WaterName) -> None:
         (lambda range_m: 2 / range_m, "near and far exchanged"),
     ],
 )
-def test_water_tells_ranges_that_are_no_meters(ranges: Callable[[np.ndarray], np.ndarray], found: str) -> None:
+def test_water_tells_ranges_that_are_no_meters(
+    ranges: Callable[[np.ndarray], np.ndarray], found: str
+) -> None:
     (note,) = range_scale_notes(fitted("blue-ocean", ranges), given=True)
     assert re.search(found, note), note

@@ -35,7 +35,9 @@ def test_arrays_come_back_as_they_were_for_compiled_code(file: Path) -> None:
         assert back.flags.writeable
 
 
-def test_what_is_written_into_an_array_stays_in_memory_and_a_deleted_file_is_still_read(file: Path) -> None:
+def test_what_is_written_into_an_array_stays_in_memory_and_a_deleted_file_is_still_read(
+    file: Path,
+) -> None:
     first = read_arrays(file, len(ARRAYS))
     assert first is not None
     first[2][:] = 99

@@ -10,7 +10,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def blocks(path: Path, language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.findall(
+        rf"```{language}\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
 
 
 def test_readme_has_two_commands_that_use_the_constraints() -> None:
@@ -27,4 +29,9 @@ def test_readme_run_command_does_the_main_job(sample_run: SampleRun) -> None:
     assert f"{pairs} of {pairs} frames fused" in sample_run.printed
     assert "map/orthomosaic.tif: the reef from above, GeoTIFF" in sample_run.printed
     assert "pip install" not in sample_run.printed, "nothing that a map is made with is missing"
-    assert {path.name for path in (sample_run.out / "map").iterdir()} >= {"preview.png", "orthomosaic.tif", "dem.tif", "mesh.ply"}
+    assert {path.name for path in (sample_run.out / "map").iterdir()} >= {
+        "preview.png",
+        "orthomosaic.tif",
+        "dem.tif",
+        "mesh.ply",
+    }

@@ -1,4 +1,6 @@
-"""A real reef dive as it was published: a vertical pair, color on the left, monochrome on the right, calibrated with MATLAB."""
+"""A real reef dive as it was published: a vertical pair, color on the left, monochrome on the
+right, calibrated with MATLAB.
+"""
 
 import shutil
 from dataclasses import replace
@@ -15,27 +17,44 @@ from stereo_seecolor.run_folder.finished_run import open_run
 
 PAIRS = 3
 SAME_SCENE = 0.3
-"""Correlation of detail: 0.42 to 0.46 with the raw image of a frame, which is not rectified, at most 0.06 with its neighbor's."""
+"""Correlation of detail: 0.42 to 0.46 with the raw image of a frame, which is not rectified, at
+most 0.06 with its neighbor's.
+"""
 """Correlation of a corrected frame with its raw image: 0.85 to 0.95 upright, about 0 turned."""
 
 
 def detail(image: np.ndarray) -> np.ndarray:
     """Without what is smooth, of which the lamps' pattern is taken out."""
-    small = cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (136, 102), interpolation=cv2.INTER_AREA).astype(np.float32)
+    small = cv2.resize(
+        cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (136, 102), interpolation=cv2.INTER_AREA
+    ).astype(np.float32)
     return (small - cv2.GaussianBlur(small, (0, 0), 6)).ravel()
 
 
 @pytest.mark.real_data
 @pytest.mark.slow
 def test_the_first_pairs_run_as_they_are(
-    real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    real_data: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
         for image in sorted((real_data / "acfr" / side).iterdir())[:PAIRS]:
             shutil.copy(image, tmp_path / side)
     calib, out = real_data / "acfr" / "stereo_calib.mat", tmp_path / "out"
-    words = ["run", "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(calib), "--out", str(out)]
+    words = [
+        "run",
+        "--left",
+        str(tmp_path / "left"),
+        "--right",
+        str(tmp_path / "right"),
+        "--calib",
+        str(calib),
+        "--out",
+        str(out),
+    ]
     monkeypatch.setattr("sys.argv", ["stereo-seecolor", *words])
     with pytest.raises(SystemExit) as end:
         main()
@@ -65,7 +84,10 @@ def test_mistakes_with_its_calibration_are_named(real_data: Path) -> None:
     assert likely_mistake(rig, [images]) is None
     inverse, transposed = np.linalg.inv(rig.T_right_left), rig.T_right_left.copy()
     inverse[3], transposed[:3, :3] = [0, 0, 0, 1], rig.R.T
-    for T, said in ((inverse, "is the inverse one"), (transposed, "rotation between the cameras is transposed")):
+    for T, said in (
+        (inverse, "is the inverse one"),
+        (transposed, "rotation between the cameras is transposed"),
+    ):
         found = likely_mistake(replace(rig, T_right_left=T), [images])
         assert found and said in found.line
     swapped = likely_mistake(rig, [(images[1], images[0])])

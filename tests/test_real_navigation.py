@@ -1,6 +1,8 @@
-"""Navigation held against the pictures on a real reef dive: its survey's own poses fit, disturbed ones are averaged out or named.
+"""Navigation held against the pictures on a real reef dive: its survey's own poses fit, disturbed
+ones are averaged out or named.
 
-Half-size pictures of the dive's first pairs; the poses are of the survey's own SLAM of these pictures.
+Half-size pictures of the dive's first pairs; the poses are of the survey's own SLAM of these
+pictures.
 """
 
 import csv
@@ -40,7 +42,9 @@ CONFIG = MappingConfig(voxel_m=0.04, metrics_m=0.5)
 
 @dataclass(frozen=True)
 class RealDive:
-    """A survey, its track, and where its rectified left camera stood by the published poses, with a name for each frame."""
+    """A survey, its track, and where its rectified left camera stood by the published poses, with a
+    name for each frame.
+    """
 
     survey: Survey
     track: odometry.Track
@@ -59,18 +63,40 @@ def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
     for side in ("left", "right"):
         (folder / side).mkdir()
         for image in sorted((data / side).iterdir())[:PAIRS]:
-            small = cv2.resize(cv2.imread(str(image), cv2.IMREAD_UNCHANGED), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+            small = cv2.resize(
+                cv2.imread(str(image), cv2.IMREAD_UNCHANGED),
+                None,
+                fx=0.5,
+                fy=0.5,
+                interpolation=cv2.INTER_AREA,
+            )
             cv2.imwrite(str(folder / side / image.name), small)
-    first = [read_both(pair, InputConfig()) for pair in pair_folders(data / "left", data / "right", InputConfig()).pairs[:1]]
-    native.write(half_size(settle_reading(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)), folder / "cam.yaml")
-    settings = {"input": {"refine": True}, "output": {"clouds": False}, "color": {"lock": "survey", "unknown_pixels": "raw"}}
+    first = [
+        read_both(pair, InputConfig())
+        for pair in pair_folders(data / "left", data / "right", InputConfig()).pairs[:1]
+    ]
+    native.write(
+        half_size(settle_reading(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)),
+        folder / "cam.yaml",
+    )
+    settings = {
+        "input": {"refine": True},
+        "output": {"clouds": False},
+        "color": {"lock": "survey", "unknown_pixels": "raw"},
+    }
     config = RunConfig.model_validate(settings)
     run(folder / "left", folder / "right", folder / "cam.yaml", folder / "out", config)
     frames = SurveyFrames(open_run(folder / "out"))
     survey = Survey(frames, frames.geometry, FrameIndex.build(frames, frames.geometry))
-    read = rectified_trajectory(data / "poses_left_raw.tum", MappingConfig(poses_of="raw"), frames.T_rectified_left)
-    chosen = [int(np.abs(read.timestamps_s - time_s).argmin()) for time_s in survey.index.timestamps_s]
-    published = Trajectory(tuple(survey.index.names), read.timestamps_s[chosen], read.T_world_camera[chosen])
+    read = rectified_trajectory(
+        data / "poses_left_raw.tum", MappingConfig(poses_of="raw"), frames.T_rectified_left
+    )
+    chosen = [
+        int(np.abs(read.timestamps_s - time_s).argmin()) for time_s in survey.index.timestamps_s
+    ]
+    published = Trajectory(
+        tuple(survey.index.names), read.timestamps_s[chosen], read.T_world_camera[chosen]
+    )
     return RealDive(survey, odometry.follow(survey), published)
 
 
@@ -106,7 +132,7 @@ WRONG: dict[str, Callable[[Poses], Poses]] = {
     "the poses in the opposite order": lambda T: T[::-1],
     "positions in feet": positions(lambda p: p / 0.3048),
     "positions in centimeters": positions(lambda p: p * 100),
-    "positions turned by -30 degrees about the vertical, or headings by as much the other way": positions(
+    "positions turned by -30 degrees about the vertical, or headings by as much the other way": positions(  # noqa: E501
         lambda p: p @ rotation_from_vector(np.radians([0, 0, 30])).T
     ),
 }
@@ -114,15 +140,23 @@ WRONG: dict[str, Callable[[Poses], Poses]] = {
 
 @pytest.mark.parametrize("reading", WRONG)
 def test_poses_read_wrongly_are_named(dive: RealDive, reading: str) -> None:
-    found = dive.judged(replace(dive.trajectory, T_world_camera=WRONG[reading](dive.trajectory.T_world_camera.copy())))
+    found = dive.judged(
+        replace(
+            dive.trajectory, T_world_camera=WRONG[reading](dive.trajectory.T_world_camera.copy())
+        )
+    )
     assert not found.fits
     assert found.advice == f"the given poses contradict the pictures; they would fit with {reading}"
 
 
-@pytest.mark.parametrize(("later_s", "said"), [(0.375, "-0.38 s"), (1.25, "-1.25 s"), (-0.75, "+0.75 s")])
+@pytest.mark.parametrize(
+    ("later_s", "said"), [(0.375, "-0.38 s"), (1.25, "-1.25 s"), (-0.75, "+0.75 s")]
+)
 def test_a_clock_apart_is_named(dive: RealDive, later_s: float, said: str) -> None:
     true = dive.trajectory
-    found = dive.judged(replace(true, names=("",) * len(true.names), timestamps_s=true.timestamps_s + later_s))
+    found = dive.judged(
+        replace(true, names=("",) * len(true.names), timestamps_s=true.timestamps_s + later_s)
+    )
     assert not found.fits
     assert found.advice.endswith(f"they would fit with {said} added to the times of the poses")
 
@@ -131,15 +165,22 @@ def test_a_scale_and_a_jump_are_named_and_do_not_contradict(dive: RealDive) -> N
     longer, jumped = dive.trajectory.T_world_camera.copy(), dive.trajectory.T_world_camera.copy()
     longer[:, :3, 3] *= 1.05
     jumped[4:, :3, 3] += [0.5, 0.5, 0.0]
-    for T, said in ((longer, "the given positions are 1.0"), (jumped, "the given positions jump by 0.71 m")):
+    for T, said in (
+        (longer, "the given positions are 1.0"),
+        (jumped, "the given positions jump by 0.71 m"),
+    ):
         found = dive.judged(replace(dive.trajectory, T_world_camera=T))
         assert found.fits
         assert found.advice.startswith(said)
 
 
-def test_north_east_down_is_named_and_not_used(dive: RealDive, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_north_east_down_is_named_and_not_used(
+    dive: RealDive, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(odometry, "follow", lambda _: dive.track)
-    upside_down = replace(dive.trajectory, T_world_camera=north_east_down(dive.trajectory.T_world_camera.copy()))
+    upside_down = replace(
+        dive.trajectory, T_world_camera=north_east_down(dive.trajectory.T_world_camera.copy())
+    )
     found = place_survey(dive.survey, CONFIG, upside_down).navigation
     assert found and not found.fits and "they would fit as north-east-down" in found.advice
 
@@ -150,7 +191,9 @@ def test_noise_of_navigation_does_not_reach_the_rugosity(dive: RealDive, tmp_pat
     for seed in (None, 1):
         T = dive.trajectory.T_world_camera.copy()
         given = replace(dive.trajectory, T_world_camera=T if seed is None else noisy(T, seed))
-        summary = build_map(dive.survey.frames, dive.survey.geometry, tmp_path / str(seed), CONFIG, given)
+        summary = build_map(
+            dive.survey.frames, dive.survey.geometry, tmp_path / str(seed), CONFIG, given
+        )
         assert summary.navigation and summary.navigation.fits and not summary.navigation.advice
         with (tmp_path / str(seed) / "reef_metrics.csv").open() as file:
             rugosity[seed] = float(next(csv.DictReader(file))["linear_rugosity"])

@@ -11,7 +11,9 @@ from conftest import REEF, Dive
 
 
 @pytest.mark.parametrize("stalled", ["LR", "L", "R"])
-def test_images_that_come_twice_are_named(make_dive: Callable[..., Dive], cli, tmp_path: Path, stalled: str) -> None:
+def test_images_that_come_twice_are_named(
+    make_dive: Callable[..., Dive], cli, tmp_path: Path, stalled: str
+) -> None:
     dive = make_dive(3)
     for side in "LR":
         again = dive.root / side / "0002.png"
@@ -25,7 +27,11 @@ def test_images_that_come_twice_are_named(make_dive: Callable[..., Dive], cli, t
     assert code == 0
     with (out / "frames.csv").open() as file:
         warnings = [row["warnings"] for row in csv.DictReader(file)]
-    named = {"LR": "both images are those", "L": "the left image is that", "R": "the right image is that"}[stalled]
+    named = {
+        "LR": "both images are those",
+        "L": "the left image is that",
+        "R": "the right image is that",
+    }[stalled]
     assert [f"{named} of the pair before" in text for text in warnings] == [False, False, True]
 
 
@@ -37,7 +43,9 @@ def test_frames_of_a_stalled_camera_are_left_out_of_track_and_map(cli, tmp_path:
         images = sorted((REEF / side).iterdir())[:7]
         for number, image in enumerate(images):
             shutil.copy(images[1] if number in (2, 3) else image, tmp_path / side / image.name)
-    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [f"--calib={REEF / 'cam.yaml'}"]
+    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [
+        f"--calib={REEF / 'cam.yaml'}"
+    ]
     code, printed, _ = cli("run", *words, "--out", tmp_path / "out", "--fuse")
     assert code == 0
     assert "2 frames with an image of the frame before, the first: reef_1790000002000" in printed

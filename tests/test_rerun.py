@@ -1,4 +1,6 @@
-"""Runs after runs: what is current is kept, what is lost, damaged or changed is made again, a water serves another dive."""
+"""Runs after runs: what is current is kept, what is lost, damaged or changed is made again, a water
+serves another dive.
+"""
 
 import json
 
@@ -14,7 +16,11 @@ from stereo_seecolor.run_folder.finished_run import open_run
 def test_second_run_keeps_everything(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))
-    before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.parent.name in ("range", "corrected", "clouds")}
+    before = {
+        path: path.stat().st_mtime_ns
+        for path in out.rglob("*")
+        if path.parent.name in ("range", "corrected", "clouds")
+    }
     code, printed, _ = cli(*dive.command(out))
     assert code == 0
     assert "3 of them kept" in printed
@@ -27,7 +33,9 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
     cli(*dive.command(out))
     ranges = {path: path.stat().st_mtime_ns for path in (out / "range").iterdir()}
     cli(*dive.command(out, "--set", "color.median_luminance=0.1"))
-    assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, "ranges do not depend on color settings"
+    assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, (
+        "ranges do not depend on color settings"
+    )
     cv2.imwrite(str(dive.root / "R" / "0001.png"), read_pixels(dive.root / "R" / "0001.png") // 2)
     cli(*dive.command(out))
     changed = {path.stem for path, then in ranges.items() if path.stat().st_mtime_ns != then}
@@ -78,7 +86,11 @@ def test_water_of_one_dive_serves_another(make_dive, cli, tmp_path) -> None:
     [
         ("run.json", "{", "holds no finished run"),
         ("run.json", "[1]", "run.json: is no run.json of this program"),
-        ("run.json", '{"format": "stereo-seecolor/run", "geometry": {"focal": 3}}', "run.json: was written by another version"),
+        (
+            "run.json",
+            '{"format": "stereo-seecolor/run", "geometry": {"focal": 3}}',
+            "run.json: was written by another version",
+        ),
         (".state/manifest.json", "{", "manifest.json: is damaged or of another version"),
     ],
 )

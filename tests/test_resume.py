@@ -1,4 +1,6 @@
-"""Killed, interrupted, starved of disk: nothing half written, nothing lost, and the next run ends as if nothing had been."""
+"""Killed, interrupted, starved of disk: nothing half written, nothing lost, and the next run ends
+as if nothing had been.
+"""
 
 import csv
 import json
@@ -28,7 +30,9 @@ PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
 
 @pytest.fixture(autouse=True)
 def heed_interrupts() -> Iterator[None]:
-    """Ctrl-C works, also where the tests are run in the background of a script, whose shell has it ignored."""
+    """Ctrl-C works, also where the tests are run in the background of a script, whose shell has it
+    ignored.
+    """
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -64,9 +68,15 @@ def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
     words = [PROGRAM, *dive.command(tmp_path / "killed", "--workers", "2")]
     rng = random.Random(5)
     for _ in range(4):
-        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        with subprocess.Popen(
+            words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as process:
             deadline = time.monotonic() + 20
-            while not (tmp_path / "killed/range").exists() and process.poll() is None and time.monotonic() < deadline:
+            while (
+                not (tmp_path / "killed/range").exists()
+                and process.poll() is None
+                and time.monotonic() < deadline
+            ):
                 time.sleep(0.005)
             time.sleep(rng.uniform(0, 0.15))
             process.kill()
@@ -89,12 +99,16 @@ main()
 
 @pytest.mark.slow
 @pytest.mark.posix
-def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes_for_a_run(make_dive, tmp_path, cli) -> None:
+def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes_for_a_run(
+    make_dive, tmp_path, cli
+) -> None:
     """All frames are of the new settings then, and run.json is of the old ones."""
     dive, out = make_dive(2), tmp_path / "out"
     assert cli(*dive.command(out))[0] == 0
     words = dive.command(out, "--set", "matching.min_confidence=0.5")
-    killed = subprocess.run([sys.executable, "-c", KILLED_AT_THE_END, *words], cwd=ROOT, capture_output=True)
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED_AT_THE_END, *words], cwd=ROOT, capture_output=True
+    )
     assert killed.returncode == -signal.SIGKILL
     code, _, said = cli("fuse", str(out))
     assert code == 1 and said.count("\n") == 1
@@ -104,12 +118,22 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     code, printed, _ = cli(*words)
     assert code == 0 and "2 of them kept" in printed
     assert open_run(out).config.matching.min_confidence == 0.5
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "whole", open_run(out).config)
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "whole",
+        open_run(out).config,
+    )
     assert contents(out) == contents(tmp_path / "whole")
 
 
-def test_what_a_killed_worker_left_of_a_record_costs_no_frame_its_files(make_dive, tmp_path) -> None:
-    """The temporary file of a record names its frame's files: taken for a frame that has left the dive, it would cost it them."""
+def test_what_a_killed_worker_left_of_a_record_costs_no_frame_its_files(
+    make_dive, tmp_path
+) -> None:
+    """The temporary file of a record names its frame's files: taken for a frame that has left the
+    dive, it would cost it them.
+    """
     dive, out = make_dive(3), tmp_path / "out"
     run_in_process(dive, tmp_path / "whole")
 
@@ -142,7 +166,9 @@ def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> N
 def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) -> None:
     dive, out = make_dive(40), tmp_path / "out"
     words = [PROGRAM, *dive.command(out)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         while not (out / "range").exists() and process.poll() is None:
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
@@ -228,7 +254,9 @@ def test_kept_tables_that_are_damaged_are_counted_again(make_dive, tmp_path) -> 
 
 
 @pytest.mark.slow
-def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_path, monkeypatch) -> None:
+def test_a_rerun_fits_no_water_again_unless_something_changed(
+    make_dive, tmp_path, monkeypatch
+) -> None:
     dive, out, fits = make_dive(3), tmp_path / "out", []
     fit = Corrector.fit
     monkeypatch.setattr(Corrector, "fit", lambda *arguments: fits.append(1) or fit(*arguments))
@@ -242,7 +270,9 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_pat
     assert len(fits) > first
     assert contents(out) == before
     first = len(fits)
-    monkeypatch.setattr("stereo_seecolor.dive.passes.sources_digest", lambda file: f"newer {file.name}")
+    monkeypatch.setattr(
+        "stereo_seecolor.dive.passes.sources_digest", lambda file: f"newer {file.name}"
+    )
     run_in_process(dive, out)
     assert len(fits) > first, "an update of the code that fits"
     image = cv2.imread(str(dive.root / "L" / "0001.png"))

@@ -1,4 +1,6 @@
-"""Bags and the ROS 1 tools of Debian (python3-rosbag, python3-sensor-msgs): they read what is read here, and write what is."""
+"""Bags and the ROS 1 tools of Debian (python3-rosbag, python3-sensor-msgs): they read what is read
+here, and write what is.
+"""
 
 import json
 import subprocess
@@ -24,7 +26,7 @@ with rosbag.Bag(sys.argv[1]) as bag:
         data = hashlib.sha256(message.data).hexdigest() if hasattr(message, "data") else list(message.K)
         found.append([topic, message._type, message.header.stamp.to_nsec(), data])
 print(json.dumps(found))
-"""
+"""  # noqa: E501
 
 WRITE = """
 import glob, os, rosbag, rospy, sys
@@ -42,7 +44,12 @@ with rosbag.Bag(out, "w", compression=compression) as bag:
 
 
 def ros1(script: str, *words: object) -> str:
-    done = subprocess.run([PYTHON, "-W", "ignore", "-c", script, *map(str, words)], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [PYTHON, "-W", "ignore", "-c", script, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -50,9 +57,17 @@ def ros1(script: str, *words: object) -> str:
 @pytest.fixture(scope="module", autouse=True)
 def _tools() -> None:
     try:
-        subprocess.run([PYTHON, "-c", "import rosbag, sensor_msgs.msg"], check=True, capture_output=True, timeout=60)
+        subprocess.run(
+            [PYTHON, "-c", "import rosbag, sensor_msgs.msg"],
+            check=True,
+            capture_output=True,
+            timeout=60,
+        )
     except (OSError, subprocess.CalledProcessError):
-        pytest.skip("Debian's ROS 1 tools are not installed (apt-get install python3-rosbag python3-sensor-msgs)")
+        pytest.skip(
+            "Debian's ROS 1 tools are not installed (apt-get install python3-rosbag "
+            "python3-sensor-msgs)"
+        )
 
 
 @pytest.fixture
@@ -64,10 +79,16 @@ def dive(make_dive):
 
 @pytest.mark.slow
 def test_the_tools_of_ros_1_read_the_bag_of_a_dive(dive, tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
+    bag = write_bag(
+        tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)]
+    )
     found = json.loads(ros1(READ, bag))
     topics = [topic for topic, *_ in found]
-    assert sorted(set(topics)) == [f"/stereo/{side}/{kind}" for side in ("left", "right") for kind in ("camera_info", "image_raw")]
+    assert sorted(set(topics)) == [
+        f"/stereo/{side}/{kind}"
+        for side in ("left", "right")
+        for kind in ("camera_info", "image_raw")
+    ]
     infos = [(kind, stamp_ns) for topic, kind, stamp_ns, _ in found if topic.endswith("info")]
     assert infos == [("sensor_msgs/CameraInfo", START_NS)] * 2
     stamps = [stamp_ns for topic, _, stamp_ns, _ in found if topic == "/stereo/left/image_raw"]
@@ -83,7 +104,9 @@ def test_a_bag_of_the_tools_of_ros_1_is_read(dive, tmp_path: Path, compression: 
     bag = tmp_path / "written.bag"
     ros1(WRITE, dive.root, bag, compression)
     found = open_dive(bag, "", InputConfig())
-    assert [pair.name for pair in found.pairing.pairs] == sorted(path.stem for path in (dive.root / "L").iterdir())
+    assert [pair.name for pair in found.pairing.pairs] == sorted(
+        path.stem for path in (dive.root / "L").iterdir()
+    )
     assert not found.bag.problems
     for pair in found.pairing.pairs:
         for side, path in (("L", pair.left), ("R", pair.right)):

@@ -1,4 +1,6 @@
-"""What a run writes: every file at its size, depth and format, with the numbers that it stands for."""
+"""What a run writes: every file at its size, depth and format, with the numbers that it stands
+for.
+"""
 
 import csv
 import json
@@ -16,8 +18,16 @@ def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     assert "3 pairs done, 0 failed" in printed
     assert str(out / "corrected") in printed
     names = {"0000", "0001", "0002"}
-    for product, suffix in (("corrected", "png"), ("range", "tiff"), ("range_std", "tiff"), ("clouds", "ply"), ("mask", "png")):
-        assert {path.name for path in (out / product).iterdir()} == {f"{name}.{suffix}" for name in names}
+    for product, suffix in (
+        ("corrected", "png"),
+        ("range", "tiff"),
+        ("range_std", "tiff"),
+        ("clouds", "ply"),
+        ("mask", "png"),
+    ):
+        assert {path.name for path in (out / product).iterdir()} == {
+            f"{name}.{suffix}" for name in names
+        }
     range_m = read_pixels(out / "range" / "0001.tiff")
     known = np.isfinite(range_m)
     assert range_m.dtype == np.float32
@@ -31,7 +41,9 @@ def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     assert (mask[~known] != 0).all()
     assert corrected[mask == 2].any(axis=1).mean() > 0.9
     rows = list(csv.DictReader((out / "frames.csv").read_text().splitlines()))
-    assert [(row["name"], row["status"]) for row in rows] == [(name, "ok") for name in sorted(names)]
+    assert [(row["name"], row["status"]) for row in rows] == [
+        (name, "ok") for name in sorted(names)
+    ]
     assert all(float(row["coverage"]) > 0.6 and float(row["match_s"]) > 0 for row in rows)
     run = json.loads((out / "run.json").read_text())
     assert run["totals"]["ok"] == 3
@@ -48,8 +60,12 @@ def test_cloud_holds_the_measured_points_in_the_corrected_colors(make_dive, cli,
     range_m = read_pixels(tmp_path / "out/range/0000.tiff")
     measured = np.isfinite(range_m) & (read_pixels(tmp_path / "out/confidence/0000.png") > 0)
     assert len(vertices) == measured.sum()
-    np.testing.assert_allclose(np.linalg.norm(vertices["xyz"], axis=1), range_m[measured], rtol=1e-5)
-    np.testing.assert_array_equal(vertices["rgb"], read_pixels(tmp_path / "out/corrected/0000.png")[..., ::-1][measured])
+    np.testing.assert_allclose(
+        np.linalg.norm(vertices["xyz"], axis=1), range_m[measured], rtol=1e-5
+    )
+    np.testing.assert_array_equal(
+        vertices["rgb"], read_pixels(tmp_path / "out/corrected/0000.png")[..., ::-1][measured]
+    )
     assert (vertices["xyz"][:, 2] > 0).all()
 
 
@@ -64,7 +80,12 @@ def test_sixteen_bits_in_sixteen_bits_out(make_dive, cli, tmp_path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("image_format", ["png16", "tiff32", "jpg"])
 def test_image_formats(make_dive, cli, tmp_path, image_format) -> None:
-    assert cli(*make_dive(1).command(tmp_path / "out", "--set", f"output.image_format={image_format}"))[0] == 0
+    assert (
+        cli(
+            *make_dive(1).command(tmp_path / "out", "--set", f"output.image_format={image_format}")
+        )[0]
+        == 0
+    )
     suffix = {"png16": "png", "tiff32": "tiff", "jpg": "jpg"}[image_format]
     image = read_pixels(tmp_path / "out/corrected" / f"0000.{suffix}")
     assert image.dtype == {"png16": np.uint16, "tiff32": np.float32, "jpg": np.uint8}[image_format]
@@ -90,7 +111,9 @@ def test_result_is_the_same_with_any_number_of_workers(make_dive, cli, tmp_path)
 @pytest.mark.slow
 def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
-    assert cli(*dive.command(tmp_path / "all", "--set", "color.lock=frame"))[0] == 0  # as correct takes unrelated images
+    assert (
+        cli(*dive.command(tmp_path / "all", "--set", "color.lock=frame"))[0] == 0
+    )  # as correct takes unrelated images
     assert cli(*dive.command(tmp_path / "ranges", command="range"))[0] == 0
     assert not (tmp_path / "ranges/corrected").exists()
     words = [
@@ -110,6 +133,10 @@ def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_
 def test_rectified_images_need_no_more_rectification(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(1), tmp_path / "out"
     assert cli(*dive.command(out, command="rectify"))[0] == 0
-    np.testing.assert_array_equal(read_pixels(out / "rectified_left/0000.png"), read_pixels(dive.root / "L/0000.png"))
+    np.testing.assert_array_equal(
+        read_pixels(out / "rectified_left/0000.png"), read_pixels(dive.root / "L/0000.png")
+    )
     again = ["run", "--left", str(out / "rectified_left"), "--right", str(out / "rectified_right")]
-    assert cli(*again, "--calib", str(out / "rectified.yaml"), "--out", str(tmp_path / "out2"))[0] == 0
+    assert (
+        cli(*again, "--calib", str(out / "rectified.yaml"), "--out", str(tmp_path / "out2"))[0] == 0
+    )

@@ -1,4 +1,6 @@
-"""``run --refine``: a rig that has moved is brought in order from the dive's own pairs, once; one that has not is left alone."""
+"""``run --refine``: a rig that has moved is brought in order from the dive's own pairs, once; one
+that has not is left alone.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -26,7 +28,9 @@ def turn_right_camera(dive: Dive) -> None:
 
 
 @pytest.mark.slow
-def test_a_moved_rig_is_refined_once(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_moved_rig_is_refined_once(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(4), tmp_path / "out"
     turn_right_camera(dive)
     code, printed, _ = cli(*dive.command(out, "--refine"))
@@ -34,10 +38,14 @@ def test_a_moved_rig_is_refined_once(cli: Cli, make_dive: Callable[..., Dive], t
     assert "note: calibration: refined, as rig.yaml records" in printed
     assert "camera has moved since" not in printed
     refined = native.read(out / "rig.yaml")
-    assert refined.refinement and refined.refinement.after_px < 0.2 < 1 < refined.refinement.before_px
+    assert (
+        refined.refinement and refined.refinement.after_px < 0.2 < 1 < refined.refinement.before_px
+    )
     pitch = refined.refinement.movements[0]
     assert pitch.name == "pitch"
-    assert np.degrees(pitch.value) == pytest.approx(-PITCH_DEG, abs=max(0.02, np.degrees(4 * pitch.std)))
+    assert np.degrees(pitch.value) == pytest.approx(
+        -PITCH_DEG, abs=max(0.02, np.degrees(4 * pitch.std))
+    )
     assert "not seen by vertical disparity" in (out / "rig.yaml").read_text()
     assert open_run(out).rig.refinement == refined.refinement
     assert open_run(out).config.input.refine
@@ -51,11 +59,15 @@ def test_a_moved_rig_is_refined_once(cli: Cli, make_dive: Callable[..., Dive], t
     shutil.copy(dive.root / "L" / "0000.png", dive.root / "L" / "0004.png")
     shutil.copy(dive.root / "R" / "0001.png", dive.root / "R" / "0004.png")
     cli(*dive.command(out, "--refine"))
-    assert (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns != kept, "more pairs than it rests on"
+    assert (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns != kept, (
+        "more pairs than it rests on"
+    )
 
 
 @pytest.mark.slow
-def test_the_refined_rig_is_used_again_in_another_run(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_the_refined_rig_is_used_again_in_another_run(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out, again = make_dive(3), tmp_path / "out", tmp_path / "again"
     turn_right_camera(dive)
     assert cli(*dive.command(out, "--refine"))[0] == 0
@@ -66,7 +78,9 @@ def test_the_refined_rig_is_used_again_in_another_run(cli: Cli, make_dive: Calla
 
 
 @pytest.mark.slow
-def test_a_rig_that_fits_is_used_as_it_is(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_rig_that_fits_is_used_as_it_is(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive = make_dive(3)
     code, printed, _ = cli(*dive.command(tmp_path / "out", "--refine"))
     assert code == 0 and "calibration: used as it is, since refined it is no better" in printed
@@ -74,7 +88,9 @@ def test_a_rig_that_fits_is_used_as_it_is(cli: Cli, make_dive: Callable[..., Div
 
 
 @pytest.mark.slow
-def test_a_dive_too_short_to_refine_is_run_all_the_same(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_dive_too_short_to_refine_is_run_all_the_same(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive = make_dive(2)
     turn_right_camera(dive)
     code, printed, _ = cli(*dive.command(tmp_path / "out", "--refine"))
@@ -85,7 +101,9 @@ def test_a_dive_too_short_to_refine_is_run_all_the_same(cli: Cli, make_dive: Cal
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["range", "rectify"])
-def test_other_commands_refine_too(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path, command: str) -> None:
+def test_other_commands_refine_too(
+    cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path, command: str
+) -> None:
     dive = make_dive(3)
     turn_right_camera(dive)
     code, printed, _ = cli(*dive.command(tmp_path / "out", "--refine", command=command))

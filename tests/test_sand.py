@@ -1,4 +1,6 @@
-"""Sand alone in view, as in a thread of a user whose pictures turned red: nothing there is red, and nothing becomes so."""
+"""Sand alone in view, as in a thread of a user whose pictures turned red: nothing there is red, and
+nothing becomes so.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,9 @@ def test_sand_alone_gets_no_red_cast(depths_m: tuple[float, float]) -> None:
     reflectance = SAND * (1 + 0.12 * rng.normal(0, 1, (180, 240, 1)))
     direct = reflectance * np.exp(-BEAM * range_m[..., None]) * LIGHT
     seen = direct + INFINITY * (1 - np.exp(-BACKSCATTER * range_m[..., None]))
-    image = np.clip(255 * encode_srgb(np.clip(seen, 0, 1)) + rng.normal(0, 1, seen.shape), 0, 255).astype(np.uint8)
+    image = np.clip(
+        255 * encode_srgb(np.clip(seen, 0, 1)) + rng.normal(0, 1, seen.shape), 0, 255
+    ).astype(np.uint8)
     corrector = Corrector()
     water = corrector.fit(corrector.measure(image, range_m))
     red, green, blue = corrector.apply(image, range_m, water).image.reshape(-1, 3).mean(axis=0)

@@ -1,4 +1,6 @@
-"""A large dive's files are spread over folders of so many frames, and all that reads a run finds them there."""
+"""A large dive's files are spread over folders of so many frames, and all that reads a run finds
+them there.
+"""
 
 from pathlib import Path
 
@@ -15,20 +17,30 @@ from stereo_seecolor.run_folder.layout import Shelves, on_shelf, shelf_of
 
 def test_small_dives_have_one_folder_a_product_and_large_ones_a_folder_a_thousand_frames() -> None:
     assert shelf_of((0, 10_000)) == ""
-    assert [shelf_of((number, 10_001)) for number in (0, 999, 1000, 10_000)] == ["00000", "00000", "00001", "00010"]
+    assert [shelf_of((number, 10_001)) for number in (0, 999, 1000, 10_000)] == [
+        "00000",
+        "00000",
+        "00001",
+        "00010",
+    ]
     assert on_shelf("original/range/a.tiff", "00001") == "original/range/00001/a.tiff"
     assert on_shelf("range/a.tiff", "") == "range/a.tiff"
 
 
 def contents(out: Path) -> dict[str, bytes]:
     """Every file of the frames."""
-    files = [path for product in layout.PRODUCTS for path in (out / product).rglob("*") if path.is_file()]
+    files = [
+        path for product in layout.PRODUCTS for path in (out / product).rglob("*") if path.is_file()
+    ]
     return {path.relative_to(out).as_posix(): path.read_bytes() for path in files}
 
 
 def flat(files: dict[str, bytes]) -> dict[str, bytes]:
     """The same files, each product's in one folder."""
-    return {"/".join(part for part in name.split("/") if not part.isdigit()): content for name, content in files.items()}
+    return {
+        "/".join(part for part in name.split("/") if not part.isdigit()): content
+        for name, content in files.items()
+    }
 
 
 @pytest.fixture
@@ -39,7 +51,9 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("large")
-def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merged(make_dive, tmp_path: Path) -> None:
+def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merged(
+    make_dive, tmp_path: Path
+) -> None:
     dive = make_dive(5)
     sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
     with pytest.MonkeyPatch.context() as usual:
@@ -47,7 +61,11 @@ def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merg
         run(*sides, tmp_path / "flat")
     run(*sides, tmp_path / "large")
     large = contents(tmp_path / "large")
-    assert {"corrected/00000/0001.png", "range/00001/0002.tiff", "clouds/00002/0004.ply"} <= large.keys()
+    assert {
+        "corrected/00000/0001.png",
+        "range/00001/0002.tiff",
+        "clouds/00002/0004.ply",
+    } <= large.keys()
     assert flat(large) == contents(tmp_path / "flat")
     frames = open_run(tmp_path / "large").frames
     assert [frame.name for frame in frames] == [f"{number:04d}" for number in range(5)]
@@ -66,15 +84,26 @@ def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merg
     merge(parts, tmp_path / "merged")
     assert contents(tmp_path / "merged") == large
     assert run(*sides, tmp_path / "merged").kept == 5
-    files = [path for path in (tmp_path / "merged/.state").rglob("*") if path.suffix in (".json", ".table")]
-    assert {path.parent.parent.name for path in files if path.stem.isdigit()} == {"spread", "tables"}
+    files = [
+        path
+        for path in (tmp_path / "merged/.state").rglob("*")
+        if path.suffix in (".json", ".table")
+    ]
+    assert {path.parent.parent.name for path in files if path.stem.isdigit()} == {
+        "spread",
+        "tables",
+    }
 
 
 @pytest.mark.slow
-def test_a_dive_that_has_become_large_keeps_what_is_done_where_it_is(make_dive, tmp_path: Path, monkeypatch) -> None:
+def test_a_dive_that_has_become_large_keeps_what_is_done_where_it_is(
+    make_dive, tmp_path: Path, monkeypatch
+) -> None:
     dive = make_dive(5)
     sides, out = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml"), tmp_path / "out"
-    hidden = {side: (dive.root / side / "0004.png").rename(tmp_path / f"{side}.png") for side in "LR"}
+    hidden = {
+        side: (dive.root / side / "0004.png").rename(tmp_path / f"{side}.png") for side in "LR"
+    }
     run(*sides, out)
     monkeypatch.setattr(layout, "SHELVES", Shelves(most_flat=4, each=2))
     for side, path in hidden.items():

@@ -17,7 +17,10 @@ def bottom(count: int = 60, noise_m: float = 0.001) -> tuple[np.ndarray, np.ndar
     position = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     first = (row * count + column)[:-1, :-1].ravel()
     triangles = np.concatenate(
-        [np.stack([first, first + 1, first + count], 1), np.stack([first + 1, first + count + 1, first + count], 1)]
+        [
+            np.stack([first, first + 1, first + count], 1),
+            np.stack([first + 1, first + count + 1, first + count], 1),
+        ]
     )
     center = position[triangles].mean(axis=1)
     hole = np.hypot(center[:, 0] - 0.3, center[:, 1] - 0.3) < 0.08
@@ -26,9 +29,16 @@ def bottom(count: int = 60, noise_m: float = 0.001) -> tuple[np.ndarray, np.ndar
 
 
 def farthest(points: np.ndarray, position: np.ndarray, triangles: np.ndarray) -> float:
-    """Largest distance of points to a surface: to its planes above the triangles, else to its edges."""
+    """Largest distance of points to a surface: to its planes above the triangles, else to its
+    edges.
+    """
     corners = position[triangles]
-    inverse = np.linalg.inv(np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], _normals(corners)], axis=-1))
+    inverse = np.linalg.inv(
+        np.stack(
+            [corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], _normals(corners)],
+            axis=-1,
+        )
+    )
     start, along = corners, np.roll(corners, -1, axis=1) - corners
     largest = 0.0
     for point in points:
@@ -54,19 +64,31 @@ def test_a_bottom_stays_within_the_bound() -> None:
     assert farthest(used, left, found.triangles) == pytest.approx(found.largest_m, abs=1e-6)
     assert 0.5 * BOUND_M < found.largest_m <= BOUND_M and 0 < found.rms_m < 0.6 * found.largest_m
     weights = np.random.default_rng(1).dirichlet([1, 1, 1], 10)
-    assert farthest(np.einsum("nk,fkc->fnc", weights, left[found.triangles]).reshape(-1, 3), position, triangles) < 1.7 * BOUND_M
+    assert (
+        farthest(
+            np.einsum("nk,fkc->fnc", weights, left[found.triangles]).reshape(-1, 3),
+            position,
+            triangles,
+        )
+        < 1.7 * BOUND_M
+    )
     assert (_normals(left[found.triangles])[:, 2] > -1e-9).all(), "no triangle is turned over"
 
 
 def test_the_outline_and_the_hole_stay() -> None:
     position, triangles = bottom()
     found = simplify(position, triangles, BOUND_M)
-    edges = [_segments(p, t) for p, t in ((position, triangles), (position[found.kept], found.triangles))]
+    edges = [
+        _segments(p, t) for p, t in ((position, triangles), (position[found.kept], found.triangles))
+    ]
     assert len(edges[1]) < len(edges[0]) / 2
     for start in edges[0][:, 0]:
         along = edges[1][:, 1] - edges[1][:, 0]
         t = np.clip(((start - edges[1][:, 0]) * along).sum(1) / (along**2).sum(1), 0, 1)
-        assert np.linalg.norm(edges[1][:, 0] + t[:, None] * along - start, axis=1).min() <= BOUND_M + 1e-9
+        assert (
+            np.linalg.norm(edges[1][:, 0] + t[:, None] * along - start, axis=1).min()
+            <= BOUND_M + 1e-9
+        )
 
 
 def _segments(position: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -104,4 +126,6 @@ def test_no_edge_gets_longer_than_is_asked() -> None:
     position, triangles = bottom(noise_m=0)
     found = simplify(position, triangles, 0.02, longest_m=0.05)
     corners = position[found.kept][found.triangles]
-    assert 0.04 < np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=-1).max() <= 0.05 + 1e-9
+    assert (
+        0.04 < np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=-1).max() <= 0.05 + 1e-9
+    )

@@ -25,14 +25,23 @@ def frame(raw_gain: float, shown_gain: float) -> ComparedFrame:
     image = RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png"))
     range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
     light = decode_srgb(image / 255.0)
-    raw, shown = (np.round(255 * encode_srgb(np.clip(light * gain, 0, 1))).astype(np.uint8) for gain in (raw_gain, shown_gain))
-    std_m, known = estimated_range_std_m(range_m, RECTIFICATION.pair), np.isfinite(range_m).astype(np.uint8) * np.uint8(255)
+    raw, shown = (
+        np.round(255 * encode_srgb(np.clip(light * gain, 0, 1))).astype(np.uint8)
+        for gain in (raw_gain, shown_gain)
+    )
+    std_m, known = (
+        estimated_range_std_m(range_m, RECTIFICATION.pair),
+        np.isfinite(range_m).astype(np.uint8) * np.uint8(255),
+    )
     return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))
 
 
 @pytest.mark.slow
 def test_frames_of_other_brightness_are_offset_and_not_spread_within() -> None:
-    frames = [replace(seen, others={"another tool": seen.raw}) for seen in (frame(1.0, 1.0), frame(1.2, 1.0))]
+    frames = [
+        replace(seen, others={"another tool": seen.raw})
+        for seen in (frame(1.0, 1.0), frame(1.2, 1.0))
+    ]
     report = measure_spread(frames, RECTIFICATION.pair, "srgb")
     assert report.pairs == 1
     assert report.others == {"another tool": report.raw}
@@ -49,7 +58,9 @@ def test_a_single_frame_cannot_be_compared() -> None:
 
 
 def lit(name: str, border: float, per_m: float) -> ComparedFrame:
-    """A frame of the sample dive in its true colors; uncorrected, red is brighter at the border, and falls with range."""
+    """A frame of the sample dive in its true colors; uncorrected, red is brighter at the border,
+    and falls with range.
+    """
     shown = read_image(REEF / "truth" / "color" / f"{name}.png")
     range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
     light, (height, width) = decode_srgb(shown / 255.0), range_m.shape
@@ -57,7 +68,10 @@ def lit(name: str, border: float, per_m: float) -> ComparedFrame:
     edge[height // 10 : -height // 10, width // 10 : -width // 10] = False
     light[..., 0] *= np.where(edge, 1 + border, 1.0) * np.exp(-per_m * np.nan_to_num(range_m))
     raw = np.round(255 * encode_srgb(np.clip(light, 0, 1))).astype(np.uint8)
-    std_m, known = estimated_range_std_m(range_m, RECTIFICATION.pair), np.isfinite(range_m).astype(np.uint8) * np.uint8(255)
+    std_m, known = (
+        estimated_range_std_m(range_m, RECTIFICATION.pair),
+        np.isfinite(range_m).astype(np.uint8) * np.uint8(255),
+    )
     return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))
 
 

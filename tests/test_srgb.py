@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from stereo_seecolor.files.srgb import decode_srgb, decoding_slope, encode_srgb
 
 
-@pytest.mark.parametrize(("encoded", "light"), [(0, 0), (10 / 255, 0.003035), (118 / 255, 0.181164), (188 / 255, 0.502886), (1, 1)])
+@pytest.mark.parametrize(
+    ("encoded", "light"),
+    [(0, 0), (10 / 255, 0.003035), (118 / 255, 0.181164), (188 / 255, 0.502886), (1, 1)],
+)
 def test_values_of_the_standard(encoded, light):
     assert decode_srgb(np.array(float(encoded))) == pytest.approx(light, abs=1e-6)
 
@@ -27,4 +30,9 @@ def test_slope_is_the_derivative():
 
 def test_single_precision_stays_single():
     light = np.linspace(0, 1, 5, dtype=np.float32)
-    assert encode_srgb(light).dtype == decode_srgb(light).dtype == decoding_slope(light).dtype == np.float32
+    assert (
+        encode_srgb(light).dtype
+        == decode_srgb(light).dtype
+        == decoding_slope(light).dtype
+        == np.float32
+    )

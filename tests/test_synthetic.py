@@ -1,4 +1,6 @@
-"""The synthetic reef: its pictures agree with its truth, with each other, and with the water they were taken through."""
+"""The synthetic reef: its pictures agree with its truth, with each other, and with the water they
+were taken through.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +44,9 @@ def linear(image: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 def smooth_pixels(pair: RenderedPair) -> NDArray[np.bool_]:
-    """Pixels whose surroundings have nearly one range and one color, where interpolation cannot blur anything."""
+    """Pixels whose surroundings have nearly one range and one color, where interpolation cannot
+    blur anything.
+    """
     steep = cv2.morphologyEx(pair.range_map.range_m, cv2.MORPH_GRADIENT, np.ones((5, 5))) > 0.03
     busy = cv2.morphologyEx(pair.color, cv2.MORPH_GRADIENT, np.ones((5, 5))).max(axis=2) > 0.12
     return ~(steep | busy)
@@ -60,7 +64,9 @@ def test_rays_meet_an_inclined_plane_where_geometry_says(slope_x: float, slope_y
     rays = np.concatenate([aim, np.full((31, 31, 1), -1.0)], axis=-1)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     met_m = cast(reef, pose, rays[:, :, None, :].astype(np.float32))[..., 0]
-    expected_m = (2.0 - slope_x * 0.1 + slope_y * 0.05) / (slope_x * rays[..., 0] + slope_y * rays[..., 1] - rays[..., 2])
+    expected_m = (2.0 - slope_x * 0.1 + slope_y * 0.05) / (
+        slope_x * rays[..., 0] + slope_y * rays[..., 1] - rays[..., 2]
+    )
     np.testing.assert_allclose(met_m, expected_m, atol=5e-4)
 
 
@@ -72,12 +78,19 @@ def test_a_ray_that_looks_up_meets_nothing(scene: Scene) -> None:
 
 @pytest.mark.slow
 def test_right_image_shows_what_the_true_disparity_says(pair: RenderedPair) -> None:
-    """Pulling the right image over by the true disparity gives the left one; half a pixel more or less gives a worse one."""
+    """Pulling the right image over by the true disparity gives the left one; half a pixel more or
+    less gives a worse one.
+    """
     rows, columns = np.indices(pair.range_map.disparity.shape, dtype=np.float32)
     seen = pair.visible & ~smooth_pixels(pair)
 
     def difference(shift_px: float) -> float:
-        pulled = cv2.remap(pair.rectified.right, columns - pair.range_map.disparity - np.float32(shift_px), rows, cv2.INTER_LINEAR)
+        pulled = cv2.remap(
+            pair.rectified.right,
+            columns - pair.range_map.disparity - np.float32(shift_px),
+            rows,
+            cv2.INTER_LINEAR,
+        )
         return float(np.abs(pulled[seen].astype(float) - pair.rectified.left[seen]).mean())
 
     assert difference(0.0) < 5.0
@@ -88,9 +101,14 @@ def test_right_image_shows_what_the_true_disparity_says(pair: RenderedPair) -> N
 def test_images_follow_the_water_model(scene: Scene, pair: RenderedPair) -> None:
     """I = J light A(z) + B(z) in linear light, with light the sun at the depth of each point."""
     range_m = pair.range_map.range_m
-    points_m = scene.rectification.pair.points_from_range(range_m) @ pair.T_world_camera[:3, :3].T + pair.T_world_camera[:3, 3]
+    points_m = (
+        scene.rectification.pair.points_from_range(range_m) @ pair.T_world_camera[:3, :3].T
+        + pair.T_world_camera[:3, 3]
+    )
     water = scene.water.water
-    model = pair.color * sunlight(scene.water, points_m) * water.attenuation(range_m) + water.backscatter(range_m)
+    model = pair.color * sunlight(scene.water, points_m) * water.attenuation(
+        range_m
+    ) + water.backscatter(range_m)
     smooth = smooth_pixels(pair)
     ratio = np.median(linear(pair.rectified.left)[smooth] / model[smooth], axis=0)
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)
@@ -100,7 +118,9 @@ def test_images_follow_the_water_model(scene: Scene, pair: RenderedPair) -> None
 def test_truth_is_consistent(scene: Scene, pair: RenderedPair) -> None:
     geometry = scene.rectification.pair
     truth = pair.range_map
-    np.testing.assert_allclose(geometry.depth_from_disparity(truth.disparity), truth.depth_m, rtol=1e-5)
+    np.testing.assert_allclose(
+        geometry.depth_from_disparity(truth.disparity), truth.depth_m, rtol=1e-5
+    )
     np.testing.assert_allclose(geometry.range_from_depth(truth.depth_m), truth.range_m, rtol=1e-6)
     column = np.arange(geometry.image_size[0]) - truth.disparity
     assert not pair.visible[column < 0].any()
@@ -108,7 +128,9 @@ def test_truth_is_consistent(scene: Scene, pair: RenderedPair) -> None:
 
 
 @pytest.mark.slow
-def test_same_specification_same_pictures_whatever_the_threads(pair: RenderedPair, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_same_specification_same_pictures_whatever_the_threads(
+    pair: RenderedPair, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(casting, "cores", lambda: 3)
     again = Scene.from_spec(SPEC).render(1)
     assert np.array_equal(again.frame.left, pair.frame.left)
@@ -125,16 +147,28 @@ def test_another_seed_is_another_reef(pair: RenderedPair) -> None:
 
 @pytest.mark.slow
 def test_chart_has_its_reflectances(scene: Scene) -> None:
-    """Each patch as seen in the truth has the hue of its reflectance; shading alone may darken it."""
+    """Each patch as seen in the truth has the hue of its reflectance; shading alone may darken
+    it.
+    """
     corners_m = scene.reef.chart_corners_m
     top_left, top_right, bottom_left = corners_m[0], corners_m[1], corners_m[3]
-    across, down = (top_right - top_left) / np.linalg.norm(top_right - top_left), (bottom_left - top_left)
+    across, down = (
+        (top_right - top_left) / np.linalg.norm(top_right - top_left),
+        (bottom_left - top_left),
+    )
     down = down / np.linalg.norm(down)
     worst = 0.0
     for patch, reflectance in enumerate(CHART):
         row, column = divmod(patch, 6)
-        x, y = top_left + (0.015 + 0.085 * column + 0.0455) * across + (0.015 + 0.085 * row + 0.0455) * down
-        at = round((y - scene.reef.origin_m[1]) / CELL_M), round((x - scene.reef.origin_m[0]) / CELL_M)
+        x, y = (
+            top_left
+            + (0.015 + 0.085 * column + 0.0455) * across
+            + (0.015 + 0.085 * row + 0.0455) * down
+        )
+        at = (
+            round((y - scene.reef.origin_m[1]) / CELL_M),
+            round((x - scene.reef.origin_m[0]) / CELL_M),
+        )
         seen = scene.reef.color[0][at][:3]
         cosine = seen @ reflectance / np.linalg.norm(seen) / np.linalg.norm(reflectance)
         worst = max(worst, float(np.degrees(np.arccos(min(cosine, 1.0)))))
@@ -147,13 +181,18 @@ def test_fish_hide_the_reef(scene: Scene, pair: RenderedPair) -> None:
     first, bare = replace(scene, spec=replace(SPEC, fish=3)).render(1), pair
     assert first.moving.any()
     assert (first.range_map.range_m[first.moving] < bare.range_map.range_m[first.moving]).all()
-    assert np.array_equal(first.range_map.range_m[~first.moving], bare.range_map.range_m[~first.moving])
+    assert np.array_equal(
+        first.range_map.range_m[~first.moving], bare.range_map.range_m[~first.moving]
+    )
 
 
 @pytest.mark.slow
 def test_bare_patch_has_no_texture() -> None:
     reef = build_reef(SurveySpec(pairs=8, lines=1, textureless_patch=True))
-    row, column = (round((place - origin) / CELL_M) for place, origin in zip((0.0, 0.85 * 3.5), reef.origin_m[::-1], strict=True))
+    row, column = (
+        round((place - origin) / CELL_M)
+        for place, origin in zip((0.0, 0.85 * 3.5), reef.origin_m[::-1], strict=True)
+    )
     patch = reef.color[0][row - 100 : row + 100, column - 100 : column + 100]
     grain = patch[..., :3] - cv2.blur(patch[..., :3], (21, 21))
     assert np.abs(grain[20:-20, 20:-20]).max() < 0.005
@@ -161,8 +200,12 @@ def test_bare_patch_has_no_texture() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lit", [replace(SPEC, caustic_contrast=0.5), replace(SPEC, lamp_intensity=2.0)])
-def test_caustics_and_lamps_change_the_light_and_not_the_truth(scene: Scene, pair: RenderedPair, lit: SurveySpec) -> None:
+@pytest.mark.parametrize(
+    "lit", [replace(SPEC, caustic_contrast=0.5), replace(SPEC, lamp_intensity=2.0)]
+)
+def test_caustics_and_lamps_change_the_light_and_not_the_truth(
+    scene: Scene, pair: RenderedPair, lit: SurveySpec
+) -> None:
     other = replace(scene, spec=lit).render(1)
     assert np.array_equal(other.color, pair.color)
     assert np.abs(other.frame.left.astype(float) - pair.frame.left).mean() > 2.0
@@ -182,16 +225,25 @@ def test_waters_take_red_first_and_light_away_with_depth(name: WaterName) -> Non
     transmission = shallow.water.attenuation(range_m)
     np.testing.assert_allclose(transmission[0], 1.0)
     assert transmission[2, 0] < transmission[2, 1]
-    np.testing.assert_allclose(shallow.water.backscatter(range_m)[3], shallow.water.gamma_inf, rtol=1e-3)
-    assert deep.water.white[0] / deep.water.white[1] < shallow.water.white[0] / shallow.water.white[1]
+    np.testing.assert_allclose(
+        shallow.water.backscatter(range_m)[3], shallow.water.gamma_inf, rtol=1e-3
+    )
+    assert (
+        deep.water.white[0] / deep.water.white[1] < shallow.water.white[0] / shallow.water.white[1]
+    )
     assert (shallow.sun_attenuation > 0).all()
     white_patch = shallow.water.white * shallow.water.attenuation(np.array(1.5))
     assert white_patch.max() < 1.0
     if name != "turbid":  # whose veil takes room
         assert white_patch.max() > 0.9
-    for altitude_m in (1.5, 4.0):  # in turbid water the veil is then three times the patch's own light
+    for altitude_m in (
+        1.5,
+        4.0,
+    ):  # in turbid water the veil is then three times the patch's own light
         water = lit_water(name, 10.0, 10.0 - altitude_m, altitude_m).water
-        seen = water.white * water.attenuation(np.array(altitude_m)) + water.backscatter(np.array(altitude_m))
+        seen = water.white * water.attenuation(np.array(altitude_m)) + water.backscatter(
+            np.array(altitude_m)
+        )
         assert 0.94 < seen.max() < 1.01
 
 
@@ -216,20 +268,34 @@ def test_dive_on_disk_reads_back(tmp_path: Path) -> None:
     synthesize(spec, tmp_path / "dive", lambda *done: finished.append(done))
     assert finished == [(1, 2), (2, 2)]
     scene = Scene.from_spec(spec)
-    np.testing.assert_allclose(load_rig(tmp_path / "dive" / "cam.yaml").T_right_left, scene.rig.T_right_left)
+    np.testing.assert_allclose(
+        load_rig(tmp_path / "dive" / "cam.yaml").T_right_left, scene.rig.T_right_left
+    )
     flown = read_trajectory(tmp_path / "dive" / "trajectory.tum")
     np.testing.assert_allclose(flown.T_world_camera, scene.trajectory.T_world_camera, atol=1e-7)
     names = sorted(path.stem for path in (tmp_path / "dive" / "left").glob("*.png"))
-    np.testing.assert_allclose([timestamp_from_name(name) or 0.0 for name in names], flown.timestamps_s, atol=1e-3)
-    truth_m = cv2.imread(str(tmp_path / "dive" / "truth" / "range" / f"{names[1]}.tiff"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(
+        [timestamp_from_name(name) or 0.0 for name in names], flown.timestamps_s, atol=1e-3
+    )
+    truth_m = cv2.imread(
+        str(tmp_path / "dive" / "truth" / "range" / f"{names[1]}.tiff"), cv2.IMREAD_UNCHANGED
+    )
     np.testing.assert_allclose(truth_m, scene.render(1).range_map.range_m, atol=2e-4)
 
 
 @pytest.mark.slow
 def test_sample_dive_is_what_its_command_makes() -> None:
-    """Rounding differs between processors in the last bit of a float: that may move a pixel in ten thousand by one."""
-    made = Scene.from_spec(parse_spec(pairs=12, lines=2, size="576x448", water="blue-ocean", seed=7)).render(3)
-    for folder, image in (("left", made.frame.left), ("right", made.frame.right), ("truth/color", made.color_image)):
+    """Rounding differs between processors in the last bit of a float: that may move a pixel in ten
+    thousand by one.
+    """
+    made = Scene.from_spec(
+        parse_spec(pairs=12, lines=2, size="576x448", water="blue-ocean", seed=7)
+    ).render(3)
+    for folder, image in (
+        ("left", made.frame.left),
+        ("right", made.frame.right),
+        ("truth/color", made.color_image),
+    ):
         kept = cv2.imread(str(SAMPLES / folder / f"{made.frame.name}.png"))[..., ::-1]
         off = np.abs(kept.astype(int) - image)
         assert off.max() <= 1

@@ -23,7 +23,9 @@ def test_a_table_by_its_columns(tmp_path: Path) -> None:
     trajectory = read_trajectory(spec(path, f"{MAP},name=File"))
     assert trajectory.names == ("a.png", "b.png")
     assert trajectory.timestamps_s.tolist() == [1000.5, 1001.5]
-    np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
+    np.testing.assert_allclose(
+        trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12
+    )
     np.testing.assert_allclose(trajectory.T_world_camera[:, :3, 3], [[0, 0, -5]] * 2, atol=1e-9)
     assert trajectory.origin is not None
     assert trajectory_file(spec(path, MAP)) == path
@@ -31,7 +33,12 @@ def test_a_table_by_its_columns(tmp_path: Path) -> None:
 
 
 def test_decimal_commas_between_semicolons(tmp_path: Path) -> None:
-    commas = NAV.replace(",", ";").replace("1000.5", "1000,5").replace("-10", "-10,0").replace("1001.5", "1001,5")
+    commas = (
+        NAV.replace(",", ";")
+        .replace("1000.5", "1000,5")
+        .replace("-10", "-10,0")
+        .replace("1001.5", "1001,5")
+    )
     read = [read_trajectory(spec(write(tmp_path, text, "nav.csv"), MAP)) for text in (NAV, commas)]
     np.testing.assert_array_equal(read[1].T_world_camera, read[0].T_world_camera)
     assert read[1].timestamps_s.tolist() == [1000.5, 1001.5]
@@ -39,26 +46,37 @@ def test_decimal_commas_between_semicolons(tmp_path: Path) -> None:
 
 def test_latitudes_that_cannot_be_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, NAV.replace("50,-10", "152,-23"), "nav.csv")
-    with pytest.raises(InputError, match="latitudes reach 152 degrees: are latitude and longitude exchanged"):
+    with pytest.raises(
+        InputError, match="latitudes reach 152 degrees: are latitude and longitude exchanged"
+    ):
         read_trajectory(spec(path, MAP))
 
 
 def test_places_alone_are_fixes(tmp_path: Path) -> None:
     path = write(tmp_path, NAV, "nav.csv")
-    fixes = read_trajectory(spec(path, "time=Stamp,lat=Lat (deg),lon=Lon (deg)"), MountConfig(surge_m=2.0))
+    fixes = read_trajectory(
+        spec(path, "time=Stamp,lat=Lat (deg),lon=Lon (deg)"), MountConfig(surge_m=2.0)
+    )
     assert fixes.fixes and fixes.origin is not None
     np.testing.assert_allclose(fixes.T_world_camera[:, :3, 3], np.zeros((2, 3)), atol=1e-9)
     assert not read_trajectory(spec(path, MAP)).fixes
 
 
 def test_meters_north_and_east_heights_and_the_mount(tmp_path: Path) -> None:
-    path = write(tmp_path, '"north";"east";"height";"psi";"theta";"name"\n2;1;-3;0;10;"a;b.png"\n', "nav.txt")
+    path = write(
+        tmp_path, '"north";"east";"height";"psi";"theta";"name"\n2;1;-3;0;10;"a;b.png"\n', "nav.txt"
+    )
     columns = "north=north,east=east,up=height,heading=psi,pitch=theta,name=NAME"
     trajectory = read_trajectory(spec(path, columns), MountConfig(surge_m=1.0))
     angle = np.radians(10)
-    # bow up by 10 degrees: a camera 1 m forward is cos 10 further north and sin 10 higher, and looks backward a little
-    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [1, 2 + np.cos(angle), -3 + np.sin(angle)], atol=1e-12)
-    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 2], [0, np.sin(angle), -np.cos(angle)], atol=1e-12)
+    # bow up by 10 degrees: a camera 1 m forward is cos 10 further north and sin 10 higher, and
+    # looks backward a little
+    np.testing.assert_allclose(
+        trajectory.T_world_camera[0, :3, 3], [1, 2 + np.cos(angle), -3 + np.sin(angle)], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        trajectory.T_world_camera[0, :3, 2], [0, np.sin(angle), -np.cos(angle)], atol=1e-12
+    )
     assert trajectory.names == ("a;b.png",)
     assert trajectory.origin is None
     assert np.isnan(trajectory.timestamps_s).all()
@@ -66,7 +84,14 @@ def test_meters_north_and_east_heights_and_the_mount(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "time",
-    ["1577923201.5", "1577923201500", "1577923201500000", "1577923201500000000", "2020-01-02T00:00:01.5Z", "2020-01-02 00:00:01.5"],
+    [
+        "1577923201.5",
+        "1577923201500",
+        "1577923201500000",
+        "1577923201500000000",
+        "2020-01-02T00:00:01.5Z",
+        "2020-01-02 00:00:01.5",
+    ],
 )
 def test_times_of_every_unit(tmp_path: Path, time: str) -> None:
     path = write(tmp_path, f"t,x,y,z,h\n{time},0,0,0,0\n", "nav.csv")
@@ -76,19 +101,26 @@ def test_times_of_every_unit(tmp_path: Path, time: str) -> None:
 
 def test_date_and_time_apart(tmp_path: Path) -> None:
     path = write(tmp_path, "day\ttime\tx\ty\tz\th\n02/01/2020\t00:00:01.5\t0\t0\t0\t0\n", "nav.tsv")
-    found = read_trajectory(spec(path, "date=day,time=time,east=x,north=y,depth=z,heading=h")).timestamps_s
+    found = read_trajectory(
+        spec(path, "date=day,time=time,east=x,north=y,depth=z,heading=h")
+    ).timestamps_s
     assert found.tolist() == [1577923201.5]
 
 
 def test_what_is_empty_has_no_pose(tmp_path: Path) -> None:
     path = write(tmp_path, NAV + "1002.5,50,-10,,90,c.png\n", "nav.csv")
-    assert np.isfinite(read_trajectory(spec(path, MAP)).T_world_camera).all(axis=(1, 2)).tolist() == [True, True, False]
+    assert np.isfinite(read_trajectory(spec(path, MAP)).T_world_camera).all(
+        axis=(1, 2)
+    ).tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ("time=Stamp,lat=Lat (deg)", r"lacks lat and lon \(or north and east\), depth \(or up\), heading: write nav.csv:"),
+        (
+            "time=Stamp,lat=Lat (deg)",
+            r"lacks lat and lon \(or north and east\), depth \(or up\), heading: write nav.csv:",
+        ),
         ("lat=Lat (deg),lon=Lon (deg),depth=D,heading=Hdg", r"lacks time \(or name\)"),
         (MAP + ",speed=V", "'speed=V' is no role=column"),
         (MAP + ",time=V", "'time=V' is no role=column with a role of its own"),
@@ -126,7 +158,9 @@ def test_a_missing_table(tmp_path: Path) -> None:
 def test_usual_names_need_no_map(tmp_path: Path, header: str) -> None:
     separator = ";" if ";" in header else ","
     rows = NAV.splitlines()[1:]
-    guessed = read_trajectory(write(tmp_path, "\n".join([header, *rows]).replace(",", separator), "nav.csv"))
+    guessed = read_trajectory(
+        write(tmp_path, "\n".join([header, *rows]).replace(",", separator), "nav.csv")
+    )
     np.testing.assert_allclose(guessed.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
     np.testing.assert_allclose(guessed.T_world_camera[:, :3, 3], [[0, 0, -5]] * 2, atol=1e-9)
     assert guessed.timestamps_s.tolist() == [1000.5, 1001.5]
@@ -135,10 +169,16 @@ def test_usual_names_need_no_map(tmp_path: Path, header: str) -> None:
 
 def test_radians_are_told_by_the_name(tmp_path: Path) -> None:
     table = NAV.replace("Hdg", "heading_rad").replace(",90,", f",{np.pi / 2},")
-    trajectory = read_trajectory(spec(write(tmp_path, table, "nav.csv"), MAP.replace("Hdg", "heading_rad")))
+    trajectory = read_trajectory(
+        spec(write(tmp_path, table, "nav.csv"), MAP.replace("Hdg", "heading_rad"))
+    )
     np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-9)
 
 
 def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is a table without heading .*: name its columns as in nav"):
-        read_trajectory(write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv"))
+    with pytest.raises(
+        InputError, match=r"is a table without heading .*: name its columns as in nav"
+    ):
+        read_trajectory(
+            write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv")
+        )

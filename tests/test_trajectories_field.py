@@ -1,4 +1,6 @@
-"""Tracks as the field writes them: cells without a value, dates of two orders, degrees and minutes, receivers' logs."""
+"""Tracks as the field writes them: cells without a value, dates of two orders, degrees and minutes,
+receivers' logs.
+"""
 
 import json
 from pathlib import Path
@@ -21,7 +23,9 @@ def known(trajectory: Trajectory) -> list[bool]:
     return np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).tolist()  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize("word", ["", "--.--", "-", "NA", "N/A", "null", "None", "nan", "-9999", "-999"])
+@pytest.mark.parametrize(
+    "word", ["", "--.--", "-", "NA", "N/A", "null", "None", "nan", "-9999", "-999"]
+)
 def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Path) -> None:
     text = f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},{word},{word},5,0\n{NOON + 2},50,-10,5,90\n"
     trajectory = read_trajectory(write(tmp_path, text, "nav.csv"))
@@ -29,7 +33,11 @@ def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Pa
 
 
 def test_the_null_island_is_no_place(tmp_path: Path) -> None:
-    assert known(read_trajectory(write(tmp_path, f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},0,0,5,0\n", "nav.csv"))) == [True, False]
+    assert known(
+        read_trajectory(
+            write(tmp_path, f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},0,0,5,0\n", "nav.csv")
+        )
+    ) == [True, False]
 
 
 @pytest.mark.parametrize("depth", ["depth", "altitudeRelative"])
@@ -40,13 +48,13 @@ def test_a_depth_that_is_never_positive_is_a_height(depth: str, tmp_path: Path) 
 
 
 def test_a_telemetry_csv_of_qgroundcontrol(tmp_path: Path) -> None:
-    header = (
-        "Timestamp,roll,pitch,heading,groundSpeed,altitudeRelative,clock.currentTime,clock.currentDate,gps.lat,gps.lon,gps2.lat"
-    )
+    header = "Timestamp,roll,pitch,heading,groundSpeed,altitudeRelative,clock.currentTime,clock.currentDate,gps.lat,gps.lon,gps2.lat"  # noqa: E501
     row = "2026-10-16 12:00:0{}.000,0.0,0.0,{},--.--,-5.0,12:00:00,10/16/2026,50,-10,--.--"
     text = "\n".join([header, row.format(0, 0), row.format(1, 90)]) + "\n"
     trajectory = read_trajectory(write(tmp_path, text, "qgc.csv"))
-    np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
+    np.testing.assert_allclose(
+        trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12
+    )
     assert trajectory.timestamps_s.tolist() == [NOON, NOON + 1]
     assert trajectory.origin is not None and not trajectory.fixes
 
@@ -54,8 +62,10 @@ def test_a_telemetry_csv_of_qgroundcontrol(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("date", "time"),
     [
-        ("16/10/2026", "12:00:00"), ("10/16/2026", "12:00:00"), ("2026-10-16", "12:00"), ("16.10.2026", "12:00:00"),
-        ("2026/10/16", "12:00:00.0"), ("10/16/2026", "12:00:00 PM"), ("10/16/26", "12:00 pm"), ("10-16-2026", "12:00:00 UTC"),
+        ("16/10/2026", "12:00:00"), ("10/16/2026", "12:00:00"), ("2026-10-16", "12:00"),
+        ("16.10.2026", "12:00:00"),
+        ("2026/10/16", "12:00:00.0"), ("10/16/2026", "12:00:00 PM"), ("10/16/26", "12:00 pm"),
+        ("10-16-2026", "12:00:00 UTC"),
     ],
 )  # fmt: skip
 def test_dates_apart_or_with_their_time(date: str, time: str, tmp_path: Path) -> None:
@@ -74,11 +84,19 @@ def test_one_date_tells_the_order_of_a_column() -> None:
 
 
 def test_dates_of_open_order_are_refused_until_they_are_named(tmp_path: Path) -> None:
-    path = write(tmp_path, "date,time,lat,lon,depth,heading\n10/06/2026,12:00:00,50,-10,5,0\n", "nav.csv")
-    with pytest.raises(InputError, match=r"'10/06/2026 12:00:00' may be day/month or month/day: name the columns with date="):
+    path = write(
+        tmp_path, "date,time,lat,lon,depth,heading\n10/06/2026,12:00:00,50,-10,5,0\n", "nav.csv"
+    )
+    with pytest.raises(
+        InputError,
+        match=r"'10/06/2026 12:00:00' may be day/month or month/day: name the columns with date=",
+    ):
         read_trajectory(path)
     columns = "time=time,lat=lat,lon=lon,depth=depth,heading=heading"
-    found = [read_trajectory(Path(f"{path}:{role}=date,{columns}")).timestamps_s[0] for role in ("date", "us_date")]
+    found = [
+        read_trajectory(Path(f"{path}:{role}=date,{columns}")).timestamps_s[0]
+        for role in ("date", "us_date")
+    ]
     assert found == [NOON - 128 * 86400, NOON - 10 * 86400]
     with pytest.raises(AmbiguousDateError):
         column_seconds(["1/2/2026 10:00:00", ""])
@@ -96,9 +114,13 @@ def test_dates_of_open_order_are_refused_until_they_are_named(tmp_path: Path) ->
 )
 def test_degrees_minutes_and_hemispheres(latitude: str, longitude: str, tmp_path: Path) -> None:
     quoted = [f'"{text.replace(chr(34), 2 * chr(34))}"' for text in (latitude, longitude)]
-    trajectory = read_trajectory(write(tmp_path, f"{HEADER}\n{NOON},{quoted[0]},{quoted[1]},5,0\n", "nav.csv"))
+    trajectory = read_trajectory(
+        write(tmp_path, f"{HEADER}\n{NOON},{quoted[0]},{quoted[1]},5,0\n", "nav.csv")
+    )
     assert trajectory.origin is not None
-    assert (trajectory.origin.latitude_deg, trajectory.origin.longitude_deg) == pytest.approx((-14.5, 145.25))
+    assert (trajectory.origin.latitude_deg, trajectory.origin.longitude_deg) == pytest.approx(
+        (-14.5, 145.25)
+    )
 
 
 def test_a_spreadsheets_own_encoding(tmp_path: Path) -> None:
@@ -112,7 +134,11 @@ def test_a_spreadsheets_own_encoding(tmp_path: Path) -> None:
 def test_positions_that_are_marked_invalid_are_not_used(columns: str, tmp_path: Path) -> None:
     names = "y,x" if columns else "north,east"
     rows = "".join(f"{NOON + i},{i % 2 == 0},{i},{2 * i}\n" for i in range(4))
-    trajectory = read_trajectory(Path(f"{write(tmp_path, f'timestamp,position_valid,{names}{chr(10)}{rows}', 'a.csv')}{columns}"))
+    trajectory = read_trajectory(
+        Path(
+            f"{write(tmp_path, f'timestamp,position_valid,{names}{chr(10)}{rows}', 'a.csv')}{columns}"  # noqa: E501
+        )
+    )
     assert trajectory.fixes and known(trajectory) == [True, False, True, False]
     np.testing.assert_allclose(trajectory.T_world_camera[2, :2, 3], [4, 2])
 
@@ -120,13 +146,19 @@ def test_positions_that_are_marked_invalid_are_not_used(columns: str, tmp_path: 
 @pytest.mark.parametrize(
     ("header", "lacks"),
     [
-        ("timestamp,heading,roll,pitch", r"without lat and lon \(or north and east\), depth \(or up\) \(it has timestamp, heading"),
+        (
+            "timestamp,heading,roll,pitch",
+            r"without lat and lon \(or north and east\), depth \(or up\) \(it has timestamp, "
+            r"heading",
+        ),
         ("timestamp,depth", r"without lat and lon \(or north and east\), heading"),
         ("latitude,longitude,depth,heading,photo", "holds a header, but no rows"),
         ("timestamp,position_valid,x,y,z", r"without lat and lon"),
     ],
 )
-def test_tables_that_lack_columns_or_rows_name_them(header: str, lacks: str, tmp_path: Path) -> None:
+def test_tables_that_lack_columns_or_rows_name_them(
+    header: str, lacks: str, tmp_path: Path
+) -> None:
     row = "" if "photo" in header else ",".join(["1"] * header.count(",")) + ",1\n"
     path = write(tmp_path, f"{header}\n{row}", "nav.csv")
     with pytest.raises(InputError, match=lacks):
@@ -147,10 +179,15 @@ RMC, GGA = (
 )
 POINT = '<trkpt lat="-14.5" lon="145.25"><ele>0</ele><time>2026-10-16T12:00:01.5Z</time></trkpt>'
 GPX = f'<gpx version="1.1"><trk><trkseg>{POINT}</trkseg></trk></gpx>'
-KML = "<kml><gx:Track><when>2026-10-16T12:00:01.5Z</when><gx:coord>145.25 -14.5 0</gx:coord></gx:Track></kml>"
+KML = (
+    "<kml><gx:Track><when>2026-10-16T12:00:01.5Z</when><gx:coord>145.25 -14.5 "
+    "0</gx:coord></gx:Track></kml>"
+)
 LOGS = {
-    "RMC and GGA": nmea(GGA) + nmea(RMC) + "\n" + nmea(RMC.replace(",A,", ",V,", 1).replace("1430", "1530")),
-    "GGA and ZDA": nmea("GPZDA,120001.00,16,10,2026,00,00") + nmea(GGA) + nmea(GGA.replace(",4,12", ",0,00")),
+    "RMC and GGA": nmea(GGA) + nmea(RMC) + "\n" + nmea(RMC.replace(",A,", ",V,", 1).replace("1430",
+    "1530")),
+    "GGA and ZDA": nmea("GPZDA,120001.00,16,10,2026,00,00") + nmea(GGA) + nmea(GGA.replace(",4,12",
+    ",0,00")),
     "with a logger's prefix": f"2026-10-16 12:00:02.1 {nmea(RMC)}",
     "a damaged sentence": nmea(RMC) + nmea(RMC).replace("1430", "1830"),
     "GPX": GPX, "GPX, indented": GPX.replace("><", ">\n  <"), "KML": KML,
@@ -174,12 +211,23 @@ def test_a_reconstruction_of_opensfm(tmp_path: Path) -> None:
     R_camera_world = NORTH_UP.T
     from scipy.spatial.transform import Rotation
 
-    shot = {"rotation": Rotation.from_matrix(R_camera_world).as_rotvec().tolist(), "capture_time": NOON}
+    shot = {
+        "rotation": Rotation.from_matrix(R_camera_world).as_rotvec().tolist(),
+        "capture_time": NOON,
+    }
     shot["translation"] = (-R_camera_world @ [1.0, 2.0, -3.0]).tolist()
-    whole = [{"shots": {}}, {"shots": {"a.jpg": shot}, "reference_lla": {"latitude": -14.5, "longitude": 145.25, "altitude": -2.0}}]
+    whole = [
+        {"shots": {}},
+        {
+            "shots": {"a.jpg": shot},
+            "reference_lla": {"latitude": -14.5, "longitude": 145.25, "altitude": -2.0},
+        },
+    ]
     trajectory = read_trajectory(write(tmp_path, json.dumps(whole), "reconstruction.json"))
     assert trajectory.names == ("a.jpg",) and trajectory.up == "z" and trajectory.origin is not None
-    np.testing.assert_allclose(trajectory.T_world_camera[0, :3], np.column_stack([NORTH_UP, [1, 2, -5]]), atol=1e-12)
+    np.testing.assert_allclose(
+        trajectory.T_world_camera[0, :3], np.column_stack([NORTH_UP, [1, 2, -5]]), atol=1e-12
+    )
     with pytest.raises(InputError, match="no shots with a rotation"):
         read_trajectory(write(tmp_path, '[{"shots": {"a": {}}}]', "reconstruction.json"))
 
@@ -210,4 +258,7 @@ def test_foreign_files_are_named_by_read_and_inspect(name: str, tmp_path: Path) 
 
 def test_inspect_names_a_file_of_which_it_knows_nothing(tmp_path: Path) -> None:
     (line,) = unknown_files([write(tmp_path, "hello\n", "notes.txt")], (), ())
-    assert line.endswith("notes.txt: is neither images, nor a calibration or trajectory of a format that is known here")
+    assert line.endswith(
+        "notes.txt: is neither images, nor a calibration or trajectory of a format that is known "
+        "here"
+    )

@@ -1,4 +1,6 @@
-"""A pair whose cameras are mounted turned, or one below the other, through all of a run: what it gives is the same, turned."""
+"""A pair whose cameras are mounted turned, or one below the other, through all of a run: what it
+gives is the same, turned.
+"""
 
 import numpy as np
 import pytest
@@ -22,8 +24,13 @@ def turned_dive(scene: Scene, turns: int) -> tuple[StereoRig, StereoFrame]:
     pair = scene.pair.turned(turns)
     camera = Camera(pair.P_left, np.zeros(0), pair.image_size)
     to_turned = quarter_turn(-turns)
-    rig = StereoRig(camera, camera, rigid(np.eye(3), to_turned @ [-scene.pair.baseline_m, 0.0, 0.0]))
-    left, right = (np.ascontiguousarray(np.rot90(image, turns)) for image in (scene.frame.left, scene.frame.right))
+    rig = StereoRig(
+        camera, camera, rigid(np.eye(3), to_turned @ [-scene.pair.baseline_m, 0.0, 0.0])
+    )
+    left, right = (
+        np.ascontiguousarray(np.rot90(image, turns))
+        for image in (scene.frame.left, scene.frame.right)
+    )
     return rig, StereoFrame("turned", left, right)
 
 
@@ -43,7 +50,9 @@ def test_ranges_and_colors_of_turned_cameras(scene: Scene, turns: int) -> None:
     assert np.percentile(np.abs(ratio - 1), 90) < 0.01
     truth_m = np.rot90(scene.pair.range_from_depth(scene.depth_m), turns)
     assert np.median(np.abs(found.range_map.range_m[both] / truth_m[both] - 1)) < 0.01
-    difference = found.correction.image.astype(int) - np.rot90(straight.correction.image, turns).astype(int)
+    difference = found.correction.image.astype(int) - np.rot90(
+        straight.correction.image, turns
+    ).astype(int)
     assert np.median(np.abs(difference[both])) <= 4
     T = pipeline.rectification.T_rectified_left
     np.testing.assert_allclose(T[:3, :3], np.eye(3), atol=1e-6)

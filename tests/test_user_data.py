@@ -27,8 +27,25 @@ from stereo_seecolor.run_folder.owned_files import OwnedFiles
 from stereo_seecolor.run_folder.posed_run import SurveyFrames
 
 PRECIOUS = b"three years of field notes"
-PRODUCT_FOLDERS = ("corrected", "range", "range_std", "confidence", "mask", "clouds", "rectified_left", "rectified_right", "map")
-DIVE_FILES = ("run.json", "frames.csv", "water.json", "rig.yaml", "water_measured.json", "rectified.yaml")
+PRODUCT_FOLDERS = (
+    "corrected",
+    "range",
+    "range_std",
+    "confidence",
+    "mask",
+    "clouds",
+    "rectified_left",
+    "rectified_right",
+    "map",
+)
+DIVE_FILES = (
+    "run.json",
+    "frames.csv",
+    "water.json",
+    "rig.yaml",
+    "water_measured.json",
+    "rectified.yaml",
+)
 BOTH = pytest.mark.parametrize("overwrite", [False, True])
 
 
@@ -38,10 +55,22 @@ def dive(make_dive: Callable[..., Dive]) -> Dive:
 
 
 def go(
-    dive: Dive, out: Path, *settings: str, overwrite: bool = False, calib: Path | None = None, water: Path | None = None
+    dive: Dive,
+    out: Path,
+    *settings: str,
+    overwrite: bool = False,
+    calib: Path | None = None,
+    water: Path | None = None,
 ) -> RunSummary:
     options = RunOptions(overwrite=overwrite, water=water)
-    return run(dive.root / "L", dive.root / "R", calib or dive.root / "cam.yaml", out, load_config(None, settings), options)
+    return run(
+        dive.root / "L",
+        dive.root / "R",
+        calib or dive.root / "cam.yaml",
+        out,
+        load_config(None, settings),
+        options,
+    )
 
 
 def keep(path: Path) -> Path:
@@ -52,15 +81,28 @@ def keep(path: Path) -> Path:
 
 
 def statuses(out: Path) -> dict[str, str]:
-    return {row["name"]: row["status"] for row in csv.DictReader((out / "frames.csv").read_text().splitlines())}
+    return {
+        row["name"]: row["status"]
+        for row in csv.DictReader((out / "frames.csv").read_text().splitlines())
+    }
 
 
 # A folder that never was the program's
 
 
 @BOTH
-@pytest.mark.parametrize("name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), *DIVE_FILES, "thesis.tex", ".state/mine"])
-def test_a_folder_of_the_users_own_is_refused(dive: Dive, tmp_path: Path, name: str, overwrite: bool) -> None:
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS),
+        *DIVE_FILES,
+        "thesis.tex",
+        ".state/mine",
+    ],
+)
+def test_a_folder_of_the_users_own_is_refused(
+    dive: Dive, tmp_path: Path, name: str, overwrite: bool
+) -> None:
     mine = keep(tmp_path / "data" / name)
     with pytest.raises(OutputError, match="holds other files"):
         go(dive, tmp_path / "data", overwrite=overwrite)
@@ -70,7 +112,9 @@ def test_a_folder_of_the_users_own_is_refused(dive: Dive, tmp_path: Path, name: 
 
 @BOTH
 @pytest.mark.parametrize("name", ["corrected", "range", "map", ".state"])
-def test_a_link_out_of_the_folder_is_not_followed(dive: Dive, tmp_path: Path, name: str, overwrite: bool) -> None:
+def test_a_link_out_of_the_folder_is_not_followed(
+    dive: Dive, tmp_path: Path, name: str, overwrite: bool
+) -> None:
     mine = keep(tmp_path / "elsewhere/notes.txt")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).symlink_to(mine.parent)
@@ -94,7 +138,10 @@ def test_out_may_be_a_link_itself(dive: Dive, tmp_path: Path) -> None:
     "name",
     [
         "annotations/0000.json",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("notes.txt", "corrected/.DS_Store", "corrected/0000.jpg")),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("notes.txt", "corrected/.DS_Store", "corrected/0000.jpg")
+        ),
     ],
 )
 def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: str) -> None:
@@ -107,8 +154,12 @@ def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: st
 
 
 @BOTH
-@pytest.mark.parametrize("name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), "water_measured.json"])
-def test_files_in_a_products_place_are_refused(dive: Dive, tmp_path: Path, name: str, overwrite: bool) -> None:
+@pytest.mark.parametrize(
+    "name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), "water_measured.json"]
+)
+def test_files_in_a_products_place_are_refused(
+    dive: Dive, tmp_path: Path, name: str, overwrite: bool
+) -> None:
     out = tmp_path / "out"
     go(dive, out)
     before, mine = contents(out), keep(out / name)
@@ -120,7 +171,8 @@ def test_files_in_a_products_place_are_refused(dive: Dive, tmp_path: Path, name:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("settings", "overwrite"), [(("color.lock=survey",), False), ((), True), (("output.image_format=jpg",), False)]
+    ("settings", "overwrite"),
+    [(("color.lock=survey",), False), ((), True), (("output.image_format=jpg",), False)],
 )
 def test_a_product_that_the_user_edited_is_kept_aside(
     dive: Dive, tmp_path: Path, settings: tuple[str, ...], overwrite: bool
@@ -137,7 +189,9 @@ def test_a_product_that_the_user_edited_is_kept_aside(
 
 @pytest.mark.slow
 @BOTH
-def test_a_product_replaced_by_a_link_is_not_written_through(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
+def test_a_product_replaced_by_a_link_is_not_written_through(
+    dive: Dive, tmp_path: Path, overwrite: bool
+) -> None:
     out, mine = tmp_path / "out", keep(tmp_path / "elsewhere/photo.png")
     go(dive, out)
     (out / "corrected/0001.png").unlink()
@@ -148,7 +202,9 @@ def test_a_product_replaced_by_a_link_is_not_written_through(dive: Dive, tmp_pat
 
 
 @pytest.mark.slow
-def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(dive: Dive, tmp_path: Path) -> None:
+def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(
+    dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     go(dive, out)
     mine = keep(out / "notes.txt")
@@ -167,20 +223,32 @@ def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, give
     out = tmp_path / "out"
     go(dive, out, "color.lock=survey")
     before = contents(out)
-    left, right, calib = dive.root / "L", dive.root / "R", out / "rig.yaml" if given == "rig.yaml" else dive.root / "cam.yaml"
-    config_file, water = (out / name if given == name else None for name in ("run.json", "water.json"))
+    left, right, calib = (
+        dive.root / "L",
+        dive.root / "R",
+        out / "rig.yaml" if given == "rig.yaml" else dive.root / "cam.yaml",
+    )
+    config_file, water = (
+        out / name if given == name else None for name in ("run.json", "water.json")
+    )
     options = RunOptions(overwrite=True, config_file=config_file, water=water)
-    with pytest.raises(OutputError, match=rf"{given}: is an input of this run.*nothing was touched"):
+    with pytest.raises(
+        OutputError, match=rf"{given}: is an input of this run.*nothing was touched"
+    ):
         run(left, right, calib, out, options=options)
     assert contents(out) == before
 
 
 @BOTH
-def test_range_maps_are_not_overwritten_by_their_own_correction(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
+def test_range_maps_are_not_overwritten_by_their_own_correction(
+    dive: Dive, tmp_path: Path, overwrite: bool
+) -> None:
     out = tmp_path / "out"
     go(dive, out)
     before = contents(out)
-    with pytest.raises(OutputError, match="another dive or command" if not overwrite else "is an input of this run"):
+    with pytest.raises(
+        OutputError, match="another dive or command" if not overwrite else "is an input of this run"
+    ):
         correct(dive.root / "L", out / "range", out, options=RunOptions(overwrite=overwrite))
     assert contents(out) == before
 
@@ -189,7 +257,13 @@ def test_images_inside_out_are_not_deleted(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     rectify(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
     with pytest.raises(OutputError, match="is an input of this run"):
-        run(out / "rectified_left", out / "rectified_right", out / "rectified.yaml", out, options=RunOptions(overwrite=True))
+        run(
+            out / "rectified_left",
+            out / "rectified_right",
+            out / "rectified.yaml",
+            out,
+            options=RunOptions(overwrite=True),
+        )
     assert len(list((out / "rectified_left").iterdir())) == 3
 
 
@@ -205,7 +279,9 @@ def test_a_run_may_take_the_water_of_its_own_folder(dive: Dive, tmp_path: Path) 
 # Other dives, other commands, other programs
 
 
-def test_another_dives_results_are_refused_without_the_flag(dive: Dive, make_dive, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_another_dives_results_are_refused_without_the_flag(
+    dive: Dive, make_dive, tmp_path: Path
+) -> None:  # type: ignore[no-untyped-def]
     out = tmp_path / "out"
     go(dive, out)
     before = contents(out)
@@ -219,7 +295,9 @@ def test_another_dives_results_are_refused_without_the_flag(dive: Dive, make_div
 
 
 @pytest.mark.parametrize("command", [range_maps, rectify])
-def test_two_programs_never_write_into_one_folder(dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]) -> None:
+def test_two_programs_never_write_into_one_folder(
+    dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]
+) -> None:
     out = tmp_path / "out"
     with held(out), pytest.raises(OutputError, match="another run is writing into it now"):
         command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
@@ -281,18 +359,26 @@ def products_of(folder: Path, name: str) -> dict[str, bytes]:
 
 
 def test_old_products_of_a_pair_that_fails_now_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
-    """A disk that fails, or is not mounted, must not cost the results of a dive whose images cannot be read any more."""
+    """A disk that fails, or is not mounted, must not cost the results of a dive whose images cannot
+    be read any more.
+    """
     out = tmp_path / "out"
     go(dive, out)
     before = products_of(out, "0001")
     (dive.root / "R/0001.png").write_bytes(b"broken")
     summary = go(dive, out)
-    assert [row.error.endswith("(what an earlier run made of it is in set_aside)") for row in summary.rows] == [False, True, False]
+    assert [
+        row.error.endswith("(what an earlier run made of it is in set_aside)")
+        for row in summary.rows
+    ] == [False, True, False]
     assert not list(out.glob("*/0001.*"))
     assert products_of(out / "set_aside", "0001") == before and len(before) == 6
     assert statuses(out) == {"0000": "ok", "0001": "failed", "0002": "ok"}
     again = go(dive, out)
-    assert not again.rows[1].error.endswith("set_aside)") and products_of(out / "set_aside", "0001") == before
+    assert (
+        not again.rows[1].error.endswith("set_aside)")
+        and products_of(out / "set_aside", "0001") == before
+    )
 
 
 def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
@@ -303,7 +389,10 @@ def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path
         (dive.root / side / "0001.png").unlink()
     summary = go(dive, out)
     assert summary.all_done
-    assert f"1 frame of an earlier run, no longer in the dive: what was made of it is kept in {out / 'set_aside'}" in summary.notes
+    assert (
+        "1 frame of an earlier run, no longer in the dive: what was made of it is kept in "
+        f"{out / 'set_aside'}" in summary.notes
+    )
     assert not list(out.glob("*/0001.*"))
     assert products_of(out / "set_aside", "0001") == before
     assert "no longer in the dive" not in " ".join(go(dive, out).notes)
@@ -354,15 +443,21 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
 
 def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    options = RunOptions(workers=1, listener=AtPair(11, KeyboardInterrupt))  # of three: ranges, light, waters, colors
+    options = RunOptions(
+        workers=1, listener=AtPair(11, KeyboardInterrupt)
+    )  # of three: ranges, light, waters, colors
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
     corrected = {path.stem for path in (out / "corrected").iterdir()}
     assert {name for name, status in statuses(out).items() if status == "ok"} == corrected
     assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
 
 
-@pytest.mark.parametrize("writes", [7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 28, 3) if n != 7)])
-def test_a_full_disk_loses_nothing(dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int) -> None:
+@pytest.mark.parametrize(
+    "writes", [7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 28, 3) if n != 7)]
+)
+def test_a_full_disk_loses_nothing(
+    dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int
+) -> None:
     out, left = tmp_path / "out", writes
     go(dive, tmp_path / "whole")
     genuine = atomic.write_temporary
@@ -385,7 +480,9 @@ def test_a_full_disk_loses_nothing(dive: Dive, tmp_path: Path, monkeypatch: pyte
     assert not list(out.rglob(".writing-*"))
 
 
-def test_every_product_is_on_the_disk_before_it_gets_its_name(dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_product_is_on_the_disk_before_it_gets_its_name(
+    dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out, flushed, named = tmp_path / "out", set(), []
     flush, move = atomic.flush_file, atomic.move_into_place
 
@@ -400,8 +497,18 @@ def test_every_product_is_on_the_disk_before_it_gets_its_name(dive: Dive, tmp_pa
     monkeypatch.setattr(atomic, "flush_file", flush_file)
     monkeypatch.setattr(atomic, "move_into_place", move_into_place)
     assert go(dive, out).all_done
-    products = [(path, safe) for path, safe in named if ".state" not in path.parts or path.parent.name == "frames"]
-    assert {path.relative_to(out).parts[0] for path, _ in products} >= {"range", "corrected", "clouds", ".state", "run.json"}
+    products = [
+        (path, safe)
+        for path, safe in named
+        if ".state" not in path.parts or path.parent.name == "frames"
+    ]
+    assert {path.relative_to(out).parts[0] for path, _ in products} >= {
+        "range",
+        "corrected",
+        "clouds",
+        ".state",
+        "run.json",
+    }
     assert [path for path, safe in products if not safe] == []
 
 
@@ -417,7 +524,9 @@ def test_a_file_that_cannot_be_flushed_is_named_and_not_left_behind(
 
     with monkeypatch.context() as patched:
         patched.setattr(atomic, "flush_file", failing)
-        with pytest.raises(OutputError, match=r"confidence/.*: cannot be written: Input/output error"):
+        with pytest.raises(
+            OutputError, match=r"confidence/.*: cannot be written: Input/output error"
+        ):
             go(dive, out)
     assert not list(out.rglob(".writing-*"))
     assert go(dive, out).all_done

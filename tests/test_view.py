@@ -37,26 +37,39 @@ def test_rerun_is_given_the_mesh(fused: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_viewer_that_dies_is_an_error(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install_rerun(fused, monkeypatch, "echo starting; echo 'no graphics card' >&2; exit 7")
-    with pytest.raises(DeviceError, match=r"exit code 7: no graphics card: look at .*preview\.png instead"):
+    with pytest.raises(
+        DeviceError, match=r"exit code 7: no graphics card: look at .*preview\.png instead"
+    ):
         view(fused)
 
 
-def test_without_open3d_and_rerun_the_line_that_installs_one_is_given(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_open3d_and_rerun_the_line_that_installs_one_is_given(
+    fused: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(DeviceError, match=r"a window onto the map needs Open3D, .*: pip install 'stereo-seecolor\[open3d\]'$"):
+    with pytest.raises(
+        DeviceError,
+        match=r"a window onto the map needs Open3D, .*: pip install 'stereo-seecolor\[open3d\]'$",
+    ):
         view(fused)
 
 
-def test_without_a_screen_the_preview_is_named(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_screen_the_preview_is_named(
+    fused: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(DeviceError, match=r"there is no screen to open a window on: look at .*preview\.png instead"):
+    with pytest.raises(
+        DeviceError, match=r"there is no screen to open a window on: look at .*preview\.png instead"
+    ):
         view(fused)
 
 
 def test_without_a_map_the_command_that_makes_it_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"holds no map \(map/mesh\.ply\): make it with stereo-seecolor fuse"):
+    with pytest.raises(
+        InputError, match=r"holds no map \(map/mesh\.ply\): make it with stereo-seecolor fuse"
+    ):
         view(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         view(tmp_path / "out")

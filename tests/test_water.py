@@ -1,4 +1,6 @@
-"""The whole way on the sample dive: run, measure the water from overlapping frames, run again with it."""
+"""The whole way on the sample dive: run, measure the water from overlapping frames, run again with
+it.
+"""
 
 import json
 from pathlib import Path
@@ -29,7 +31,9 @@ def test_sample_dive_measures_its_own_water(sample_run: SampleRun, tmp_path: Pat
     truth = json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]
     z = 2.0
     np.testing.assert_allclose(
-        -np.log(found.attenuation(np.array(z))) / z, np.array(truth["w"]) * np.exp(-np.array(truth["v"]) * z), rtol=0.1
+        -np.log(found.attenuation(np.array(z))) / z,
+        np.array(truth["w"]) * np.exp(-np.array(truth["v"]) * z),
+        rtol=0.1,
     )
     run(*SIDES, sample_run.copy(tmp_path / "second"), config, RunOptions(water=path))
     first, second = (evaluate(tmp_path / name, SAMPLES / "truth") for name in ("first", "second"))
@@ -44,7 +48,9 @@ def test_a_run_with_a_water_for_each_frame_is_refused(waters_a_frame: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_chart_of_the_sample_dive_gives_its_white(sample_run: SampleRun, tmp_path: Path) -> None:
+def test_the_chart_of_the_sample_dive_gives_its_white(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
     """Seen in two frames, within the errors that the file states."""
     config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
     run(*SIDES, sample_run.copy(tmp_path / "out"), config)
@@ -57,11 +63,21 @@ def test_the_chart_of_the_sample_dive_gives_its_white(sample_run: SampleRun, tmp
     measured = measure_white(tmp_path / "out", targets)
     assert [chart.frame for chart in measured.charts] == list(corners)
     assert max(chart.residual_deg for chart in measured.charts) < 1
-    found, true = measured.water, Water.from_content(json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"])
-    gains = [np.log(water.white * water.attenuation(np.array(found.typical_range_m))) for water in (found, true)]
+    found, true = (
+        measured.water,
+        Water.from_content(json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]),
+    )
+    gains = [
+        np.log(water.white * water.attenuation(np.array(found.typical_range_m)))
+        for water in (found, true)
+    ]
     off = (gains[0] - gains[0].mean()) - (gains[1] - gains[1].mean())
-    assert (np.abs(off) < 2 * found.standard_errors["white"] / found.white).all(), "of colors at the dive's typical range"
+    assert (np.abs(off) < 2 * found.standard_errors["white"] / found.white).all(), (
+        "of colors at the dive's typical range"
+    )
     assert np.abs(off).max() < 0.15
     assert measured.trend and (np.abs(measured.trend.per_m) < 3 * measured.trend.error).all()
-    assert measured.matrix is None and "left out of the fit gain too little" in measured.no_matrix  # its camera is sRGB's
+    assert (
+        measured.matrix is None and "left out of the fit gain too little" in measured.no_matrix
+    )  # its camera is sRGB's
     assert max(chart.ciede2000 for chart in measured.charts) < 3

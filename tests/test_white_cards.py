@@ -1,4 +1,6 @@
-"""White cards are found by their shape; boards, discs and reefs show none. A card of an unlikely color is not believed."""
+"""White cards are found by their shape; boards, discs and reefs show none. A card of an unlikely
+color is not believed.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -47,15 +49,26 @@ def test_nothing_else_is_a_card(seed: int) -> None:
 
 
 def test_a_chart_comes_before_cards() -> None:
-    chart = placed(rubble(1), CLASSIC, np.array([[20, 20], [140, 20], [140, 100], [20, 100]], float))
+    chart = placed(
+        rubble(1), CLASSIC, np.array([[20, 20], [140, 20], [140, 100], [20, 100]], float)
+    )
     image = under_water(with_card(chart, CORNERS + np.array([90, 30])), 2.0)
-    assert [target.name for target in targets_of([], image, np.ones(image.shape[:2], np.float32))] == ["chart"]
+    assert [
+        target.name for target in targets_of([], image, np.ones(image.shape[:2], np.float32))
+    ] == ["chart"]
 
 
 def test_a_card_takes_the_range_of_its_border() -> None:
-    image, range_m = under_water(with_card(rubble(1), CORNERS), 2.0), np.full((240, 320), 2.0, np.float32)
+    image, range_m = (
+        under_water(with_card(rubble(1), CORNERS), 2.0),
+        np.full((240, 320), 2.0, np.float32),
+    )
     inside = np.zeros(range_m.shape, np.uint8)
-    cv2.fillConvexPoly(inside, np.round(CORNERS.mean(axis=0) + 0.9 * (CORNERS - CORNERS.mean(axis=0))).astype(np.int32), 1)
+    cv2.fillConvexPoly(
+        inside,
+        np.round(CORNERS.mean(axis=0) + 0.9 * (CORNERS - CORNERS.mean(axis=0))).astype(np.int32),
+        1,
+    )
     range_m[inside > 0] = np.nan
     (card,) = targets_of([], image, range_m)
     assert card.name == "white card at pixel 135, 124"
@@ -69,7 +82,11 @@ def seen(color: list[float], chart: bool = False) -> SeenWhite:
 
 def test_a_card_is_believed_where_its_color_can_be_that_of_white() -> None:
     water = replace(some_water(), standard_errors={"white": 0.2 * some_water().white})
-    near, far, chart = seen([1.3, 1.0, 0.9]), seen([4.0, 1.0, 0.9]), seen([4.0, 1.0, 0.9], chart=True)
+    near, far, chart = (
+        seen([1.3, 1.0, 0.9]),
+        seen([4.0, 1.0, 0.9]),
+        seen([4.0, 1.0, 0.9], chart=True),
+    )
     assert believed([near, far], water) == [near]
     assert believed([near, far, chart], water) == [chart]
     assert believed([near, far], some_water()) == [near, far]
@@ -77,6 +94,9 @@ def test_a_card_is_believed_where_its_color_can_be_that_of_white() -> None:
 
 @pytest.mark.real_data
 def test_real_frames_without_a_card_show_none(real_data: Path) -> None:
-    paths = [*sorted((real_data / "acfr/left").iterdir())[::5], *sorted((real_data / "flsea/rgb").iterdir())[::2]]
+    paths = [
+        *sorted((real_data / "acfr/left").iterdir())[::5],
+        *sorted((real_data / "flsea/rgb").iterdir())[::2],
+    ]
     for path in paths:
         assert white_cards(cv2.imread(str(path))[..., ::-1].copy()) == (), path.name

@@ -1,4 +1,6 @@
-"""A white point that is hardly known is named, in every place where a user may see it; a spot of known color settles it."""
+"""A white point that is hardly known is named, in every place where a user may see it; a spot of
+known color settles it.
+"""
 
 import csv
 from collections.abc import Callable
@@ -22,7 +24,18 @@ WHITE = np.array([0.25, 0.6, 0.5])
 def some_water(error: tuple[float, float, float] | None = None) -> Water:
     """error: standard errors of the logarithms of its white point's color."""
     zero, one, y = np.zeros(3), np.ones(3), np.array([0.4, 0.1, 0.08])
-    water = Water(np.array([0.01, 0.03, 0.04]), 0.3 * one, zero, one, zero, zero, y, zero, WHITE, input_encoding="linear")
+    water = Water(
+        np.array([0.01, 0.03, 0.04]),
+        0.3 * one,
+        zero,
+        one,
+        zero,
+        zero,
+        y,
+        zero,
+        WHITE,
+        input_encoding="linear",
+    )
     return with_white(water, WHITE, np.array(error)) if error else water
 
 
@@ -35,8 +48,13 @@ def test_errors_of_ratios_follow_from_those_of_colors() -> None:
     np.testing.assert_allclose(white_errors(some_water(tuple(colors.std(axis=0)))), true, rtol=0.01)
 
 
-@pytest.mark.parametrize(("error", "doubted"), [((0.3, 0.15, 0.2), True), ((0.02, 0.02, 0.02), False), ((np.nan,) * 3, False)])
-def test_a_white_point_is_doubted_from_eight_percent_on(error: tuple[float, float, float], doubted: bool) -> None:
+@pytest.mark.parametrize(
+    ("error", "doubted"),
+    [((0.3, 0.15, 0.2), True), ((0.02, 0.02, 0.02), False), ((np.nan,) * 3, False)],
+)
+def test_a_white_point_is_doubted_from_eight_percent_on(
+    error: tuple[float, float, float], doubted: bool
+) -> None:
     line = white_doubt(some_water(error))
     assert bool(line) == doubted
     assert not line or ("--chart" in line and "--white FRAME:x,y" in line and "\n" not in line)
@@ -48,26 +66,34 @@ def test_another_white_is_as_bright() -> None:
     after = with_white(before, np.array([2.0, 1.0, 1.0]), np.full(3, 0.02))
     assert np.log(after.white).mean() == pytest.approx(np.log(before.white).mean())
     assert before.exposure and after.exposure
-    gray = after.exposure / before.exposure * before.white / after.white  # of what was gray of light 1 before
+    gray = (
+        after.exposure / before.exposure * before.white / after.white
+    )  # of what was gray of light 1 before
     assert gray @ LUMINANCE == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("kind", "reflectance"), [("white", (1, 1, 1)), ("sand", (1.17, 1, 0.77))])
-def test_a_spot_of_known_color_gives_the_white(kind: str, reflectance: tuple[float, float, float]) -> None:
+def test_a_spot_of_known_color_gives_the_white(
+    kind: str, reflectance: tuple[float, float, float]
+) -> None:
     water, range_m = some_water(), np.full((96, 128), 2.0, np.float32)
     light = np.random.default_rng(1).uniform(0.2, 0.9, (96, 128, 3))
     light[40:60, 50:70] = 0.5 * np.array(reflectance)
     seen = light * WHITE * water.attenuation(np.array(2.0)) + water.backscatter(np.array(2.0))
     image = np.round(seen * 65535).astype(np.uint16)
     targets = targets_of([{kind: np.array([60.0, 50.0])}], image, range_m)
-    (found,) = seen_whites("0001", targets, image, range_m, with_white(water, np.ones(3), np.full(3, 0.3)))
+    (found,) = seen_whites(
+        "0001", targets, image, range_m, with_white(water, np.ones(3), np.full(3, 0.3))
+    )
     np.testing.assert_allclose(found.white, np.log(WHITE) - np.log(WHITE).mean(), atol=0.01)
     assert found.target == f"{kind} at pixel 60, 50"
     assert 0.02 < found.error < 0.04
 
 
 @pytest.mark.slow
-def test_the_doubt_is_said_and_a_spot_settles_it(make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path) -> None:
+def test_the_doubt_is_said_and_a_spot_settles_it(
+    make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path
+) -> None:
     dive = make_dive()
     one_water = ("--set", "color.lock=survey")
     _, printed, _ = cli(*dive.command(tmp_path / "out", *one_water))
@@ -90,9 +116,15 @@ def test_the_doubt_is_said_and_a_spot_settles_it(make_dive: Callable[..., Dive],
 
 
 @pytest.mark.slow
-def test_a_spot_that_is_not_there_is_named(make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path) -> None:
+def test_a_spot_that_is_not_there_is_named(
+    make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path
+) -> None:
     dive = make_dive()
     cli(*dive.command(tmp_path / "out", "--set", "color.lock=survey"))
-    for place, said in (("0001", "needs FRAME:x,y"), ("9:1,2", "no frame '9'"), ("0001:9999,1", "none of the given targets")):
+    for place, said in (
+        ("0001", "needs FRAME:x,y"),
+        ("9:1,2", "no frame '9'"),
+        ("0001:9999,1", "none of the given targets"),
+    ):
         code, _, error = cli("water", tmp_path / "out", "--white", place)
         assert code == 1 and said in " ".join(error.split())

@@ -13,7 +13,9 @@ RATE_HZ = 30
 
 def texture(seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    coarse = cv2.resize(rng.uniform(0, 1, (60, 80)).astype(np.float32), (640, 480), interpolation=cv2.INTER_CUBIC)
+    coarse = cv2.resize(
+        rng.uniform(0, 1, (60, 80)).astype(np.float32), (640, 480), interpolation=cv2.INTER_CUBIC
+    )
     fine = cv2.GaussianBlur(rng.uniform(0, 1, (480, 640)).astype(np.float32), (0, 0), 1.5)
     gray = 0.6 * coarse + 1.2 * (fine - fine.mean())
     return np.clip(gray * 255, 0, 255).astype(np.float32)
@@ -23,7 +25,9 @@ def swell(times_s: np.ndarray, seed: int = 0) -> np.ndarray:
     """(n, 2) pixels: where a rig that drifts in waves points to."""
     rng = np.random.default_rng(seed)
     shift = np.zeros((len(times_s), 2))
-    for frequency in np.exp(rng.uniform(np.log(0.1), np.log(2.0), 16)):  # many: a few waves would repeat themselves
+    for frequency in np.exp(
+        rng.uniform(np.log(0.1), np.log(2.0), 16)
+    ):  # many: a few waves would repeat themselves
         phase, size = rng.uniform(0, 2 * np.pi, 2), rng.uniform(1, 3, 2) / frequency**0.5
         shift += size * np.sin(2 * np.pi * frequency * times_s[:, None] + phase)
     return shift
@@ -45,18 +49,34 @@ def write_pair(
     time_codes: tuple[str, str] = ("", ""),
     suffix: str = ".mp4",
 ) -> tuple[Path, Path]:
-    """An event at t on the left clock is at t + offset_s + drift t on the right one. blurred: numbers of frames."""
+    """An event at t on the left clock is at t + offset_s + drift t on the right one. blurred:
+    numbers of frames.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     scene = texture()
     files = []
-    for code, side, clock in zip(time_codes, ("left", "right"), ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)), strict=True):
+    for code, side, clock in zip(
+        time_codes, ("left", "right"), ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)), strict=True
+    ):
         own_s = np.arange(round(seconds * rate_hz)) / rate_hz
         true_s = (own_s - clock[0]) / (1 + clock[1])
         sound_s = sound_offset_s if sound_offset_s is not None and side == "right" else clock[0]
         noise = hum(own_s[-1], sound_s, clock[1]) if sound else None
         shifts = speed * swell(true_s) if moves else np.zeros((len(true_s), 2))
         place = shifts + np.array([clock[2], 0.0])
-        files.append(_write(folder / f"{side}{suffix}", scene, own_s, place, noise, true_s, flash_s, blurred, code))
+        files.append(
+            _write(
+                folder / f"{side}{suffix}",
+                scene,
+                own_s,
+                place,
+                noise,
+                true_s,
+                flash_s,
+                blurred,
+                code,
+            )
+        )
     return files[0], files[1]
 
 
@@ -69,31 +89,43 @@ def hum(seconds: float, offset_s: float, drift: float) -> np.ndarray:
     )
     heard = np.convolve(heard, np.ones(3) / 3, "same")
     own_s = np.arange(round(seconds * rate)) / rate
-    return np.interp((own_s - offset_s) / (1 + drift), start_s + np.arange(len(heard)) / rate, heard).astype(np.float32)
+    return np.interp(
+        (own_s - offset_s) / (1 + drift), start_s + np.arange(len(heard)) / rate, heard
+    ).astype(np.float32)
 
 
 def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s, blurred, time_code) -> Path:
     with av.open(str(path), "w") as container:
-        video = container.add_stream("libx264", rate=RATE_HZ, options={"crf": "14", "preset": "ultrafast"})
+        video = container.add_stream(
+            "libx264", rate=RATE_HZ, options={"crf": "14", "preset": "ultrafast"}
+        )
         video.width, video.height, video.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         video.codec_context.time_base = Fraction(1, TICKS)
         video.metadata.update({"timecode": time_code} if time_code else {})
         audio = container.add_stream("aac", rate=8000, layout="mono") if noise is not None else None
-        for number, (time_s, (x_px, y_px), moment_s) in enumerate(zip(own_s, shifts, true_s, strict=True)):
+        for number, (time_s, (x_px, y_px), moment_s) in enumerate(
+            zip(own_s, shifts, true_s, strict=True)
+        ):
             place = np.float32([[1, 0, x_px - 180], [0, 1, y_px - 140]])
-            image = cv2.warpAffine(scene, place, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            image = cv2.warpAffine(
+                scene, place, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+            )
             if number in blurred:
                 image = cv2.blur(image, (9, 1))  # the rig jerked sideways
             if flash_s is not None and flash_s <= moment_s < flash_s + 0.1:
                 image = image + 80
             gray = np.clip(image, 0, 255).astype(np.uint8)
-            frame = av.VideoFrame.from_ndarray(np.repeat(gray[..., None], 3, axis=2), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(
+                np.repeat(gray[..., None], 3, axis=2), format="rgb24"
+            )
             frame.pts, frame.time_base = round(time_s * TICKS), video.codec_context.time_base
             container.mux(video.encode(frame))
         container.mux(video.encode())
         if audio is not None:
             for start in range(0, len(noise) - 1024, 1024):
-                block = av.AudioFrame.from_ndarray(noise[None, start : start + 1024], format="fltp", layout="mono")
+                block = av.AudioFrame.from_ndarray(
+                    noise[None, start : start + 1024], format="fltp", layout="mono"
+                )
                 block.sample_rate, block.pts = 8000, start
                 container.mux(audio.encode(block))
             container.mux(audio.encode())

@@ -1,8 +1,10 @@
 """Bundle adjustment of one or two cameras over many views of a target: all parameters at once.
 
-Levenberg-Marquardt on the reprojection error; each view's pose is eliminated by the Schur complement (Triggs et al. 2000,
-Bundle Adjustment: A Modern Synthesis, sec. 6.1). Pinhole and fisheye, one camera and two, whole boards and parts of them go the
-same way here; OpenCV's fisheye calibration takes no board seen in part, and gives up where the lens is far from its first guess.
+Levenberg-Marquardt on the reprojection error; each view's pose is eliminated by the Schur
+complement (Triggs et al. 2000,
+Bundle Adjustment: A Modern Synthesis, sec. 6.1). Pinhole and fisheye, one camera and two, whole
+boards and parts of them go the same way here; OpenCV's fisheye calibration takes no board seen in
+part, and gives up where the lens is far from its first guess.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +22,9 @@ CONVERGED = 1e-7  # gain of a step, of the squared error
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Corners of one view in one camera. side: 0 left, 1 right; points_m: (n, 3) on the target; pixels: (n, 2)."""
+    """Corners of one view in one camera. side: 0 left, 1 right; points_m: (n, 3) on the target;
+    pixels: (n, 2).
+    """
 
     view: int
     side: int
@@ -30,7 +34,9 @@ class Observation:
 
 @dataclass(frozen=True)
 class Lens:
-    """A family of lens models. square_pixels: fx = fy, as sensors are made; False where a tilted port or a lens stretches them."""
+    """A family of lens models. square_pixels: fx = fy, as sensors are made; False where a tilted
+    port or a lens stretches them.
+    """
 
     model: CameraModel
     coefficients: int
@@ -39,14 +45,18 @@ class Lens:
     @property
     def name(self) -> str:
         """Such as "pinhole, 5 coefficients"."""
-        return f"{self.model}, {self.coefficients} coefficients{'' if self.square_pixels else ', fx and fy apart'}"
+        return (
+            f"{self.model}, {self.coefficients} "
+            f"coefficients{'' if self.square_pixels else ', fx and fy apart'}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
     """The parameters that are solved for.
 
-    intrinsics: fx fy cx cy and distortion of the left and the right camera; T_right_left: (4, 4); T_left_target: (views, 4, 4).
+    intrinsics: fx fy cx cy and distortion of the left and the right camera; T_right_left: (4, 4);
+    T_left_target: (views, 4, 4).
     """
 
     lens: Lens
@@ -62,7 +72,9 @@ def camera_matrix(intrinsics: Array) -> Array:
 
 
 def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array, Array, Array]:
-    """Pixels (n, 2) of points (n, 3) in camera axes; derivatives by the point (n, 2, 3) and by the intrinsics (n, 2, k)."""
+    """Pixels (n, 2) of points (n, 3) in camera axes; derivatives by the point (n, 2, 3) and by the
+    intrinsics (n, 2, k).
+    """
     K, distortion, zero = camera_matrix(intrinsics), intrinsics[4:], np.zeros(3)
     shaped = points.reshape(-1, 1, 3)
     if model == "fisheye":
@@ -79,7 +91,10 @@ def residuals(bundle: Bundle, observation: Observation) -> Array:
     """Compute projected minus measured corners: (n, 2) pixels."""
     in_left = _transform(bundle.T_left_target[observation.view], observation.points_m)
     points = in_left if observation.side == 0 else _transform(bundle.T_right_left, in_left)
-    return project(points, bundle.intrinsics[observation.side], bundle.lens.model)[0] - observation.pixels
+    return (
+        project(points, bundle.intrinsics[observation.side], bundle.lens.model)[0]
+        - observation.pixels
+    )
 
 
 def rms(bundle: Bundle, observations: list[Observation]) -> float:
@@ -88,8 +103,15 @@ def rms(bundle: Bundle, observations: list[Observation]) -> float:
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
-def solve(start: Bundle, observations: list[Observation], poses_only: bool = False, iterations: int = MAX_ITERATIONS) -> Bundle:
-    """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move the target."""
+def solve(
+    start: Bundle,
+    observations: list[Observation],
+    poses_only: bool = False,
+    iterations: int = MAX_ITERATIONS,
+) -> Bundle:
+    """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move
+    the target.
+    """
     bundle, error = start, _cost(start, observations)
     damping = 1e-3
     for _ in range(iterations):
@@ -111,7 +133,9 @@ def solve(start: Bundle, observations: list[Observation], poses_only: bool = Fal
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Blocks of J^T J and J^T r: shared parameters U (g, g), views V (v, 6, 6), coupling W (v, g, 6)."""
+    """Blocks of J^T J and J^T r: shared parameters U (g, g), views V (v, 6, 6), coupling W (v, g,
+    6).
+    """
 
     U: Array
     V: Array
@@ -137,8 +161,11 @@ def _normal_equations(bundle: Bundle, observations: list[Observation]) -> _Equat
     return _Equations(U, V, W, r_shared, r_views)
 
 
-def _linearize(bundle: Bundle, observation: Observation, sizes: list[int]) -> tuple[Array, Array, Array]:
-    """Residuals (2n,) and their derivatives by shared parameters (2n, g) and by the view's pose (2n, 6).
+def _linearize(
+    bundle: Bundle, observation: Observation, sizes: list[int]
+) -> tuple[Array, Array, Array]:
+    """Residuals (2n,) and their derivatives by shared parameters (2n, g) and by the view's pose
+    (2n, 6).
 
     Rotations move on the left, R <- exp(w) R, so that a point p in camera axes moves by w x p.
     """
@@ -152,21 +179,33 @@ def _linearize(bundle: Bundle, observation: Observation, sizes: list[int]) -> tu
         points = _transform(T_rig, in_left)
         by_pose = T_rig[:3, :3] @ by_pose
         by_rig = _by_motion(points - T_rig[:3, 3])
-    pixels, by_point, by_intrinsics = project(points, bundle.intrinsics[observation.side], bundle.lens.model)
+    pixels, by_point, by_intrinsics = project(
+        points, bundle.intrinsics[observation.side], bundle.lens.model
+    )
     if bundle.lens.square_pixels:
-        by_intrinsics = np.dstack([by_intrinsics[:, :, :2].sum(axis=2), np.zeros((n, 2)), by_intrinsics[:, :, 2:]])
+        by_intrinsics = np.dstack(
+            [by_intrinsics[:, :, :2].sum(axis=2), np.zeros((n, 2)), by_intrinsics[:, :, 2:]]
+        )
     J_shared = np.zeros((n, 2, sum(sizes) + 6))
     first = 0 if observation.side == 0 else sizes[0]
     J_shared[:, :, first : first + sizes[observation.side]] = by_intrinsics
     J_shared[:, :, -6:] = by_point @ by_rig
-    return (pixels - observation.pixels).ravel(), J_shared.reshape(2 * n, -1), (by_point @ by_pose).reshape(2 * n, 6)
+    return (
+        (pixels - observation.pixels).ravel(),
+        J_shared.reshape(2 * n, -1),
+        (by_point @ by_pose).reshape(2 * n, 6),
+    )
 
 
 def _by_motion(rotated: Array) -> Array:
     """(n, 3, 6) derivative of R X + t by a small rotation and by t; rotated: R X, (n, 3)."""
     x, y, z = rotated.T
     zero, one = np.zeros_like(x), np.ones_like(x)
-    rows = [[zero, z, -y, one, zero, zero], [-z, zero, x, zero, one, zero], [y, -x, zero, zero, zero, one]]
+    rows = [
+        [zero, z, -y, one, zero, zero],
+        [-z, zero, x, zero, one, zero],
+        [y, -x, zero, zero, zero, one],
+    ]
     return np.array(rows).transpose(2, 0, 1)
 
 
@@ -174,7 +213,9 @@ def _step(equations: _Equations, damping: float, poses_only: bool) -> tuple[Arra
     """The damped step of the shared parameters (g,) and of each view (v, 6)."""
     V_inverse = np.linalg.inv(_damped(equations.V, damping))
     if poses_only:
-        return np.zeros_like(equations.r_shared), -np.einsum("vij,vj->vi", V_inverse, equations.r_views)
+        return np.zeros_like(equations.r_shared), -np.einsum(
+            "vij,vj->vi", V_inverse, equations.r_views
+        )
     WV = equations.W @ V_inverse
     S = _damped(equations.U, damping) - np.einsum("vij,vkj->ik", WV, equations.W)
     right = -equations.r_shared + np.einsum("vij,vj->i", WV, equations.r_views)
@@ -184,7 +225,9 @@ def _step(equations: _Equations, damping: float, poses_only: bool) -> tuple[Arra
 
 
 def _damped(H: Array, damping: float) -> Array:
-    """Marquardt's scaling; a parameter that nothing depends on gets 1, so that it stays where it is."""
+    """Marquardt's scaling; a parameter that nothing depends on gets 1, so that it stays where it
+    is.
+    """
     diagonal = np.diagonal(H, axis1=-2, axis2=-1)
     added = np.where(diagonal > 0, diagonal * damping, 1.0)
     return H + added[..., None] * np.eye(H.shape[-1])
@@ -201,7 +244,9 @@ def _move(bundle: Bundle, shared: Array, views: Array) -> Bundle:
         bundle,
         intrinsics=(moved[0], moved[1]),
         T_right_left=_moved(bundle.T_right_left, shared[-6:]),
-        T_left_target=np.array([_moved(T, step) for T, step in zip(bundle.T_left_target, views, strict=True)]),
+        T_left_target=np.array(
+            [_moved(T, step) for T, step in zip(bundle.T_left_target, views, strict=True)]
+        ),
     )
 
 
@@ -214,7 +259,9 @@ def _moved(T: Array, step: Array) -> Array:
 
 def _cost(bundle: Bundle, observations: list[Observation]) -> float:
     with np.errstate(all="ignore"):
-        cost = sum(float((residuals(bundle, observation) ** 2).sum()) for observation in observations)
+        cost = sum(
+            float((residuals(bundle, observation) ** 2).sum()) for observation in observations
+        )
     return cost if np.isfinite(cost) else np.inf
 
 

@@ -1,4 +1,6 @@
-"""Print a calibration target at its true size: PDF with exact rectangles, or PNG at a stated resolution."""
+"""Print a calibration target at its true size: PDF with exact rectangles, or PNG at a stated
+resolution.
+"""
 
 import struct
 import zlib
@@ -27,9 +29,11 @@ class _Rectangle(NamedTuple):
 
 
 def print_target(target: Target, path: Path, dpi: int = 300) -> None:
-    """Write ``target`` with a margin of one square or tag: ``.pdf`` at any size, or ``.png`` that carries its dpi.
+    """Write ``target`` with a margin of one square or tag: ``.pdf`` at any size, or ``.png`` that
+    carries its dpi.
 
-    Raises CalibrationError for another extension, a PNG too large to be meant, or a place that cannot be written.
+    Raises CalibrationError for another extension, a PNG too large to be meant, or a place that
+    cannot be written.
     """
     if path.suffix.lower() not in (".pdf", ".png"):
         raise CalibrationError(f"{path}: a target is printed as .pdf or .png")
@@ -49,7 +53,9 @@ def _squares(target: Chessboard | Charuco) -> tuple[int, int]:
 
 def _page_m(target: Target) -> tuple[float, float]:
     if isinstance(target, AprilGrid):
-        across_m, down_m = (number * (target.tag_m + target.space_m) for number in (target.columns, target.rows))
+        across_m, down_m = (
+            number * (target.tag_m + target.space_m) for number in (target.columns, target.rows)
+        )
         margin_m = 2 * target.tag_m + target.space_m
         return across_m + margin_m, down_m + margin_m + NOTE_M
     columns, rows = _squares(target)
@@ -59,8 +65,14 @@ def _page_m(target: Target) -> tuple[float, float]:
 def _note(target: Target) -> str:
     if isinstance(target, AprilGrid):
         across_mm = 1000 * (target.columns * (target.tag_m + target.space_m) - target.space_m)
-        tags = f"{target.columns} x {target.rows} tags of {target.tag_m * 1000:g} mm, {target.space_m * 1000:g} mm apart"
-        return f"AprilGrid 36h11, {tags}. Print at 100 %: the tags must measure {across_mm:g} mm across."
+        tags = (
+            f"{target.columns} x {target.rows} tags of {target.tag_m * 1000:g} mm, "
+            f"{target.space_m * 1000:g} mm apart"
+        )
+        return (
+            f"AprilGrid 36h11, {tags}. Print at 100 %: the tags must measure {across_mm:g} mm "
+            "across."
+        )
     columns, rows = _squares(target)
     kind = f"ChArUco {target.dictionary}" if isinstance(target, Charuco) else "chessboard"
     across_mm = columns * target.square_m * 1000
@@ -82,7 +94,10 @@ def _rectangles(target: Target) -> list[_Rectangle]:
 
 def _charuco_rectangles(target: Charuco) -> list[_Rectangle]:
     board, side = target.board(), target.square_m
-    markers = {int(number): corners[0, :2] for number, corners in zip(board.getIds(), np.array(board.getObjPoints()), strict=True)}
+    markers = {
+        int(number): corners[0, :2]
+        for number, corners in zip(board.getIds(), np.array(board.getObjPoints()), strict=True)
+    }
     with_marker = {(round(float(x // side)), round(float(y // side))) for x, y in markers.values()}
     rectangles = [
         _Rectangle((i + 1) * side, (j + 1) * side, side, side, True)
@@ -97,12 +112,16 @@ def _charuco_rectangles(target: Charuco) -> list[_Rectangle]:
         rectangles.append(_Rectangle(x + side, y + side, target.marker_m, target.marker_m, True))
         picture = cv2.aruco.generateImageMarker(dictionary, number, cells)
         for row, column in np.argwhere(picture > 0).tolist():
-            rectangles.append(_Rectangle(x + side + column * cell, y + side + row * cell, cell, cell, False))
+            rectangles.append(
+                _Rectangle(x + side + column * cell, y + side + row * cell, cell, cell, False)
+            )
     return rectangles
 
 
 def _april_rectangles(target: AprilGrid) -> list[_Rectangle]:
-    """Tags, and the squares that touch their corners, which make every corner one of a chessboard."""
+    """Tags, and the squares that touch their corners, which make every corner one of a
+    chessboard.
+    """
     pitch, cell, space = target.tag_m + target.space_m, target.tag_m / CELLS, target.space_m
     rectangles = [
         _Rectangle(target.tag_m + column * pitch, target.tag_m + row * pitch, space, space, True)
@@ -123,14 +142,21 @@ def _pdf(target: Target) -> bytes:
     lines = [f"BT /F1 8 Tf 12 8 Td ({_note(target)}) Tj ET"]
     for x, y, w, h, black in _rectangles(target):
         corner = f"{x * POINTS_PER_M:.4f} {height - (y + h) * POINTS_PER_M:.4f}"
-        lines.append(f"{0 if black else 1} g {corner} {w * POINTS_PER_M:.4f} {h * POINTS_PER_M:.4f} re f")
+        lines.append(
+            f"{0 if black else 1} g {corner} {w * POINTS_PER_M:.4f} {h * POINTS_PER_M:.4f} re f"
+        )
     content = zlib.compress("\n".join(lines).encode())
-    page = f"/Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}] /Contents 4 0 R /Resources << /Font << /F1 5 0 R >> >>"
+    page = (
+        f"/Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}] /Contents 4 0 R /Resources << "
+        "/Font << /F1 5 0 R >> >>"
+    )
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
         f"<< /Type /Page {page} >>".encode(),
-        f"<< /Length {len(content)} /Filter /FlateDecode >>\nstream\n".encode() + content + b"\nendstream",
+        f"<< /Length {len(content)} /Filter /FlateDecode >>\nstream\n".encode()
+        + content
+        + b"\nendstream",
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
     ]
     document = b"%PDF-1.4\n"
@@ -140,7 +166,8 @@ def _pdf(target: Target) -> bytes:
         document += f"{number} 0 obj\n".encode() + body + b"\nendobj\n"
     table = "".join(f"{offset:010d} 00000 n \n" for offset in offsets)
     return document + (
-        f"xref\n0 6\n0000000000 65535 f \n{table}trailer\n<< /Size 6 /Root 1 0 R >>\nstartxref\n{len(document)}\n%%EOF\n".encode()
+        f"xref\n0 6\n0000000000 65535 f \n{table}trailer\n<< /Size 6 /Root 1 0 R "
+        f">>\nstartxref\n{len(document)}\n%%EOF\n".encode()
     )
 
 
@@ -148,12 +175,23 @@ def _png(target: Target, dpi: int) -> bytes:
     pixels_per_m = dpi / 0.0254
     width, height = (round(length * pixels_per_m) for length in _page_m(target))
     if dpi < 1 or width * height > MAX_PIXELS:
-        raise CalibrationError(f"the target at {dpi} dpi has {width}x{height} pixels: choose fewer dpi, or print a PDF")
+        raise CalibrationError(
+            f"the target at {dpi} dpi has {width}x{height} pixels: choose fewer dpi, or print a PDF"
+        )
     image = np.full((height, width), 255, np.uint8)
     for x, y, w, h, black in _rectangles(target):
         left, top, right, bottom = (round(edge * pixels_per_m) for edge in (x, y, x + w, y + h))
         image[top:bottom, left:right] = 0 if black else 255
-    cv2.putText(image, _note(target), (12, height - 12), cv2.FONT_HERSHEY_SIMPLEX, dpi / 500, 0, 1, cv2.LINE_AA)
+    cv2.putText(
+        image,
+        _note(target),
+        (12, height - 12),
+        cv2.FONT_HERSHEY_SIMPLEX,
+        dpi / 500,
+        0,
+        1,
+        cv2.LINE_AA,
+    )
     encoded: bytes = cv2.imencode(".png", image)[1].tobytes()
     size = b"pHYs" + struct.pack(">IIB", round(pixels_per_m), round(pixels_per_m), 1)
     chunk = struct.pack(">I", 9) + size + struct.pack(">I", zlib.crc32(size))

@@ -1,4 +1,6 @@
-"""The report on a calibration: errors by view, coverage of the image, standard errors, and a verdict in one line."""
+"""The report on a calibration: errors by view, coverage of the image, standard errors, and a
+verdict in one line.
+"""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -17,7 +19,10 @@ GRID = (8, 6)  # cells of the image in which corners are counted
 MIN_CORNERS_IN_CELL = 3  # a cell with fewer is not covered
 
 # The limits of each figure, up to which a calibration is good, and up to which it is usable.
-MAX_ROW_ERROR_PX = (0.25, 0.5)  # root mean square; the matcher searches along rows and loses matches beyond half a pixel
+MAX_ROW_ERROR_PX = (
+    0.25,
+    0.5,
+)  # root mean square; the matcher searches along rows and loses matches beyond half a pixel
 MAX_RMS_PX = (0.35, 1.0)  # of reprojection
 MAX_FOCAL_STD = (0.005, 0.02)  # fraction of the focal length, and so of every range
 MAX_BASELINE_STD = (0.005, 0.02)  # the same of the baseline
@@ -27,8 +32,8 @@ MIN_VIEWS = (10, 5)  # pairs
 
 @dataclass(frozen=True)
 class ViewReport:
-    """The report on one pair: rms in each image, pixels, NaN where it was not measured; reason: why it was dropped, None if it was
-    used.
+    """The report on one pair: rms in each image, pixels, NaN where it was not measured; reason: why
+    it was dropped, None if it was used.
     """
 
     name: str
@@ -41,10 +46,11 @@ class ViewReport:
 class LensScore:
     """The score of a lens model: how well it predicts views left out of its fit.
 
-    squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row after rectification, px, NaN
-    where the lens model does not reach a corner. figures: (3,) focal length left and right (the mean of fx and fy), pixels, and
-    baseline, meters; std: (3,) their standard errors; spread: (3,) the part of them that is the choice of the lens model, zero
-    where it is not known.
+    squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row
+    after rectification, px, NaN where the lens model does not reach a corner. figures: (3,) focal
+    length left and right (the mean of fx and fy), pixels, and baseline, meters; std: (3,) their
+    standard errors; spread: (3,) the part of them that is the choice of the lens model, zero where
+    it is not known.
     """
 
     lens: Lens
@@ -61,7 +67,9 @@ class LensScore:
 
     @property
     def row_error_px(self) -> float:
-        """Mean absolute difference of rows after rectification; infinite where the lens model did not reach a corner."""
+        """Mean absolute difference of rows after rectification; infinite where the lens model did
+        not reach a corner.
+        """
         return float(np.nan_to_num(np.abs(self.row_errors), nan=np.inf).mean())
 
 
@@ -69,8 +77,10 @@ class LensScore:
 class CalibrationReport:
     """The figures of a calibration.
 
-    scores: of each lens model tried; lens: of the one taken, the same object as in scores. views: those used, then those dropped.
-    rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in the rig.
+    scores: of each lens model tried; lens: of the one taken, the same object as in scores. views:
+    those used, then those dropped.
+    rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in
+    the rig.
     corners_left, corners_right: (n, 2) pixels of all corners used.
     """
 
@@ -92,13 +102,18 @@ class CalibrationReport:
     def focal_std(self) -> float:
         """Standard error of the focal length, relative, of the worse camera."""
         cameras = (self.rig.left, self.rig.right)
-        return max(float(std / camera.K[0, 0]) for std, camera in zip(self.lens.std[:2], cameras, strict=True))
+        return max(
+            float(std / camera.K[0, 0])
+            for std, camera in zip(self.lens.std[:2], cameras, strict=True)
+        )
 
     @property
     def coverage(self) -> tuple[float, float]:
         """Share of the left and of the right image, in cells of a grid, in which corners lay."""
         left, right = (self._counts(corners) for corners in (self.corners_left, self.corners_right))
-        return float((left >= MIN_CORNERS_IN_CELL).mean()), float((right >= MIN_CORNERS_IN_CELL).mean())
+        return float((left >= MIN_CORNERS_IN_CELL).mean()), float(
+            (right >= MIN_CORNERS_IN_CELL).mean()
+        )
 
     @property
     def empty_regions(self) -> tuple[str, ...]:
@@ -106,7 +121,9 @@ class CalibrationReport:
         width, height = self.rig.left.image_size
         empty = []
         for side, corners in (("left", self.corners_left), ("right", self.corners_right)):
-            counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], bins=(3, 3), range=[[0, height], [0, width]])
+            counts, _, _ = np.histogram2d(
+                corners[:, 1], corners[:, 0], bins=(3, 3), range=[[0, height], [0, width]]
+            )
             for row, column in np.argwhere(counts < MIN_CORNERS_IN_CELL).tolist():
                 words = f"{('top', 'middle', 'bottom')[row]} {('left', 'middle', 'right')[column]}"
                 empty.append(f"{side} image, {words}")
@@ -120,13 +137,22 @@ class CalibrationReport:
         figures = [
             (rows_px, MAX_ROW_ERROR_PX, f"vertical disparity {rows_px:.2f} px after rectification"),
             (rms_px, MAX_RMS_PX, f"rms {rms_px:.2f} px"),
-            (focal_std, MAX_FOCAL_STD, f"focal length known to {focal_std:.2%}: take more views, and tilt the target more"),
+            (
+                focal_std,
+                MAX_FOCAL_STD,
+                f"focal length known to {focal_std:.2%}: take more views, and tilt the target more",
+            ),
             (
                 baseline_std,
                 MAX_BASELINE_STD,
-                f"baseline known to {baseline_std:.2%}: take more views, nearer, with both cameras still",
+                f"baseline known to {baseline_std:.2%}: take more views, nearer, with both "
+                "cameras still",
             ),
-            (-min(self.coverage), (-MIN_COVERAGE[0], -MIN_COVERAGE[1]), f"corners in {min(self.coverage):.0%} of the image alone"),
+            (
+                -min(self.coverage),
+                (-MIN_COVERAGE[0], -MIN_COVERAGE[1]),
+                f"corners in {min(self.coverage):.0%} of the image alone",
+            ),
             (-len(self.used), (-MIN_VIEWS[0], -MIN_VIEWS[1]), f"{len(self.used)} views alone"),
         ]
         again = [text for value, (_, usable), text in figures if not value <= usable]
@@ -147,29 +173,37 @@ class CalibrationReport:
             for view in sorted(self.views, key=lambda view: view.name)
         ]
         tried = [
-            f"  {score.lens.name}: {score.rms_px:.3f} px, rows {score.row_error_px:.3f} px" + (" (taken)" if score is lens else "")
+            f"  {score.lens.name}: {score.rms_px:.3f} px, rows {score.row_error_px:.3f} px"
+            + (" (taken)" if score is lens else "")
             for score in self.scores
         ]
         verdict, why = self.verdict
-        coverage = f"corners in {self.coverage[0]:.0%} of the left and {self.coverage[1]:.0%} of the right image"
+        coverage = (
+            f"corners in {self.coverage[0]:.0%} of the left and {self.coverage[1]:.0%} of "
+            "the right image"
+        )
         return [
             f"{len(self.used)} of {len(self.views)} views used:",
             *views,
             "error on views left out of the fit:",
             *tried,
-            f"rms: left {self.rms_left_px:.3f} px, right {self.rms_right_px:.3f} px, stereo {rig.rms_px:.3f} px",
+            f"rms: left {self.rms_left_px:.3f} px, right {self.rms_right_px:.3f} px, stereo "
+            f"{rig.rms_px:.3f} px",
             f"focal length: left {rig.left.K[0, 0]:.1f} +- {lens.std[0]:.1f} px, "
             f"right {rig.right.K[0, 0]:.1f} +- {lens.std[1]:.1f} px",
             f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.std[2] * 1000:.2f} mm "
             f"({lens.spread[2] * 1000:.2f} mm between lens models that predict as well)",
             f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
-            coverage + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
+            coverage
+            + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
             *(f"suspicious: {text}" for text in placement_suspicions(rig)),
             f"{verdict}: {why}",
         ]
 
     def coverage_picture(self) -> NDArray[np.uint8]:
-        """Draw where corners lay, left image beside right: (H, W, 3) RGB; cells without corners are red."""
+        """Draw where corners lay, left image beside right: (H, W, 3) RGB; cells without corners are
+        red.
+        """
         width, height = self.rig.left.image_size
         scale = 640 / width
         sides = []
@@ -180,10 +214,14 @@ class CalibrationReport:
             side[shade == 1] = (255, 200, 190)
             for x, y in corners * scale:
                 cv2.circle(side, (round(x), round(y)), 2, (20, 90, 160), -1, cv2.LINE_AA)
-            sides.append(cv2.copyMakeBorder(side, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=(90, 90, 90)))
+            sides.append(
+                cv2.copyMakeBorder(side, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=(90, 90, 90))
+            )
         return np.hstack(sides)
 
     def _counts(self, corners: Array) -> Array:
         width, height = self.rig.left.image_size
-        counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], bins=GRID[::-1], range=[[0, height], [0, width]])
+        counts, _, _ = np.histogram2d(
+            corners[:, 1], corners[:, 0], bins=GRID[::-1], range=[[0, height], [0, width]]
+        )
         return np.asarray(counts)

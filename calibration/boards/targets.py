@@ -40,7 +40,9 @@ class Chessboard:
         return _grid(self.columns, self.rows, self.square_m)
 
     def detect(self, image: NDArray[np.uint8]) -> Corners | None:
-        """Find all corners of the board in a gray image (H, W), right-handed; None unless all are found."""
+        """Find all corners of the board in a gray image (H, W), right-handed; None unless all are
+        found.
+        """
         found = _find_chessboard(image, (self.columns, self.rows))
         if found is None:
             return None
@@ -49,8 +51,9 @@ class Chessboard:
     def same_labels(self, left: Corners, right: Corners) -> Corners:
         """``right`` with its corners numbered as in ``left``.
 
-        A chessboard looks the same turned by half (a square one by a quarter), so each view is numbered by chance. The cameras of
-        a pair stand upright to each other, so the right numbering is the one that moves the corners most alike.
+        A chessboard looks the same turned by half (a square one by a quarter), so each view is
+        numbered by chance. The cameras of a pair stand upright to each other, so the right
+        numbering is the one that moves the corners most alike.
         """
         grid = right.pixels.reshape(self.rows, self.columns, 2)
         quarter_turns = range(4) if self.rows == self.columns else (0, 2)
@@ -61,7 +64,9 @@ class Chessboard:
 
 @dataclass(frozen=True)
 class Charuco:
-    """A ChArUco board of columns x rows squares; sides in meters; dictionary: OpenCV's name without DICT_, such as 5X5_100."""
+    """A ChArUco board of columns x rows squares; sides in meters; dictionary: OpenCV's name without
+    DICT_, such as 5X5_100.
+    """
 
     dictionary: str
     columns: int
@@ -75,15 +80,26 @@ class Charuco:
         return _grid(self.columns - 1, self.rows - 1, self.square_m)
 
     def board(self, legacy: bool = False) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board; legacy: the layout of OpenCV before 4.6, whose even-rowed boards start with a marker."""
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
-        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
+        """OpenCV's board; legacy: the layout of OpenCV before 4.6, whose even-rowed boards start
+        with a marker.
+        """
+        dictionary = cv2.aruco.getPredefinedDictionary(
+            getattr(cv2.aruco, f"DICT_{self.dictionary}")
+        )
+        board = cv2.aruco.CharucoBoard(
+            (self.columns, self.rows), self.square_m, self.marker_m, dictionary
+        )
         board.setLegacyPattern(legacy)
         return board
 
     def detect(self, image: NDArray[np.uint8]) -> Corners | None:
-        """The corners seen in a gray image (H, W), of either layout, or None if they are fewer than 8 or all in one line."""
-        found = max((self._detect(image, legacy) for legacy in (False, True)), key=lambda corners: corners.ids.size)
+        """The corners seen in a gray image (H, W), of either layout, or None if they are fewer than
+        8 or all in one line.
+        """
+        found = max(
+            (self._detect(image, legacy) for legacy in (False, True)),
+            key=lambda corners: corners.ids.size,
+        )
         lines = (found.ids // (self.columns - 1), found.ids % (self.columns - 1))
         if found.ids.size < MIN_CORNERS or any(np.unique(line).size < 2 for line in lines):
             return None
@@ -96,7 +112,9 @@ class Charuco:
     def _detect(self, image: NDArray[np.uint8], legacy: bool) -> Corners:
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        detector = cv2.aruco.CharucoDetector(self.board(legacy), cv2.aruco.CharucoParameters(), parameters)
+        detector = cv2.aruco.CharucoDetector(
+            self.board(legacy), cv2.aruco.CharucoParameters(), parameters
+        )
         pixels, ids, _, _ = detector.detectBoard(image)
         if ids is None:
             return Corners(np.zeros(0, np.int64), np.zeros((0, 2)))
@@ -104,14 +122,18 @@ class Charuco:
 
 
 Target = Chessboard | Charuco | AprilGrid
-FORMS = "chessboard:9x6:24.23mm, charuco:5X5_100:11x8:30mm:22mm, aprilgrid:6x6:88mm:26.4mm, or a target file of Kalibr"
+FORMS = (
+    "chessboard:9x6:24.23mm, charuco:5X5_100:11x8:30mm:22mm, aprilgrid:6x6:88mm:26.4mm, or a "
+    "target file of Kalibr"
+)
 
 
 def parse_target(text: str) -> Target:
     """A target as users name it.
 
-    ``chessboard:9x6:24.23mm`` (inner corners, square), ``charuco:5X5_100:11x8:30mm:22mm`` (squares, square, marker),
-    ``aprilgrid:6x6:88mm:26.4mm`` (tags, tag, space between tags), or a target file of Kalibr (``.yaml``).
+    ``chessboard:9x6:24.23mm`` (inner corners, square), ``charuco:5X5_100:11x8:30mm:22mm`` (squares,
+    square, marker), ``aprilgrid:6x6:88mm:26.4mm`` (tags, tag, space between tags), or a target file
+    of Kalibr (``.yaml``).
     Raises CalibrationError for anything else, saying which part is wrong.
     """
     if Path(text).suffix.lower() in (".yaml", ".yml"):
@@ -122,39 +144,67 @@ def parse_target(text: str) -> Target:
     if kind == "charuco" and len(parts) == 4:
         dictionary = parts[0].upper().removeprefix("DICT_")
         if not hasattr(cv2.aruco, f"DICT_{dictionary}"):
-            raise CalibrationError(f"target {text!r}: OpenCV has no dictionary {parts[0]!r}: use one such as 5X5_100")
+            raise CalibrationError(
+                f"target {text!r}: OpenCV has no dictionary {parts[0]!r}: use one such as 5X5_100"
+            )
         square_m, marker_m = (_length_m(part, text) for part in parts[2:])
         if marker_m >= square_m:
             raise CalibrationError(f"target {text!r}: a marker must be smaller than its square")
         return Charuco(dictionary, *_counts(parts[1], text), square_m, marker_m)
     if kind == "aprilgrid" and len(parts) == 3:
-        return _april_grid(*_counts(parts[0], text, least=1), _length_m(parts[1], text), _length_m(parts[2], text), 0, text)
+        return _april_grid(
+            *_counts(parts[0], text, least=1),
+            _length_m(parts[1], text),
+            _length_m(parts[2], text),
+            0,
+            text,
+        )
     raise CalibrationError(f"target {text!r}: expected {FORMS}")
 
 
 def _of_kalibr(file: Section) -> Target:
-    """The target of a file that Kalibr takes with ``--target``; its lengths are in meters, the space as a fraction of a tag."""
+    """The target of a file that Kalibr takes with ``--target``; its lengths are in meters, the
+    space as a fraction of a tag.
+    """
     kind, text = file.text(file.first("target_type")), file.where
     if kind == "aprilgrid":
-        counts = [_count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text, 1) for key in ("tagCols", "tagRows")]
+        counts = [
+            _count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text, 1)
+            for key in ("tagCols", "tagRows")
+        ]
         tag_m = _length_m(f"{file.number('tagSize')}m", text)
         first_id = int(file.number("codeOffset")) if file.has("codeOffset") else 0
-        return _april_grid(counts[0], counts[1], tag_m, file.number("tagSpacing") * tag_m, first_id, text)
+        return _april_grid(
+            counts[0], counts[1], tag_m, file.number("tagSpacing") * tag_m, first_id, text
+        )
     if kind == "checkerboard":
-        counts = [_count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text) for key in ("targetCols", "targetRows")]
+        counts = [
+            _count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text)
+            for key in ("targetCols", "targetRows")
+        ]
         across_m, down_m = (file.number(key) for key in ("colSpacingMeters", "rowSpacingMeters"))
         if abs(across_m - down_m) > 1e-6:
-            raise CalibrationError(f"target {text!r}: its squares are not square: {across_m:g} m across, {down_m:g} m down")
+            raise CalibrationError(
+                f"target {text!r}: its squares are not square: {across_m:g} m across, {down_m:g} "
+                "m down"
+            )
         return Chessboard(counts[0], counts[1], _length_m(f"{across_m}m", text))
-    raise CalibrationError(f"target {text!r}: of Kalibr's targets aprilgrid and checkerboard are read, not {kind!r}")
+    raise CalibrationError(
+        f"target {text!r}: of Kalibr's targets aprilgrid and checkerboard are read, not {kind!r}"
+    )
 
 
-def _april_grid(columns: int, rows: int, tag_m: float, space_m: float, first_id: int, target: str) -> AprilGrid:
+def _april_grid(
+    columns: int, rows: int, tag_m: float, space_m: float, first_id: int, target: str
+) -> AprilGrid:
     if columns * rows < 2 or first_id < 0 or first_id + columns * rows > APRIL_TAGS:
-        raise CalibrationError(f"target {target!r}: needs 2 to {APRIL_TAGS} tags of the family 36h11")
+        raise CalibrationError(
+            f"target {target!r}: needs 2 to {APRIL_TAGS} tags of the family 36h11"
+        )
     if not 0.05 * tag_m < space_m < tag_m:
         raise CalibrationError(
-            f"target {target!r}: the space between tags must be smaller than a tag (0.3 of it, as Kalibr prints)"
+            f"target {target!r}: the space between tags must be smaller than a tag (0.3 of it, as "
+            "Kalibr prints)"
         )
     return AprilGrid(columns, rows, tag_m, space_m, first_id)
 
@@ -164,20 +214,27 @@ def _counts(text: str, target: str, least: int = 3) -> tuple[int, int]:
     try:
         return _count(columns, target, least), _count(rows, target, least)
     except CalibrationError:
-        message = f"target {target!r}: {text!r} must be columns x rows, {least} to {MAX_COUNT} each, such as 9x6"
+        message = (
+            f"target {target!r}: {text!r} must be columns x rows, {least} to {MAX_COUNT} "
+            "each, such as 9x6"
+        )
         raise CalibrationError(message) from None
 
 
 def _count(text: str, target: str, least: int = 3) -> int:
     if not (text.isdecimal() and least <= int(text) <= MAX_COUNT):
-        raise CalibrationError(f"target {target!r}: {text} must be a whole number, {least} to {MAX_COUNT}")
+        raise CalibrationError(
+            f"target {target!r}: {text} must be a whole number, {least} to {MAX_COUNT}"
+        )
     return int(text)
 
 
 def _length_m(text: str, target: str) -> float:
     length_m = errors.length_m(text, f"target {target!r}")
     if not 1e-4 < length_m < 2:
-        raise CalibrationError(f"target {target!r}: a length of {length_m:g} m cannot be a target's")
+        raise CalibrationError(
+            f"target {target!r}: a length of {length_m:g} m cannot be a target's"
+        )
     return length_m
 
 
@@ -187,9 +244,15 @@ def _grid(columns: int, rows: int, step_m: float) -> NDArray[np.float64]:
 
 
 def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float64] | None:
-    """(n, 2) corners: the quick detector, then the sector-based one, then both with the contrast raised."""
+    """(n, 2) corners: the quick detector, then the sector-based one, then both with the contrast
+    raised.
+    """
     scale = min(1.0, DETECTION_SIDE_PX / max(image.shape))
-    small = image if scale == 1 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small = (
+        image
+        if scale == 1
+        else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    )
     clear = cv2.createCLAHE(3.0, (8, 8)).apply(small)
     quick = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     thorough = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
@@ -206,10 +269,14 @@ def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray
     return None
 
 
-def _refine(image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
-    """Corners to a fraction of a pixel, in the largest window that never reaches the neighboring corner.
+def _refine(
+    image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int
+) -> NDArray[np.float64]:
+    """Corners to a fraction of a pixel, in the largest window that never reaches the neighboring
+    corner.
 
-    cornerSubPix beats the sector-based detector's own refinement by a third on small, compressed images.
+    cornerSubPix beats the sector-based detector's own refinement by a third on small, compressed
+    images.
     """
     grid = pixels.reshape(-1, columns, 2)
     nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))
@@ -221,7 +288,9 @@ def _refine(image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int)
 
 
 def _right_handed(pixels: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
-    """Corners numbered so that rows go to the right when columns go down, as on the printed board."""
+    """Corners numbered so that rows go to the right when columns go down, as on the printed
+    board.
+    """
     grid = pixels.reshape(-1, columns, 2)
     along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if along[0] * down[1] - along[1] * down[0] < 0:
@@ -238,7 +307,9 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A pair's corners. image_size: (width, height); left, right: None where the target was not found."""
+    """A pair's corners. image_size: (width, height); left, right: None where the target was not
+    found.
+    """
 
     name: str
     image_size: Size
@@ -246,10 +317,17 @@ class View:
     right: Corners | None
 
 
-def detect_view(name: str, left: NDArray[np.generic], right: NDArray[np.generic], target: Target) -> View:
-    """Find the target in a pair of images, (H, W) or (H, W, 3), 8 or 16 bit. Raises CalibrationError if they differ in size."""
+def detect_view(
+    name: str, left: NDArray[np.generic], right: NDArray[np.generic], target: Target
+) -> View:
+    """Find the target in a pair of images, (H, W) or (H, W, 3), 8 or 16 bit. Raises
+    CalibrationError if they differ in size.
+    """
     if left.shape[:2] != right.shape[:2]:
-        raise CalibrationError(f"{name}: left is {left.shape[1]}x{left.shape[0]} px and right is {right.shape[1]}x{right.shape[0]}")
+        raise CalibrationError(
+            f"{name}: left is {left.shape[1]}x{left.shape[0]} px and right is "
+            f"{right.shape[1]}x{right.shape[0]}"
+        )
     corners = [target.detect(to_gray(image)) for image in (left, right)]
     if corners[0] is not None and corners[1] is not None:
         corners[1] = target.same_labels(corners[0], corners[1])
@@ -266,19 +344,35 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[ViewReport]]:
     sizes = [view.image_size for view in views]
     common = max(set(sizes), key=sizes.count) if sizes else (0, 0)
     for view in views:
-        missing = [side for side, corners in zip(SIDES, (view.left, view.right), strict=True) if corners is None]
+        missing = [
+            side
+            for side, corners in zip(SIDES, (view.left, view.right), strict=True)
+            if corners is None
+        ]
         if view.image_size != common:
-            dropped.append(ViewReport(view.name, reason=f"image of {view.image_size}, the others are {common}"))
+            dropped.append(
+                ViewReport(view.name, reason=f"image of {view.image_size}, the others are {common}")
+            )
         elif missing:
-            dropped.append(ViewReport(view.name, reason=f"target not found in the {' and the '.join(missing)} image"))
+            dropped.append(
+                ViewReport(
+                    view.name, reason=f"target not found in the {' and the '.join(missing)} image"
+                )
+            )
         elif common_ids(view).size < MIN_CORNERS:
-            dropped.append(ViewReport(view.name, reason=f"only {common_ids(view).size} corners in common, {MIN_CORNERS} needed"))
+            dropped.append(
+                ViewReport(
+                    view.name,
+                    reason=f"only {common_ids(view).size} corners in common, {MIN_CORNERS} needed",
+                )
+            )
         else:
             usable.append(view)
     if len(usable) < MIN_VIEWS:
         first = f": {dropped[0].name}: {dropped[0].reason}" if dropped else ""
         raise CalibrationError(
-            f"the target was found in both images of {len(usable)} of {len(views)} pairs, at least {MIN_VIEWS} are needed "
+            f"the target was found in both images of {len(usable)} of {len(views)} pairs, at "
+            f"least {MIN_VIEWS} are needed "
             f"(15 make a good calibration); check the target's numbers{first}"
         )
     return usable, dropped
@@ -296,5 +390,7 @@ def observations_of(views: Sequence[View], target: Target) -> list[Observation]:
     for number, view in enumerate(views):
         for side, corners in enumerate((view.left, view.right)):
             assert corners is not None
-            observations.append(Observation(number, side, target.points_m[corners.ids], corners.pixels))
+            observations.append(
+                Observation(number, side, target.points_m[corners.ids], corners.pixels)
+            )
     return observations

@@ -1,1 +1,3 @@
-"""A calibration tested on images of a dive: matched points, vertical disparity, motion, and usual mistakes."""
+"""A calibration tested on images of a dive: matched points, vertical disparity, motion, and usual
+mistakes.
+"""

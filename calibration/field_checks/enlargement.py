@@ -1,4 +1,6 @@
-"""Images cropped from the middle of those that were calibrated and enlarged to their size: a video mode, or a crop resized back."""
+"""Images cropped from the middle of those that were calibrated and enlarged to their size: a video
+mode, or a crop resized back.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -11,15 +13,20 @@ from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 FACTORS = np.exp(np.arange(np.log(1.06), np.log(2.5), 0.03))
-"""Below, rows tell too little; stabilized video keeps 0.8 to 0.9 of each side, and narrow modes of action cameras a half."""
+"""Below, rows tell too little; stabilized video keeps 0.8 to 0.9 of each side, and narrow modes of
+action cameras a half.
+"""
 FACTORS_ALONE = np.arange(1.02, 1.5, 0.01)
-"""Where the enlargement is to explain the rows alone, small ones show: a lens that is higher than the other is so by more."""
+"""Where the enlargement is to explain the rows alone, small ones show: a lens that is higher than
+the other is so by more.
+"""
 MOST_MATCHES = 800  # spread evenly: more cost time, and tell the same
 
 
 @dataclass(frozen=True)
 class Enlargement:
-    """The factor, 1 = none, that explains rows best beside a movement of a camera; and what both leave, pixels, median.
+    """The factor, 1 = none, that explains rows best beside a movement of a camera; and what both
+    leave, pixels, median.
 
     alone, alone_px: the factor that explains rows best without a movement, and what it leaves.
     """
@@ -36,21 +43,30 @@ NOT_ENLARGED = Enlargement()
 def best_enlargement(rig: StereoRig, left: Array, right: Array) -> Enlargement:
     """Find the enlargement that explains matches (n, 2) in the images that are matched.
 
-    An enlarged image has a longer focal length, and its lens bends less toward the corners. The former alone looks like a camera
-    that has moved, so each factor is judged after the offset, scale and roll that suit it best: the lens's distortion is the
-    evidence, and without any there is none.
+    An enlarged image has a longer focal length, and its lens bends less toward the corners. The
+    former alone looks like a camera that has moved, so each factor is judged after the offset,
+    scale and roll that suit it best: the lens's distortion is the evidence, and without any there
+    is none.
     """
     step = -(-len(left) // MOST_MATCHES)
     raw_left, raw_right = raw_points(rig, left[::step], right[::step])
-    moved = [(_unexplained_px(enlarged(rig, factor), raw_left, raw_right, True), factor) for factor in map(float, FACTORS)]
-    alone = [(_unexplained_px(enlarged(rig, factor), raw_left, raw_right, False), factor) for factor in map(float, FACTORS_ALONE)]
+    moved = [
+        (_unexplained_px(enlarged(rig, factor), raw_left, raw_right, True), factor)
+        for factor in map(float, FACTORS)
+    ]
+    alone = [
+        (_unexplained_px(enlarged(rig, factor), raw_left, raw_right, False), factor)
+        for factor in map(float, FACTORS_ALONE)
+    ]
     (unexplained_px, factor), (alone_px, factor_alone) = min(moved), min(alone)
     return Enlargement(factor, unexplained_px, factor_alone, alone_px)
 
 
 def enlarged(rig: StereoRig, factor: float) -> StereoRig:
     """The rig of images of which the middle was enlarged by a factor, to the size that they had."""
-    return replace(rig, left=_enlarged(rig.left, factor), right=_enlarged(rig.right, factor), alternatives=())
+    return replace(
+        rig, left=_enlarged(rig.left, factor), right=_enlarged(rig.right, factor), alternatives=()
+    )
 
 
 def _enlarged(camera: Camera, factor: float) -> Camera:
@@ -61,7 +77,9 @@ def _enlarged(camera: Camera, factor: float) -> Camera:
 
 
 def _unexplained_px(rig: StereoRig, raw_left: Array, raw_right: Array, moved: bool) -> float:
-    """Median vertical disparity of the rig in raw matches, with the movement of a camera that suits it best or without one."""
+    """Median vertical disparity of the rig in raw matches, with the movement of a camera that suits
+    it best or without one.
+    """
     pair = plan_rectification(rig).matching_pair
     left, right = rectified_points(rig, raw_left, raw_right)
     seen = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)

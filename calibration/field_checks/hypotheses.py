@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import Images, Matches, look_alikes, raw_matches, rectified_matches
+from calibration.field_checks.matches import (
+    Images,
+    Matches,
+    look_alikes,
+    raw_matches,
+    rectified_matches,
+)
 from calibration.field_checks.vertical_disparity import GIVE_RECTIFIED, RECTIFIED, RowCheck
 from calibration.refraction import cameras_in_water
 from calibration.rig import Camera, StereoRig
@@ -24,13 +30,16 @@ KEPT, ACROSS, DOWN, TURNED = (False, False), (True, False), (False, True), (True
 
 @dataclass(frozen=True)
 class MistakeLimits:
-    """Decides when a mistake explains the images. Distances are medians, from a point to the line that the rig expects it on.
+    """Decides when a mistake explains the images. Distances are medians, from a point to the line
+    that the rig expects it on.
 
-    least_points: fewer may be alike by chance. wrong_px: a rig that has drifted is off by a pixel or two (0.6 px on a real dive).
-    left_px, better: what a mistake may leave, and how many times less than the rig as given: on a real dive the right one leaves
-    0.4 px, and others 4 px and more. alike: mistakes within this factor explain the images alike, and the more usual is named.
-    in_front: of the points. rectified_px: rows of rectified images differ by the noise of the points alone, and raw ones of a pair
-    that was built parallel by little more.
+    least_points: fewer may be alike by chance. wrong_px: a rig that has drifted is off by a pixel
+    or two (0.6 px on a real dive).
+    left_px, better: what a mistake may leave, and how many times less than the rig as given: on a
+    real dive the right one leaves 0.4 px, and others 4 px and more. alike: mistakes within this
+    factor explain the images alike, and the more usual is named.
+    in_front: of the points. rectified_px: rows of rectified images differ by the noise of the
+    points alone, and raw ones of a pair that was built parallel by little more.
     """
 
     least_points: int = 50
@@ -47,8 +56,8 @@ LIMITS = MistakeLimits()
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The fit of a rig to matched points. off_px: median distance from their epipolar lines. in_front: fraction in front of both
-    cameras.
+    """The fit of a rig to matched points. off_px: median distance from their epipolar lines.
+    in_front: fraction in front of both cameras.
     """
 
     off_px: float
@@ -60,9 +69,13 @@ class Fit:
         return self.in_front < 1 - LIMITS.in_front
 
     def explains(self, given: "Fit", most_px: float) -> bool:
-        """Tell whether this fit, off by at most most_px, can be the truth where ``given`` cannot."""
+        """Tell whether this fit, off by at most most_px, can be the truth where ``given``
+        cannot.
+        """
         good = self.off_px < most_px and self.in_front > LIMITS.in_front
-        return good and (given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px))
+        return good and (
+            given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px)
+        )
 
 
 NOTHING = Fit(np.inf, 0.0)
@@ -73,8 +86,10 @@ NOTHING = Fit(np.inf, 0.0)
 class Mistake:
     """A usual mistake. what: was done. cure: what to do. rig: the calibration without it.
 
-    left_flip, right_flip: which axes of a side's images run the other way, x and y: both where they were turned by 180 degrees.
-    line: says what was done, with its evidence, and what to do. most_px: what the mistake may leave.
+    left_flip, right_flip: which axes of a side's images run the other way, x and y: both where they
+    were turned by 180 degrees.
+    line: says what was done, with its evidence, and what to do. most_px: what the mistake may
+    leave.
     """
 
     what: str
@@ -98,10 +113,14 @@ class Mistake:
 
 EXCHANGED = "left and right look swapped"
 _EXCHANGE = (
-    "exchange --left and --right (of images that show both sides: --set input.right_half_first=true), or the cameras in the "
+    "exchange --left and --right (of images that show both sides: --set "
+    "input.right_half_first=true), or the cameras in the "
     "calibration, if it lists the right one first"
 )
-_TURN = "turn them as they were when calibrated (or remove their EXIF orientation, if the calibration was made without it)"
+_TURN = (
+    "turn them as they were when calibrated (or remove their EXIF orientation, if the "
+    "calibration was made without it)"
+)
 
 
 def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
@@ -109,15 +128,27 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
     R, t = rig.T_right_left[:3, :3], rig.T_right_left[:3, 3]
     back = _transform(R.T, -R.T @ t)
     with suppress(CalibrationError):
-        yield Mistake(EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back))
-    distorted = rig.left.distortion.any() and rig.right.distortion.any()  # else a moved camera comes to the same
+        yield Mistake(
+            EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back)
+        )
+    distorted = (
+        rig.left.distortion.any() and rig.right.distortion.any()
+    )  # else a moved camera comes to the same
     if distorted and rig.left.image_size == rig.right.image_size:
         yield Mistake(RECTIFIED, GIVE_RECTIFIED, rectified_like(rig), most_px=LIMITS.rectified_px)
     wrong_way = "the translation between the cameras points the wrong way"
     reverse = "use -T, or -R T if it is the place of the right camera"
     transforms = (
-        ("the transform between the cameras is the inverse one, right to left", "invert it (R transposed, T = -R^T T)", back),
-        ("the rotation between the cameras is transposed", "transpose R, and leave T", _transform(R.T, t)),
+        (
+            "the transform between the cameras is the inverse one, right to left",
+            "invert it (R transposed, T = -R^T T)",
+            back,
+        ),
+        (
+            "the rotation between the cameras is transposed",
+            "transpose R, and leave T",
+            _transform(R.T, t),
+        ),
         (wrong_way, reverse, _transform(R, -t)),
         (wrong_way, reverse, _transform(R, -R @ t)),
     )
@@ -125,22 +156,40 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
         with suppress(CalibrationError):
             yield Mistake(f"{what}, in the calibration", cure, replace(rig, T_right_left=T))
     lenses = "the lenses of left and right are exchanged in the calibration"
-    yield Mistake(lenses, "exchange K and distortion, and leave R and T", replace(rig, left=rig.right, right=rig.left))
-    for sides, left, right in (("left", TURNED, KEPT), ("right", KEPT, TURNED), ("left and right", TURNED, TURNED)):
-        yield Mistake(f"the {sides} images are turned by 180 degrees against the calibration", _TURN, rig, left, right)
+    yield Mistake(
+        lenses,
+        "exchange K and distortion, and leave R and T",
+        replace(rig, left=rig.right, right=rig.left),
+    )
+    for sides, left, right in (
+        ("left", TURNED, KEPT),
+        ("right", KEPT, TURNED),
+        ("left and right", TURNED, TURNED),
+    ):
+        yield Mistake(
+            f"the {sides} images are turned by 180 degrees against the calibration",
+            _TURN,
+            rig,
+            left,
+            right,
+        )
     for flip in (ACROSS, DOWN):
         yield _mirrored("left and right", rig, flip, flip)
 
 
 def rectified_like(rig: StereoRig) -> StereoRig:
-    """A rig of rectified images, of this one's baseline; its focal length and center are not those of the images."""
+    """A rig of rectified images, of this one's baseline; its focal length and center are not those
+    of the images.
+    """
     camera = Camera(rig.left.K, np.zeros(0), rig.left.image_size)
     along = np.eye(3)[int(np.abs(rig.T_right_left[:2, 3]).argmax())]
     return replace(
         rig,
         left=camera,
         right=camera,
-        T_right_left=_transform(np.eye(3), np.copysign(rig.baseline_m, rig.T_right_left[:3, 3]) * along),
+        T_right_left=_transform(
+            np.eye(3), np.copysign(rig.baseline_m, rig.T_right_left[:3, 3]) * along
+        ),
     )
 
 
@@ -153,7 +202,13 @@ def _mirrors(rig: StereoRig) -> Iterator[Mistake]:
 
 def _mirrored(sides: str, rig: StereoRig, left: Flip, right: Flip) -> Mistake:
     way = "left to right" if ACROSS in (left, right) else "top to bottom"
-    return Mistake(f"the {sides} images are mirrored, {way}, against the calibration", "mirror them back", rig, left, right)
+    return Mistake(
+        f"the {sides} images are mirrored, {way}, against the calibration",
+        "mirror them back",
+        rig,
+        left,
+        right,
+    )
 
 
 def _transform(R: Array, t: Array) -> Array:
@@ -163,12 +218,15 @@ def _transform(R: Array, t: Array) -> Array:
 
 
 def may_be_mistaken(rows: RowCheck) -> bool:
-    """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be searched for."""
+    """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be
+    searched for.
+    """
     return rows.swapped or (rows.row_error_px > LIMITS.wrong_px and not rows.refusal)
 
 
 def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
-    """The mistake that explains raw image pairs, (H, W) or (H, W, C), which the rig as given does not.
+    """The mistake that explains raw image pairs, (H, W) or (H, W, C), which the rig as given does
+    not.
 
     None where the rig may be right, no mistake explains the images, or they show too little.
     """
@@ -177,19 +235,31 @@ def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
     fitting = [(left, right) for left, right in pairs if _are_of(rig, left, right)]
     points = _together([look_alikes(left, right) for left, right in fitting])
     given = fit_of(Mistake("", "", rig), points)
-    behind = f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, " if given.is_behind else ""
-    if found := _explaining(points, _mistakes(rig), given, f"{behind}{given.off_px:.1f} px off their lines as given"):
+    behind = (
+        f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, "
+        if given.is_behind
+        else ""
+    )
+    if found := _explaining(
+        points, _mistakes(rig), given, f"{behind}{given.off_px:.1f} px off their lines as given"
+    ):
         return found
     width = rig.right.image_size[0]
-    mirrored = _together([look_alikes(left, np.ascontiguousarray(right[:, ::-1])) for left, right in fitting])
+    mirrored = _together(
+        [look_alikes(left, np.ascontiguousarray(right[:, ::-1])) for left, right in fitting]
+    )
     if len(mirrored.left) < LIMITS.better * len(points.left):
         return None
     back = Matches(mirrored.left, np.abs([width - 1, 0] - mirrored.right))
-    as_given = f"{len(points.left)} points look alike as given and {len(back.left)} with one side mirrored"
+    as_given = (
+        f"{len(points.left)} points look alike as given and {len(back.left)} with one side mirrored"
+    )
     return _explaining(back, _mirrors(rig), NOTHING, as_given)
 
 
-def _explaining(points: Matches, mistakes: Iterator[Mistake], given: Fit, as_given: str) -> Mistake | None:
+def _explaining(
+    points: Matches, mistakes: Iterator[Mistake], given: Fit, as_given: str
+) -> Mistake | None:
     """The most usual of the mistakes that explain the points about as well as any, if any does."""
     if len(points.left) < LIMITS.least_points:
         return None
@@ -203,7 +273,9 @@ def _explaining(points: Matches, mistakes: Iterator[Mistake], given: Fit, as_giv
     cure = mistake.cure
     if not mistake.is_mirrored and any(other.is_mirrored for other, _ in alike):
         cure += "; images mirrored on both sides would look the same: mirror them back if they are"
-    return replace(mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {cure}")
+    return replace(
+        mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {cure}"
+    )
 
 
 def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic]) -> bool:
@@ -211,12 +283,17 @@ def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic
 
 
 def _together(found: list[Matches]) -> Matches:
-    left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in found)]) for side in ("left", "right"))
+    left, right = (
+        np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in found)])
+        for side in ("left", "right")
+    )
     return Matches(left, right)
 
 
 def fit_of(mistake: Mistake, points: Matches) -> Fit:
-    """Fit matched points of both raw images, some of them wrong, to the rig without that mistake."""
+    """Fit matched points of both raw images, some of them wrong, to the rig without that
+    mistake.
+    """
     rig = mistake.rig
     left_camera, right_camera, T = cameras_in_water(rig)
     sides = []
@@ -236,16 +313,22 @@ def fit_of(mistake: Mistake, points: Matches) -> Fit:
 
 
 def _off_their_lines(left: Array, right: Array, T: Array) -> Array:
-    """(n,) Sampson's distance of rays with z = 1 from the epipolar geometry (Hartley and Zisserman 2004, sec. 11.4.3)."""
+    """(n,) Sampson's distance of rays with z = 1 from the epipolar geometry (Hartley and Zisserman
+    2004, sec. 11.4.3).
+    """
     x, y, z = T[:3, 3] / np.linalg.norm(T[:3, 3])
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T[:3, :3]
     lines_right, lines_left = left @ essential.T, right @ essential
-    steepness = np.sqrt((lines_right[:, :2] ** 2).sum(axis=1) + (lines_left[:, :2] ** 2).sum(axis=1))
+    steepness = np.sqrt(
+        (lines_right[:, :2] ** 2).sum(axis=1) + (lines_left[:, :2] ** 2).sum(axis=1)
+    )
     return np.asarray(np.abs((right * lines_right).sum(axis=1)) / np.maximum(steepness, 1e-12))
 
 
 def _in_front(left: Array, right: Array, T: Array) -> NDArray[np.bool_]:
-    """(n,) whether the point nearest to both rays lies before both cameras: least squares of z_left R left + t = z_right right."""
+    """(n,) whether the point nearest to both rays lies before both cameras: least squares of z_left
+    R left + t = z_right right.
+    """
     a, b, t = left @ T[:3, :3].T, right, T[:3, 3]
     aa, bb, ab, at, bt = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1), a @ t, b @ t
     return np.asarray((ab * bt - bb * at > 0) & (aa * bt - ab * at > 0))
@@ -254,15 +337,18 @@ def _in_front(left: Array, right: Array, T: Array) -> NDArray[np.bool_]:
 # Files that can be read in more than one way: images of the dive decide.
 
 CLEARLY_BETTER = 1.2
-"""Readings whose vertical disparities are nearer than this to each other fit alike: the first, which is the likeliest, is taken.
+"""Readings whose vertical disparities are nearer than this to each other fit alike: the first,
+which is the likeliest, is taken.
 On synthetic pairs a wrong reading is worse by a factor of two and more, or not told by them at all.
 """
 
 
 def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
-    """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how it was chosen.
+    """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how it
+    was chosen.
 
-    The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough points in both images.
+    The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough
+    points in both images.
     """
     return settle_matches(rig, raw_matches(rig, pairs)) if rig.alternatives else rig
 
@@ -284,6 +370,7 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
     others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
     doubt = (
-        f"{readings[best].reading}: images decide: the vertical disparity is {errors_px[best]:.2f} px, and {others} px otherwise"
+        f"{readings[best].reading}: images decide: the vertical disparity is "
+        f"{errors_px[best]:.2f} px, and {others} px otherwise"
     )
     return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))

@@ -16,8 +16,8 @@ from calibration.rig import StereoRig
 
 
 def to_gray(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Convert (H, W) or (H, W, C) to (H, W) uint8: the mean of the channels (underwater red may be empty), stretched to the full
-    range.
+    """Convert (H, W) or (H, W, C) to (H, W) uint8: the mean of the channels (underwater red may be
+    empty), stretched to the full range.
     """
     channels = [image] if image.ndim == 2 else np.moveaxis(image, 2, 0)
     gray = channels[0].astype(np.float32)
@@ -42,13 +42,18 @@ class MatchLimits:
     """Decides which features are taken for the same point."""
 
     max_features: int = 3000  # of an image: 0.6 s, and 1,700 matches a pair on a coral reef
-    ratio: float = 0.75  # nearest to second nearest descriptor (Lowe 2004, Int. J. Comput. Vis. 60, sec. 7.1: 0.8)
+    # nearest to second nearest descriptor (Lowe 2004, Int. J. Comput. Vis. 60, sec. 7.1: 0.8)
+    ratio: float = 0.75
     max_row_fraction: float = 0.1  # of the image's height: rows may be off, but not anywhere
-    return_px: float = 0.2  # flow there and back: more is a place that is not the same in both images
+    return_px: float = (
+        0.2  # flow there and back: more is a place that is not the same in both images
+    )
     stray_px: float = 2.0  # flow from where the features lie, which are good to a pixel
     window_px: int = 21  # of the flow; OpenCV's default
     step_px: int = 1  # features are looked for at this resolution, and refined at the images' own
-    most_pixels: float = 6e6  # of an image that features are looked for in, or at a coarser step: 250 bytes a pixel
+    most_pixels: float = (
+        6e6  # of an image that features are looked for in, or at a coarser step: 250 bytes a pixel
+    )
 
 
 MATCHES_LIMITS = MatchLimits()
@@ -58,20 +63,33 @@ QUICK = MatchLimits(max_features=500, step_px=3)
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """left, right: (n, 2) pixels of the same points in the images that are matched, or in the raw ones where it says raw."""
+    """left, right: (n, 2) pixels of the same points in the images that are matched, or in the raw
+    ones where it says raw.
+    """
 
     left: Array
     right: Array
 
 
 def find_matches(
-    rectification: Rectification, left: NDArray[np.generic], right: NDArray[np.generic], limits: MatchLimits = MATCHES_LIMITS
+    rectification: Rectification,
+    left: NDArray[np.generic],
+    right: NDArray[np.generic],
+    limits: MatchLimits = MATCHES_LIMITS,
 ) -> Matches:
-    """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical flow there and back."""
-    return match_images(clear(rectification.apply_left(to_gray(left))), clear(rectification.apply_right(to_gray(right))), limits)
+    """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical
+    flow there and back.
+    """
+    return match_images(
+        clear(rectification.apply_left(to_gray(left))),
+        clear(rectification.apply_right(to_gray(right))),
+        limits,
+    )
 
 
-def match_images(first: NDArray[np.uint8], second: NDArray[np.uint8], limits: MatchLimits = MATCHES_LIMITS) -> Matches:
+def match_images(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], limits: MatchLimits = MATCHES_LIMITS
+) -> Matches:
     """Match two gray images that ``clear`` made; their points are called left and right."""
     images = [first, second]
     at_first, at_second = _alike(images, limits)
@@ -80,7 +98,9 @@ def match_images(first: NDArray[np.uint8], second: NDArray[np.uint8], limits: Ma
 
 
 def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int64]:
-    """(n,) index of the nearest point ``among`` (m, 2) to each of ``points`` (n, 2); -1 where none lies within that distance."""
+    """(n,) index of the nearest point ``among`` (m, 2) to each of ``points`` (n, 2); -1 where none
+    lies within that distance.
+    """
     if not len(among):
         return np.full(len(points), -1)
     apart = np.hypot(points[:, None, 0] - among[None, :, 0], points[:, None, 1] - among[None, :, 1])
@@ -96,7 +116,9 @@ def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
 
 
 def look_alikes(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
-    """Points of the raw images that look alike, good to a pixel, wherever they lie and however they are turned; some are wrong."""
+    """Points of the raw images that look alike, good to a pixel, wherever they lie and however they
+    are turned; some are wrong.
+    """
     at_left, at_right = _alike([clear(to_gray(image)) for image in (left, right)], MATCHES_LIMITS)
     return Matches(at_left.astype(np.float64), at_right.astype(np.float64))
 
@@ -111,11 +133,16 @@ def clear(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     return np.asarray(cv2.createCLAHE(2.0, (8, 8)).apply(image), np.uint8)
 
 
-def _alike(images: list[NDArray[np.uint8]], limits: MatchLimits) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _alike(
+    images: list[NDArray[np.uint8]], limits: MatchLimits
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(n, 2) pixels of features of the first image, and of those of the second that look alike."""
     step_px = max(limits.step_px, math.ceil(math.sqrt(images[0].size / limits.most_pixels)))
     scale = 1 / step_px
-    small = [cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for image in images]
+    small = [
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        for image in images
+    ]
     sift = cv2.SIFT.create(nfeatures=limits.max_features)
     points, descriptors = zip(*(sift.detectAndCompute(image, None) for image in small), strict=True)
     if any(len(found) < 2 for found in points):
@@ -127,19 +154,27 @@ def _alike(images: list[NDArray[np.uint8]], limits: MatchLimits) -> tuple[NDArra
 
 
 def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(n, 2) indices of descriptors that choose each other, each clearly before its second choice."""
+    """(n, 2) indices of descriptors that choose each other, each clearly before its second
+    choice.
+    """
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     chosen = []
     for a, b in ((left, right), (right, left)):
         both = [found for found in matcher.knnMatch(a, b, k=2) if len(found) == 2]
         chosen.append(
-            {first.queryIdx: first.trainIdx for first, second in both if first.distance < MATCHES_LIMITS.ratio * second.distance}
+            {
+                first.queryIdx: first.trainIdx
+                for first, second in both
+                if first.distance < MATCHES_LIMITS.ratio * second.distance
+            }
         )
     pairs = [(i, j) for i, j in chosen[0].items() if chosen[1].get(j) == i]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _refine(images: list[NDArray[np.uint8]], left: NDArray[np.float32], right: NDArray[np.float32]) -> Matches:
+def _refine(
+    images: list[NDArray[np.uint8]], left: NDArray[np.float32], right: NDArray[np.float32]
+) -> Matches:
     if len(left) == 0:
         return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     there, found = _follow(images[0], images[1], left, right)
@@ -154,9 +189,14 @@ def _refine(images: list[NDArray[np.uint8]], left: NDArray[np.float32], right: N
 
 
 def _follow(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], points: NDArray[np.float32], start: NDArray[np.float32]
+    first: NDArray[np.uint8],
+    second: NDArray[np.uint8],
+    points: NDArray[np.float32],
+    start: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Where points (n, 2) of the first image lie in the second, from ``start`` on, and whether they were found."""
+    """Where points (n, 2) of the first image lie in the second, from ``start`` on, and whether they
+    were found.
+    """
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
     moved, found, _ = cv2.calcOpticalFlowPyrLK(
         first,
@@ -176,7 +216,9 @@ def _follow(
 
 
 def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
-    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend over the image."""
+    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend
+    over the image.
+    """
     x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
     disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
     one = np.ones_like(x)
@@ -186,12 +228,16 @@ def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bo
 
 
 def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
-    """Fit offset, scale and roll (radians) to rows; return these and the residuals. offsets: (n, 2) pixels from the middle."""
+    """Fit offset, scale and roll (radians) to rows; return these and the residuals. offsets: (n, 2)
+    pixels from the middle.
+    """
     return robust_fit(np.column_stack([np.ones(len(rows)), offsets[:, 1], offsets[:, 0]]), rows)
 
 
 def robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
-    """Fit by least absolute deviations, iteratively reweighted; return coefficients and residuals."""
+    """Fit by least absolute deviations, iteratively reweighted; return coefficients and
+    residuals.
+    """
     weights = np.ones(len(values))
     for _ in range(15):
         root = np.sqrt(weights)[:, None]
@@ -208,21 +254,23 @@ TINY = 1e-12  # px^2: data without noise have no error to compare
 
 
 def jackknife(estimates: Array) -> Array:
-    """Compute standard errors (k,) from (groups, k) estimates without one group each (Efron 1982, The Jackknife, ch. 3).
+    """Compute standard errors (k,) from (groups, k) estimates without one group each (Efron 1982,
+    The Jackknife, ch. 3).
 
-    Unlike those of least squares they hold where the errors of a group are alike: a target bent, a shutter late.
+    Unlike those of least squares they hold where the errors of a group are alike: a target bent, a
+    shutter late.
     """
     groups = len(estimates)
     return np.asarray(np.sqrt((groups - 1) * estimates.var(axis=0)))
 
 
 def no_worse(squares: Array, best: Array) -> bool:
-    """Tell whether squared errors (n,) of parts left out are as good as the best model's: not significantly larger, or by too
-    little to matter.
+    """Tell whether squared errors (n,) of parts left out are as good as the best model's: not
+    significantly larger, or by too little to matter.
 
-    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten parts, chance favors a needless
-    coefficient often enough, and it costs more than it gives. Errors are compared as ratios, so that many parts that agree outweigh
-    one that is large.
+    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten parts,
+    chance favors a needless coefficient often enough, and it costs more than it gives. Errors are
+    compared as ratios, so that many parts that agree outweigh one that is large.
     """
     ratio = np.log(np.maximum(squares, TINY) / np.maximum(best, TINY))
     doubt = 2 * ratio.std(ddof=1) / np.sqrt(ratio.size)
@@ -237,12 +285,16 @@ def no_worse(squares: Array, best: Array) -> bool:
 class KeystoneLimits:
     """Decides when a keystone is said.
 
-    least_pairs: fewer give no standard error. most_groups: of pairs, left out in turn. most_matches: spread evenly; more cost time.
-    lens_rad: yaw that errors of a usual lens model look like. A decentering p2 wrong by d bends rows as a yaw of 2 d does, and
-    moves ranges hardly, since the calibration's own yaw makes up for it: 24 calibrations from 12 real views each (640x360 px, air)
-    had keystones of 0.003 to 0.004 rad (by the model) on the other views, and ranges right to 0.2 %; a real rig of 1360x1024 px
-    calibrated in water has 0.0018. deviations, range_error: a keystone is said where it is beyond both.
-    most_yaw_rad: mounts give by tenths of a degree; more must leave less than ``clearly`` of what another lens distortion leaves.
+    least_pairs: fewer give no standard error. most_groups: of pairs, left out in turn.
+    most_matches: spread evenly; more cost time.
+    lens_rad: yaw that errors of a usual lens model look like. A decentering p2 wrong by d bends
+    rows as a yaw of 2 d does, and moves ranges hardly, since the calibration's own yaw makes up for
+    it: 24 calibrations from 12 real views each (640x360 px, air) had keystones of 0.003 to 0.004
+    rad (by the model) on the other views, and ranges right to 0.2 %; a real rig of 1360x1024 px
+    calibrated in water has 0.0018. deviations, range_error: a keystone is said where it is beyond
+    both.
+    most_yaw_rad: mounts give by tenths of a degree; more must leave less than ``clearly`` of what
+    another lens distortion leaves.
     """
 
     least_pairs: int = 3
@@ -260,11 +312,13 @@ KEYSTONE_LIMITS = KeystoneLimits()
 
 @dataclass(frozen=True)
 class Keystone:
-    """yaw_rad: of the right camera, that looks like the rows do. std_rad: its standard error, with that of the lens model.
+    """yaw_rad: of the right camera, that looks like the rows do. std_rad: its standard error, with
+    that of the lens model.
 
-    range_error: of the ranges at the median disparity if the keystone is a yaw, relative; range_std: its standard error.
-    unexplained_px: median vertical disparity that pitch, scale, roll and this yaw leave; bent_px: that they leave with another
-    radial distortion of both lenses in the place of the yaw.
+    range_error: of the ranges at the median disparity if the keystone is a yaw, relative;
+    range_std: its standard error.
+    unexplained_px: median vertical disparity that pitch, scale, roll and this yaw leave; bent_px:
+    that they leave with another radial distortion of both lenses in the place of the yaw.
     """
 
     yaw_rad: float = 0.0
@@ -276,18 +330,29 @@ class Keystone:
 
     @property
     def is_possible(self) -> bool:
-        """True if ranges would be wrong by more than matters, be it known well or not: it is then worth looking at more pairs."""
+        """True if ranges would be wrong by more than matters, be it known well or not: it is then
+        worth looking at more pairs.
+        """
         return abs(self.range_error) > KEYSTONE_LIMITS.range_error
 
     @property
     def is_found(self) -> bool:
-        """True if ranges may be wrong by more than the matches and a usual lens model leave open."""
-        return self.is_possible and abs(self.range_error) > KEYSTONE_LIMITS.deviations * self.range_std
+        """True if ranges may be wrong by more than the matches and a usual lens model leave
+        open.
+        """
+        return (
+            self.is_possible and abs(self.range_error) > KEYSTONE_LIMITS.deviations * self.range_std
+        )
 
     @property
     def is_lens(self) -> bool:
-        """True if the rows may as well come from another distortion of the lenses, which changes ranges by amounts not known."""
-        unlikely = abs(self.yaw_rad) > KEYSTONE_LIMITS.most_yaw_rad and self.unexplained_px > KEYSTONE_LIMITS.clearly * self.bent_px
+        """True if the rows may as well come from another distortion of the lenses, which changes
+        ranges by amounts not known.
+        """
+        unlikely = (
+            abs(self.yaw_rad) > KEYSTONE_LIMITS.most_yaw_rad
+            and self.unexplained_px > KEYSTONE_LIMITS.clearly * self.bent_px
+        )
         return self.is_found and unlikely
 
     @property
@@ -296,13 +361,17 @@ class Keystone:
         yaw_deg, std_deg = np.degrees([self.yaw_rad, self.std_rad])
         if self.is_lens:
             return (
-                f"another lens distortion explains the rows ({self.bent_px:.2f} px left) as well as a yaw of {yaw_deg:+.2f} "
-                f"degrees ({self.unexplained_px:.2f} px): the calibration's may be missing, of the wrong sign or of another lens, "
+                f"another lens distortion explains the rows ({self.bent_px:.2f} px left) as well "
+                f"as a yaw of {yaw_deg:+.2f} "
+                f"degrees ({self.unexplained_px:.2f} px): the calibration's may be missing, of "
+                "the wrong sign or of another lens, "
                 "and how wrong ranges are cannot be told: calibrate again"
             )
         return (
-            f"a keystone in the rows, as after a yaw of {yaw_deg:+.2f} +- {std_deg:.2f} degrees of the right camera since: ranges "
-            f"may be off by {100 * self.range_error:+.0f} +- {100 * self.range_std:.0f} %, by more if the principal point of a "
+            f"a keystone in the rows, as after a yaw of {yaw_deg:+.2f} +- {std_deg:.2f} degrees "
+            "of the right camera since: ranges "
+            f"may be off by {100 * self.range_error:+.0f} +- {100 * self.range_std:.0f} %, by "
+            "more if the principal point of a "
             "lens is wrong instead: calibrate again"
         )
 
@@ -311,10 +380,12 @@ NO_KEYSTONE = Keystone()
 
 
 def find_keystone(left: Array, right: Array, pair: NDArray[np.int64], focal_px: float) -> Keystone:
-    """From pixels (n, 2) of matches in the images that are matched, from their principal points; pair: (n,) the number of each's.
+    """From pixels (n, 2) of matches in the images that are matched, from their principal points;
+    pair: (n,) the number of each's.
 
-    A yaw moves rows by yaw x y / focal length (x, y from the principal point): by nothing on the axes, and by opposite amounts in
-    neighboring corners, which offset, scale, roll and pitch do not.
+    A yaw moves rows by yaw x y / focal length (x, y from the principal point): by nothing on the
+    axes, and by opposite amounts in neighboring corners, which offset, scale, roll and pitch do
+    not.
     """
     step = -(-len(left) // KEYSTONE_LIMITS.most_matches)
     left, right, pair = left[::step], right[::step], pair[::step]
@@ -322,8 +393,13 @@ def find_keystone(left: Array, right: Array, pair: NDArray[np.int64], focal_px: 
     moved, rows = np.column_stack([np.ones_like(x), y, x, y**2]), right[:, 1] - left[:, 1]
     terms = np.column_stack([moved, focal_px * x * y])
     coefficients, rest = robust_fit(terms, rows)
-    _, rest_bent = robust_fit(np.column_stack([moved, _radial(right / focal_px) - _radial(left / focal_px)]), rows)
-    yaw_rad, disparity = float(coefficients[4]), float(np.median(left[:, 0] - right[:, 0])) / focal_px
+    _, rest_bent = robust_fit(
+        np.column_stack([moved, _radial(right / focal_px) - _radial(left / focal_px)]), rows
+    )
+    yaw_rad, disparity = (
+        float(coefficients[4]),
+        float(np.median(left[:, 0] - right[:, 0])) / focal_px,
+    )
     if disparity <= 0:  # points behind infinity: swapped
         return NO_KEYSTONE
     std_rad = math.hypot(_std(terms, rows, pair), KEYSTONE_LIMITS.lens_rad)
@@ -337,10 +413,15 @@ def _radial(slopes: Array) -> Array:
 
 
 def _std(terms: Array, rows: Array, pair: NDArray[np.int64]) -> float:
-    """Standard error of the yaw from fits without a part of the pairs each (grouped jackknife); infinite for too few pairs."""
+    """Standard error of the yaw from fits without a part of the pairs each (grouped jackknife);
+    infinite for too few pairs.
+    """
     numbers, group = np.unique(pair, return_inverse=True)
     if numbers.size < KEYSTONE_LIMITS.least_pairs:
         return np.inf
     count = min(numbers.size, KEYSTONE_LIMITS.most_groups)
-    fits = [robust_fit(terms[group % count != left_out], rows[group % count != left_out])[0] for left_out in range(count)]
+    fits = [
+        robust_fit(terms[group % count != left_out], rows[group % count != left_out])[0]
+        for left_out in range(count)
+    ]
     return float(jackknife(np.array(fits))[4])

@@ -1,4 +1,6 @@
-"""Errors of a calibration that vertical disparity does not show, from the motion between neighboring pairs."""
+"""Errors of a calibration that vertical disparity does not show, from the motion between
+neighboring pairs.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -9,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
-from calibration.field_checks.matches import QUICK, Images, Matches, clear, jackknife, match_images, same_points, to_gray
+from calibration.field_checks.matches import (
+    QUICK,
+    Images,
+    Matches,
+    clear,
+    jackknife,
+    match_images,
+    same_points,
+    to_gray,
+)
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
 
@@ -18,7 +29,9 @@ from calibration.rectification import Rectification
 
 Array = NDArray[np.float64]
 POSE = 6
-"""A turn (rad) and a shift (baselines) of each couple; then come the offset (px) and the logarithm of the focal length's factor."""
+"""A turn (rad) and a shift (baselines) of each couple; then come the offset (px) and the logarithm
+of the focal length's factor.
+"""
 STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-2, 1e-4])
 """Of numerical derivatives; a pose that moves by less has converged."""
 
@@ -27,8 +40,10 @@ STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-2, 1e-4])
 class FitSettings:
     """rounds: of Gauss-Newton; poses_first: how many of them leave offset and focal length alone.
 
-    noise_px: where the loss turns from squares to absolute values. offset_px, focal: standard deviations of both before anything
-    is seen, the latter of the logarithm: couples that only move sideways hold no focal length. fixed: of one that is not free.
+    noise_px: where the loss turns from squares to absolute values. offset_px, focal: standard
+    deviations of both before anything
+    is seen, the latter of the logarithm: couples that only move sideways hold no focal length.
+    fixed: of one that is not free.
     """
 
     rounds: int = 40
@@ -44,7 +59,9 @@ SETTINGS = FitSettings()
 
 @dataclass(frozen=True, eq=False)
 class SeenTwice:
-    """The same n points at two moments: (n, 3) pixels x and y from the principal point, and disparity."""
+    """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
+    disparity.
+    """
 
     first: Array
     second: Array
@@ -52,7 +69,8 @@ class SeenTwice:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """values: (2,) offset, pixels, and focal length, relative to the calibrated one. partial: (couples, 2) the same without each.
+    """values: (2,) offset, pixels, and focal length, relative to the calibrated one. partial:
+    (couples, 2) the same without each.
 
     std: (2,) standard errors, from the residuals and between couples.
     """
@@ -63,14 +81,21 @@ class Fitted:
 
 
 def fit_motions(couples: Sequence[SeenTwice], focal_px: float, free_focal: bool = True) -> Fitted:
-    """Robust least squares of all couples' motions with the offset and the focal length that they share.
+    """Robust least squares of all couples' motions with the offset and the focal length that they
+    share.
 
     Raises LinAlgError where a couple's points hold no motion.
     """
     poses, shared = np.zeros((len(couples), POSE)), np.zeros(2)
-    prior = (SETTINGS.noise_px / np.array([SETTINGS.offset_px, SETTINGS.focal if free_focal else SETTINGS.fixed])) ** 2
+    prior = (
+        SETTINGS.noise_px
+        / np.array([SETTINGS.offset_px, SETTINGS.focal if free_focal else SETTINGS.fixed])
+    ) ** 2
     for number in range(SETTINGS.rounds):
-        normals = [_normal(couple, np.append(pose, shared), focal_px) for couple, pose in zip(couples, poses, strict=True)]
+        normals = [
+            _normal(couple, np.append(pose, shared), focal_px)
+            for couple, pose in zip(couples, poses, strict=True)
+        ]
         H = np.diag(prior) + sum(normal.H for normal in normals)
         g = -prior * shared + sum(normal.g for normal in normals)
         step = np.asarray(np.linalg.solve(H, g)) if number >= SETTINGS.poses_first else np.zeros(2)
@@ -86,7 +111,9 @@ def fit_motions(couples: Sequence[SeenTwice], focal_px: float, free_focal: bool 
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """Normal equations of the shared values, its pose eliminated: H (2, 2), g (2,). square: weighted mean squared residual."""
+    """Normal equations of the shared values, its pose eliminated: H (2, 2), g (2,). square:
+    weighted mean squared residual.
+    """
 
     H: Array
     g: Array
@@ -114,14 +141,22 @@ def _normal(couple: SeenTwice, values: Array, focal_px: float) -> _Normal:
     solved = np.linalg.solve(H_pose, np.column_stack([g[:POSE], H[:POSE, POSE:]]))
     to_pose, by_shared = solved[:, 0], solved[:, 1:]
     square = float((weights * (rest**2).sum(axis=1)).sum() / max(3 * len(rest) - POSE, 1))
-    return _Normal(H[POSE:, POSE:] - H[POSE:, :POSE] @ by_shared, g[POSE:] - H[POSE:, :POSE] @ to_pose, to_pose, by_shared, square)
+    return _Normal(
+        H[POSE:, POSE:] - H[POSE:, :POSE] @ by_shared,
+        g[POSE:] - H[POSE:, :POSE] @ to_pose,
+        to_pose,
+        by_shared,
+        square,
+    )
 
 
 def _residuals(couple: SeenTwice, values: Array, focal_px: float) -> Array:
     """(n, 3) pixels by which the points, moved from the first moment, miss those of the second."""
     turn, shift, offset_px, focal = values[:3], values[3:6], values[6], values[7]
     scale = focal_px * np.exp(focal)
-    first, second = ((points + np.array([0, 0, offset_px])) / scale for points in (couple.first, couple.second))
+    first, second = (
+        (points + np.array([0, 0, offset_px])) / scale for points in (couple.first, couple.second)
+    )
     R = cv2.Rodrigues(turn)[0]
     rays = np.column_stack([first[:, :2], np.ones(len(first))]) @ R.T + first[:, 2:] * shift
     moved = np.column_stack([rays[:, :2], first[:, 2]]) / rays[:, 2:]
@@ -144,14 +179,17 @@ Gray = NDArray[np.uint8]
 class MotionLimits:
     """Decides what is measured, and what is said of it.
 
-    least_points, least_couples: fewer tell nothing, or give no standard error. least_move: median movement in the image, of its
-    width: less holds too little parallax. most_row_px: rows of a rig that has drifted are off by a pixel or two.
-    least_disparity_px: less is infinity, or one camera's picture on both sides. near_px: points that two matches have in common lie
-    within it.
-    lens_rad: offset, as an angle, that errors of a usual lens model look like; focal: the same of the focal length, relative. A
-    real rig of 1360x1024 px, whose ranges fit the track of its survey, has 0.0014 and 0.02.
-    known_focal: the focal length is fitted where its standard error is below that. range_error, deviations: ranges are said to be
-    wrong where they are by more than both. seen: an error of ranges that would be found, else it is said to be unseen.
+    least_points, least_couples: fewer tell nothing, or give no standard error. least_move: median
+    movement in the image, of its width: less holds too little parallax. most_row_px: rows of a rig
+    that has drifted are off by a pixel or two.
+    least_disparity_px: less is infinity, or one camera's picture on both sides. near_px: points
+    that two matches have in common lie within it.
+    lens_rad: offset, as an angle, that errors of a usual lens model look like; focal: the same of
+    the focal length, relative. A real rig of 1360x1024 px, whose ranges fit the track of its
+    survey, has 0.0014 and 0.02.
+    known_focal: the focal length is fitted where its standard error is below that. range_error,
+    deviations: ranges are said to be wrong where they are by more than both. seen: an error of
+    ranges that would be found, else it is said to be unseen.
     """
 
     least_points: int = 20
@@ -175,10 +213,12 @@ ANYWHERE = replace(FEATURES, max_row_fraction=1.0)
 
 @dataclass(frozen=True)
 class Motion:
-    """What the motion between couples of pairs tells of the calibration; couples: 0 where too few show the same.
+    """What the motion between couples of pairs tells of the calibration; couples: 0 where too few
+    show the same.
 
-    offset_px: to be added to all disparities; focal: the true focal length over the calibrated one, less 1, NaN where it is not
-    seen. range_error: of ranges at the median disparity by both, relative. std: their standard errors, with those of a lens model.
+    offset_px: to be added to all disparities; focal: the true focal length over the calibrated one,
+    less 1, NaN where it is not seen. range_error: of ranges at the median disparity by both,
+    relative. std: their standard errors, with those of a lens model.
     pixel_error: what a pixel of offset changes a range by, relative, for each meter of range.
     """
 
@@ -207,37 +247,54 @@ class Motion:
         """What was measured, or what is not seen, for a report."""
         if not (self.is_known or self.is_found):
             return (
-                f"not seen: images shifted along the baseline (a pixel changes ranges by {self.pixel_error:.1%} for each meter of "
-                "range), and a focal length wrong in both cameras alike: rows do not show them, and too few neighboring pairs show "
+                "not seen: images shifted along the baseline (a pixel changes ranges by "
+                f"{self.pixel_error:.1%} for each meter of "
+                "range), and a focal length wrong in both cameras alike: rows do not show them, "
+                "and too few neighboring pairs show "
                 "the same bottom: compare a known length by stereo-seecolor measure or markers"
             )
-        return f"motion between {counted(self.couples, 'couple')} of neighboring pairs: {self._figures}{self._unseen_focal}"
+        return (
+            f"motion between {counted(self.couples, 'couple')} of neighboring pairs: "
+            f"{self._figures}{self._unseen_focal}"
+        )
 
     @property
     def advice(self) -> str:
         """What is wrong and what to do."""
         return (
-            f"neighboring pairs fit each other only with {self._figures}: images shifted along the baseline (a cut-out, "
-            "stabilization, another mode, a wrong principal point), a camera turned sideways or another focal length, which rows "
-            "hardly show: give images of the calibrated mode, or calibrate again, and compare a known length"
+            f"neighboring pairs fit each other only with {self._figures}: images shifted along "
+            "the baseline (a cut-out, "
+            "stabilization, another mode, a wrong principal point), a camera turned sideways or "
+            "another focal length, which rows "
+            "hardly show: give images of the calibrated mode, or calibrate again, and compare a "
+            "known length"
         )
 
     @property
     def _figures(self) -> str:
         offset = f"disparities {self.offset_px:+.1f} +- {self.offset_std_px:.1f} px longer"
-        focal = "" if np.isnan(self.focal) else f", a focal length {self.focal:+.0%} +- {self.focal_std:.0%} longer"
+        focal = (
+            ""
+            if np.isnan(self.focal)
+            else f", a focal length {self.focal:+.0%} +- {self.focal_std:.0%} longer"
+        )
         return f"{offset}{focal}: ranges are off by {self.range_error:+.0%} +- {self.range_std:.0%}"
 
     @property
     def _unseen_focal(self) -> str:
-        return "; a focal length that is wrong in both cameras alike is not seen here" if np.isnan(self.focal) else ""
+        return (
+            "; a focal length that is wrong in both cameras alike is not seen here"
+            if np.isnan(self.focal)
+            else ""
+        )
 
 
 NO_MOTION = Motion()
 
 
 def find_motion(rectification: Rectification, starts: Iterable[Iterable[Images]]) -> Motion:
-    """Measure on raw image pairs. starts: for each couple its first pair and pairs that follow it, nearest first.
+    """Measure on raw image pairs. starts: for each couple its first pair and pairs that follow it,
+    nearest first.
 
     The first of those that has moved far enough makes the couple.
     """
@@ -260,7 +317,12 @@ def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
     offset_px, log_focal = map(float, fitted.values)
     lens_px, lens_focal = LIMITS.lens_rad * focal_px, LIMITS.focal * focal_is_known
     errors = (1 + fitted.partial[:, :1] / disparity_px) * np.exp(-fitted.partial[:, 1:])
-    parts = [float(jackknife(errors)[0]), fitted.std[0] / disparity_px, lens_px / disparity_px, lens_focal]
+    parts = [
+        float(jackknife(errors)[0]),
+        fitted.std[0] / disparity_px,
+        lens_px / disparity_px,
+        lens_focal,
+    ]
     return Motion(
         couples=len(couples),
         points=sum(len(couple.first) for couple in couples),
@@ -275,7 +337,9 @@ def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
 
 
 def _couple(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
-    """The points that the first pair and the first one that has moved far enough show; None also for images of another size."""
+    """The points that the first pair and the first one that has moved far enough show; None also
+    for images of another size.
+    """
     with suppress(CalibrationError):
         return _moved(rectification, iter(pairs))
     return None
@@ -291,7 +355,10 @@ def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice |
         moved = match_images(first[0], left, ANYWHERE)
         if len(moved.left) < LIMITS.least_points:
             return None
-        if np.median(np.abs(moved.left - moved.right).max(axis=1)) >= LIMITS.least_move * left.shape[1]:
+        if (
+            np.median(np.abs(moved.left - moved.right).max(axis=1))
+            >= LIMITS.least_move * left.shape[1]
+        ):
             there = match_images(left, _right(rectification, images), FEATURES)
             return _seen_twice(rectification, match_images(*first, FEATURES), moved, there)
     return None
@@ -305,10 +372,15 @@ def _right(rectification: Rectification, images: Images) -> Gray:
     return clear(rectification.apply_right(to_gray(images[1])))
 
 
-def _seen_twice(rectification: Rectification, here: Matches, moved: Matches, there: Matches) -> SeenTwice | None:
+def _seen_twice(
+    rectification: Rectification, here: Matches, moved: Matches, there: Matches
+) -> SeenTwice | None:
     """Points of the left images of both pairs, with their disparities at both moments."""
     geometry = rectification.matching_pair
-    at_first, at_second = same_points(moved.left, here.left, LIMITS.near_px), same_points(moved.right, there.left, LIMITS.near_px)
+    at_first, at_second = (
+        same_points(moved.left, here.left, LIMITS.near_px),
+        same_points(moved.right, there.left, LIMITS.near_px),
+    )
     found = np.flatnonzero((at_first >= 0) & (at_second >= 0))
     kept, sides = np.ones(len(found), bool), []
     for left, matches, index in (

@@ -1,4 +1,6 @@
-"""Vertical disparity of matched points: what it says of a calibration, fitted over the image, and quickly over one pair."""
+"""Vertical disparity of matched points: what it says of a calibration, fitted over the image, and
+quickly over one pair.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,7 +10,14 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from calibration.field_checks.enlargement import NOT_ENLARGED, Enlargement
-from calibration.field_checks.matches import NO_KEYSTONE, QUICK, Images, Keystone, find_keystone, find_matches
+from calibration.field_checks.matches import (
+    NO_KEYSTONE,
+    QUICK,
+    Images,
+    Keystone,
+    find_keystone,
+    find_matches,
+)
 from calibration.field_checks.motion import NO_MOTION, Motion
 from calibration.geometry import RectifiedPair
 from calibration.port import FLAT_PORT
@@ -21,26 +30,46 @@ from calibration.rectification import Rectification
 class RowLimits:
     """Decides what vertical disparity means."""
 
-    acceptable_px: float = 0.25  # matching searches one row: the confidence of fine texture falls from here on
-    swapped_fraction: float = 0.8  # points behind infinity; nearly all of a swapped pair, and only mismatches of another
-    moved_ratio: float = 0.7  # offset, scale and roll that leave more than this of the disparity do not explain it
-    drift_px: float = 20.0  # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
-    water_index: tuple[float, float] = (1.26, 1.42)  # water is 1.33 to 1.36, and the grid steps by 0.02
-    air_ratio: float = 0.7  # light bent by a port must leave less than this of what a moved camera leaves ...
-    air_gain_px: float = 0.05  # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
-    alike: float = 1.5  # an enlargement alone that leaves so many times what a movement leaves explains rows as well ...
-    rectified_ratio: float = (
-        0.5  # rows of rectified images agree to 0.1 px; a camera that moved so that raw rows agree is not usual
+    acceptable_px: float = (
+        0.25  # matching searches one row: the confidence of fine texture falls from here on
     )
-    apart_px: float = 2.0  # a point lies that near to its own place in the other image only where it is infinitely far
-    between_px: float = 1.0  # a rig's pairs agree to 0.1 px, with a rolling shutter to some tenths; those of a moving camera do not
+    swapped_fraction: float = (
+        0.8  # points behind infinity; nearly all of a swapped pair, and only mismatches of another
+    )
+    moved_ratio: float = (
+        0.7  # offset, scale and roll that leave more than this of the disparity do not explain it
+    )
+    drift_px: float = (
+        20.0  # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
+    )
+    water_index: tuple[float, float] = (
+        1.26,
+        1.42,
+    )  # water is 1.33 to 1.36, and the grid steps by 0.02
+    air_ratio: float = (
+        0.7  # light bent by a port must leave less than this of what a moved camera leaves ...
+    )
+    # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
+    air_gain_px: float = 0.05
+    # an enlargement alone that leaves so many times what a movement leaves explains rows as well
+    # ...
+    alike: float = 1.5
+    # rows of rectified images agree to 0.1 px; a camera that moved so that raw rows agree is not
+    # usual
+    rectified_ratio: float = 0.5
+    # a point lies that near to its own place in the other image only where it is infinitely far
+    apart_px: float = 2.0
+    # a rig's pairs agree to 0.1 px, with a rolling shutter to some tenths; those of a moving camera
+    # do not
+    between_px: float = 1.0
     clear: float = 0.25  # ... or so much of what was to be explained
 
 
 LIMITS = RowLimits()
 RECTIFIED = "the images are rectified already"
 GIVE_RECTIFIED = (
-    "give the calibration of the rectified images (rectified.yaml, P of ROS, P1 and P2 of OpenCV, or one focal length without "
+    "give the calibration of the rectified images (rectified.yaml, P of ROS, P1 and P2 of OpenCV, "
+    "or one focal length without "
     "distortion and rotation), or the raw images"
 )
 
@@ -49,16 +78,22 @@ GIVE_RECTIFIED = (
 class RowCheck:
     """Vertical disparity in images of a dive.
 
-    pairs, matches: what it rests on. row_error_px: median absolute value. offset_px, scale, roll_deg: the vertical offset,
-    vertical scale (1 = none) and rotation of the right image that explain the most of it; unexplained_px: the median that
-    these leave. behind_fraction: of the matches, those with impossible disparity (points behind infinity).
+    pairs, matches: what it rests on. row_error_px: median absolute value. offset_px, scale,
+    roll_deg: the vertical offset, vertical scale (1 = none) and rotation of the right image that
+    explain the most of it; unexplained_px: the median that
+    these leave. behind_fraction: of the matches, those with impossible disparity (points behind
+    infinity).
     enlargement: of images cut out of those that were calibrated, and what it leaves.
     keystone: what a yaw of the right camera would leave in the rows.
-    index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
-    mistake: what was done wrong with the calibration and explains the rest, where one was looked for and found.
+    index: the refractive index of a flat port that explains the matches best, 1 = none;
+    index_unexplained_px: what it leaves.
+    mistake: what was done wrong with the calibration and explains the rest, where one was looked
+    for and found.
     motion: between neighboring pairs, which shows what rows do not.
-    unrectified_px: median difference of the rows in the images as they are; apart_px: median distance of the points in them.
-    between_pairs_px: standard deviation of the pairs' rows, each pair's median, after what explains the most; 0 for under three.
+    unrectified_px: median difference of the rows in the images as they are; apart_px: median
+    distance of the points in them.
+    between_pairs_px: standard deviation of the pairs' rows, each pair's median, after what explains
+    the most; 0 for under three.
     """
 
     pairs: int
@@ -81,8 +116,12 @@ class RowCheck:
 
     @property
     def acceptable(self) -> bool:
-        """True if rows agree to a quarter of a pixel, neither keystone nor motion stands for wrong ranges, and left is left."""
-        ranges_wrong = self.swapped or self.keystone.is_found or self.motion.is_found or self.one_picture
+        """True if rows agree to a quarter of a pixel, neither keystone nor motion stands for wrong
+        ranges, and left is left.
+        """
+        ranges_wrong = (
+            self.swapped or self.keystone.is_found or self.motion.is_found or self.one_picture
+        )
         return self.row_error_px <= LIMITS.acceptable_px and not ranges_wrong
 
     @property
@@ -92,37 +131,49 @@ class RowCheck:
 
     @property
     def one_picture(self) -> bool:
-        """Tell whether points lie at the same places of both images, as in one camera's picture that was given twice."""
+        """Tell whether points lie at the same places of both images, as in one camera's picture
+        that was given twice.
+        """
         return self.apart_px < LIMITS.apart_px
 
     @property
     def no_rig(self) -> bool:
-        """Tell whether pairs contradict each other, as those of one moving camera, or of two moments, do."""
+        """Tell whether pairs contradict each other, as those of one moving camera, or of two
+        moments, do.
+        """
         return self.between_pairs_px > max(LIMITS.between_px, LIMITS.clear * self.row_error_px)
 
     @property
     def refusal(self) -> str:
-        """Why these are no images of this rig that ranges can be had from, and what to do; "" where they may be."""
+        """Why these are no images of this rig that ranges can be had from, and what to do; "" where
+        they may be.
+        """
         if self.one_picture:
             return (
-                f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart in the images (median): give the "
+                f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart "
+                "in the images (median): give the "
                 "other camera's images on one of the sides"
             )
         if self.rectified_already:
             return (
-                f"{RECTIFIED}: as they are their rows agree to {self.unrectified_px:.2f} px, and after rectification by this "
+                f"{RECTIFIED}: as they are their rows agree to {self.unrectified_px:.2f} px, and "
+                "after rectification by this "
                 f"calibration to {self.row_error_px:.2f} px: {GIVE_RECTIFIED}"
             )
         return ""
 
     @property
     def rectified_already(self) -> bool:
-        """Tell whether rows agree in the images as they are, and neither after rectification nor after a movement of a camera.
+        """Tell whether rows agree in the images as they are, and neither after rectification nor
+        after a movement of a camera.
 
-        A rig without distortion that has moved a little may come to the same: refined, it is right either way.
+        A rig without distortion that has moved a little may come to the same: refined, it is right
+        either way.
         """
         explained_px = min(self.row_error_px, self.unexplained_px)
-        agree = self.unrectified_px <= min(LIMITS.acceptable_px, LIMITS.rectified_ratio * explained_px)
+        agree = self.unrectified_px <= min(
+            LIMITS.acceptable_px, LIMITS.rectified_ratio * explained_px
+        )
         return agree and self.row_error_px > LIMITS.acceptable_px
 
     @property
@@ -133,8 +184,17 @@ class RowCheck:
     @property
     def has_moved(self) -> bool:
         """True if rows disagree as after a movement of a camera, which refining can find."""
-        drifted = (self.row_error_px > LIMITS.acceptable_px and self._is_drift) or self.keystone.is_found
-        otherwise = self.swapped or self.air_in_water or self.cut_out or self.keystone.is_lens or self.refusal or self.no_rig
+        drifted = (
+            self.row_error_px > LIMITS.acceptable_px and self._is_drift
+        ) or self.keystone.is_found
+        otherwise = (
+            self.swapped
+            or self.air_in_water
+            or self.cut_out
+            or self.keystone.is_lens
+            or self.refusal
+            or self.no_rig
+        )
         return drifted and not (otherwise or self.mistake)
 
     @property
@@ -144,7 +204,9 @@ class RowCheck:
 
     @property
     def air_in_water(self) -> bool:
-        """Tell whether bending the rays as a flat port in water does explains rows that do not agree without it."""
+        """Tell whether bending the rays as a flat port in water does explains rows that do not
+        agree without it.
+        """
         bent_px = self.index_unexplained_px
         in_water = LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
         return (
@@ -156,13 +218,21 @@ class RowCheck:
 
     @property
     def cut_out(self) -> bool:
-        """True if images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
+        """True if images cut out of those that were calibrated, and enlarged to their size, explain
+        rows that do not agree.
+        """
         left_px = self.enlargement.unexplained_px
-        return self._explains(left_px) and left_px <= self._turned_px and not (self.air_in_water or self.rectified_already)
+        return (
+            self._explains(left_px)
+            and left_px <= self._turned_px
+            and not (self.air_in_water or self.rectified_already)
+        )
 
     @property
     def _turned_px(self) -> float:
-        """What a likely yaw of the right camera leaves, beside the other movements; infinite where there is none."""
+        """What a likely yaw of the right camera leaves, beside the other movements; infinite where
+        there is none.
+        """
         likely = self.keystone.is_found and not self.keystone.is_lens
         return self.keystone.unexplained_px if likely else float("inf")
 
@@ -176,27 +246,44 @@ class RowCheck:
         if self.refusal or self.mistake:
             return (self.refusal or self.mistake,)
         if self.swapped:
-            return (f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and right folders are swapped",)
+            return (
+                f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and "
+                "right folders are swapped",
+            )
         advice = []
         if self.air_in_water:
             advice.append(
-                f"light bent by a flat port (index {self.index:.2f}) explains the rows, {self.index_unexplained_px:.2f} px left "
-                f"instead of {self.unexplained_px:.2f} px: it looks like a calibration made in air; calibrate in water, "
-                f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
+                f"light bent by a flat port (index {self.index:.2f}) explains the rows, "
+                f"{self.index_unexplained_px:.2f} px left "
+                f"instead of {self.unexplained_px:.2f} px: it looks like a calibration made in "
+                "air; calibrate in water, "
+                f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and "
+                "its thickness)"
             )
         elif self.cut_out:
             factor = self.enlargement.factor
             in_water = LIMITS.water_index[0] <= factor <= LIMITS.water_index[1]
-            air = "; a focal length measured in air looks the same in water: calibrate in water" if in_water else ""
+            air = (
+                "; a focal length measured in air looks the same in water: calibrate in water"
+                if in_water
+                else ""
+            )
             advice.append(
-                f"images cut out of the calibrated ones and enlarged about {factor:.2f} times, to their size, explain the "
-                f"rows, {self.enlargement.unexplained_px:.2f} px left instead of {self.unexplained_px:.2f} px: ranges would be "
-                f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of this (or of the stabilized) "
+                f"images cut out of the calibrated ones and enlarged about {factor:.2f} times, to "
+                "their size, explain the "
+                f"rows, {self.enlargement.unexplained_px:.2f} px left instead of "
+                f"{self.unexplained_px:.2f} px: ranges would be "
+                f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of "
+                "this (or of the stabilized) "
                 f"mode{air}"
             )
         else:
             drifted = self._is_drift or not self.keystone.is_found
-            advice += [self._explanation()] if self.row_error_px > LIMITS.acceptable_px and drifted else []
+            advice += (
+                [self._explanation()]
+                if self.row_error_px > LIMITS.acceptable_px and drifted
+                else []
+            )
             advice += [self.keystone.line] if self.keystone.is_found else []
         advice += [self.motion.advice] if self.motion.is_found else []
         return tuple(advice)
@@ -205,30 +292,47 @@ class RowCheck:
         """The report line by line, the verdict last."""
         verdict = "acceptable" if self.acceptable else "NOT acceptable"
         return [
-            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.row_error_px:.2f} px (median); "
-            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
+            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
+            f"{self.row_error_px:.2f} px (median); "
+            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll "
+            f"{self.roll_deg:+.3f} degrees leave "
             f"{self.unexplained_px:.2f} px",
-            *([] if self.motion is NO_MOTION or self.mistake or self.refusal else [self.motion.line]),
+            *(
+                []
+                if self.motion is NO_MOTION or self.mistake or self.refusal
+                else [self.motion.line]
+            ),
             *self.advice,
             f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)",
         ]
 
     def _explanation(self) -> str:
-        cause = f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees"
+        cause = (
+            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll "
+            f"{self.roll_deg:+.3f} degrees"
+        )
         if not self._is_drift:
             return (
-                f"a vertical disparity of {self.row_error_px:.2f} px, of which {cause} leave {self.unexplained_px:.2f} px: "
-                f"{self._between}pairs that are not of one moment, another lens or another rig than the calibrated one, moving "
+                f"a vertical disparity of {self.row_error_px:.2f} px, of which {cause} leave "
+                f"{self.unexplained_px:.2f} px: "
+                f"{self._between}pairs that are not of one moment, another lens or another rig "
+                "than the calibrated one, moving "
                 "things or a shutter out of step"
             )
-        moved = f"a vertical disparity of {self.row_error_px:.2f} px, as after {cause}: a camera has moved since"
+        moved = (
+            f"a vertical disparity of {self.row_error_px:.2f} px, as after {cause}: a camera "
+            "has moved since"
+        )
         return f"{moved}{self._or_cut_out}; calibrate again"
 
     @property
     def _between(self) -> str:
         if not self.no_rig:
             return ""
-        return f"the pairs differ among themselves by {self.between_pairs_px:.1f} px, as pictures of one moving camera do: "
+        return (
+            f"the pairs differ among themselves by {self.between_pairs_px:.1f} px, as pictures "
+            "of one moving camera do: "
+        )
 
     @property
     def _or_cut_out(self) -> str:
@@ -237,8 +341,10 @@ class RowCheck:
         if left_px > max(LIMITS.alike * self.unexplained_px, LIMITS.clear * self.row_error_px):
             return ""
         return (
-            f", or the images are cut out of the calibrated ones and enlarged {factor:.2f} times to their size (stabilized, a "
-            f"digital zoom), which would leave {left_px:.2f} px: ranges would be {1 / factor:.2f} of the true ones, and "
+            f", or the images are cut out of the calibrated ones and enlarged {factor:.2f} times "
+            "to their size (stabilized, a "
+            f"digital zoom), which would leave {left_px:.2f} px: ranges would be {1 / factor:.2f} "
+            "of the true ones, and "
             "refining would hide it"
         )
 
@@ -249,16 +355,20 @@ class RowCheck:
 Array = NDArray[np.float64]
 MIN_MATCHES = 50  # fewer do not reach the corners of the image, where roll and scale show
 BEHIND_PX = -0.5  # disparity of a point behind infinity: beyond the noise of matches, about 0.1 px
-LEAST_PIXELS = 1.6e5  # images smaller than that at a third of their size show too few features there
+LEAST_PIXELS = (
+    1.6e5  # images smaller than that at a third of their size show too few features there
+)
 STRAY_PX = 1.0  # a row that much off the median is no match of the same point
 
 
 @dataclass(frozen=True, eq=False)
 class QuickLook:
-    """The outcome of a quick look. rows_agree: to a quarter of a pixel, and left is left; False also if too little matches to tell.
+    """The outcome of a quick look. rows_agree: to a quarter of a pixel, and left is left; False
+    also if too little matches to tell.
 
     keystone: True if there may be one that stands for wrong ranges, which more pairs must tell.
-    range_m: (n,) of the points in front of the cameras, along the ray; empty if too little matches to tell.
+    range_m: (n,) of the points in front of the cameras, along the ray; empty if too little matches
+    to tell.
     """
 
     rows_agree: bool
@@ -277,12 +387,21 @@ def quick_look(rectification: Rectification, images: Images) -> QuickLook:
     disparity_px = shift_px - (pair.cx_left_px - pair.cx_right_px)
     apart = np.median(disparity_px) > -BEHIND_PX  # else swapped, or one camera's picture twice
     agree = np.median(np.abs(row_px)) <= LIMITS.acceptable_px and apart
-    centered = (found.left - [pair.cx_left_px, pair.cy_px], found.right - [pair.cx_right_px, pair.cy_px])
+    centered = (
+        found.left - [pair.cx_left_px, pair.cy_px],
+        found.right - [pair.cx_right_px, pair.cy_px],
+    )
     keystone = find_keystone(*centered, np.zeros(len(row_px), np.int64), pair.focal_px)
     in_front = (np.abs(row_px - np.median(row_px)) < STRAY_PX) & (disparity_px > -BEHIND_PX)
-    return QuickLook(bool(agree), keystone.is_possible, _range_m(pair, found.left[in_front], disparity_px[in_front]))
+    return QuickLook(
+        bool(agree),
+        keystone.is_possible,
+        _range_m(pair, found.left[in_front], disparity_px[in_front]),
+    )
 
 
 def _range_m(pair: RectifiedPair, left: Array, disparity_px: Array) -> Array:
     slopes = (left - [pair.cx_left_px, pair.cy_px]) / pair.focal_px
-    return np.asarray(pair.focal_px * pair.baseline_m / disparity_px * np.sqrt(1 + (slopes**2).sum(axis=1)))
+    return np.asarray(
+        pair.focal_px * pair.baseline_m / disparity_px * np.sqrt(1 + (slopes**2).sum(axis=1))
+    )

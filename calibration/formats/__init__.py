@@ -1,4 +1,6 @@
-"""Calibration formats: ``load_rig`` reads every known one, ``write_rig`` writes some; each format is a module."""
+"""Calibration formats: ``load_rig`` reads every known one, ``write_rig`` writes some; each format
+is a module.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -23,17 +25,43 @@ from calibration.formats import (
     seagis,
     viame,
 )
-from calibration.formats.others import basalt, calib_filter, calib_io, cityscapes, depthai, middlebury, oplab, rectified, zed
+from calibration.formats.others import (
+    basalt,
+    calib_filter,
+    calib_io,
+    cityscapes,
+    depthai,
+    middlebury,
+    oplab,
+    rectified,
+    zed,
+)
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.folder import calibration_files, left_first, merged
 from calibration.formats.reading.section import Section, naming
 from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig
 
-__all__ = ["WritableFormat", "format_name", "load_rig", "load_rig_of_images", "parse_size", "write_rig"]
+__all__ = [
+    "WritableFormat",
+    "format_name",
+    "load_rig",
+    "load_rig_of_images",
+    "parse_size",
+    "write_rig",
+]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
-SIZED = (native, kalibr, oplab, orbslam, basalt, depthai, calib_filter, calib_io)  # these store the size of the images
+SIZED = (
+    native,
+    kalibr,
+    oplab,
+    orbslam,
+    basalt,
+    depthai,
+    calib_filter,
+    calib_io,
+)  # these store the size of the images
 WHOLE_RIG = (
     *SIZED,
     middlebury,
@@ -47,10 +75,15 @@ WHOLE_RIG = (
     cityscapes,
     rectified,
 )  # these hold a rig in one file
-ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
+ONE_CAMERA = {
+    "ROS": ros,
+    "SeaGIS": seagis,
+    "EuRoC": euroc,
+}  # these hold a camera in each of two files
 READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)
 NO_POSE = (
-    "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into a third file and give a folder "
+    "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into "
+    "a third file and give a folder "
     "with all three"
 )
 MAX_AROUND = 3  # mappings around a calibration: /ns, ros__parameters, stereo
@@ -61,7 +94,8 @@ def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
     """Read a calibration of any known format; the format is recognized by the content of the file.
 
     path: a file, a folder, or two files with a comma between: ``left.yaml,right.yaml``.
-    image_size: (width, height) of the images, for files that do not store it; ignored where the file says.
+    image_size: (width, height) of the images, for files that do not store it; ignored where the
+    file says.
 
     Raises CalibrationError, naming the file and the key.
     """
@@ -82,14 +116,18 @@ def load_rig_of_images(path: str | Path, image_size: Size) -> StereoRig:
 
 
 def format_name(path: str | Path) -> str:
-    """The format that load_rig takes ``path`` for, such as "kalibr". Raises CalibrationError if it is none."""
+    """The format that load_rig takes ``path`` for, such as "kalibr". Raises CalibrationError if it
+    is none.
+    """
     for document in _within(_documents(path)[0]):
         if cameras := _two_cameras(document):
             return _name(cameras[0])
         for reader in READERS:
             if reader.matches(document):
                 return _name(reader)
-    raise CalibrationError(f"{path}: is no calibration known here; see docs/calibration.md for the formats")
+    raise CalibrationError(
+        f"{path}: is no calibration known here; see docs/calibration.md for the formats"
+    )
 
 
 def parse_size(text: str) -> Size:
@@ -101,10 +139,11 @@ def parse_size(text: str) -> Size:
 
 
 def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native") -> None:
-    """Write ``rig`` in the named format; for ROS, path is ``left.yaml,right.yaml`` or a folder for these two.
+    """Write ``rig`` in the named format; for ROS, path is ``left.yaml,right.yaml`` or a folder for
+    these two.
 
-    Each file is written whole or not at all. Raises CalibrationError for a format that is not written, a rig that the format
-    cannot hold, or a place that cannot be written.
+    Each file is written whole or not at all. Raises CalibrationError for a format that is not
+    written, a rig that the format cannot hold, or a place that cannot be written.
     """
     writers: dict[str, Callable[[StereoRig, Path], None]] = {
         "native": native.write,
@@ -120,9 +159,14 @@ def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native
             with write_atomic(Path(path)) as temporary:
                 writers[format](rig, temporary)
         else:
-            raise CalibrationError(f"cannot write {format!r}: the formats written are {', '.join(get_args(WritableFormat))}")
+            raise CalibrationError(
+                f"cannot write {format!r}: the formats written are "
+                f"{', '.join(get_args(WritableFormat))}"
+            )
     except OSError as error:
-        raise CalibrationError(f"{path}: the calibration cannot be written: {error.strerror or error}") from error
+        raise CalibrationError(
+            f"{path}: the calibration cannot be written: {error.strerror or error}"
+        ) from error
 
 
 def paths_of(path: str | Path, format: WritableFormat) -> tuple[Path, ...]:
@@ -136,9 +180,13 @@ def _documents(path: str | Path) -> list[Section]:
         return _of_folder(whole)
     parts = [whole] if whole.exists() else [Path(part.strip()) for part in str(path).split(",")]
     if len(parts) > 2:
-        raise CalibrationError(f"{path}: give one calibration file, or two with a comma between, not {len(parts)}")
+        raise CalibrationError(
+            f"{path}: give one calibration file, or two with a comma between, not {len(parts)}"
+        )
     if all(part.is_dir() for part in parts):  # a folder a camera
-        return [merged([document for part in parts for document in _readable(calibration_files(part))])]
+        return [
+            merged([document for part in parts for document in _readable(calibration_files(part))])
+        ]
     return [load_document(part) for part in parts]
 
 
@@ -155,22 +203,34 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     if all(map(opencv.is_one_lens, documents)):
         raise CalibrationError(f"holds one lens, and so does {second.where}: {NO_POSE}")
     raise CalibrationError(
-        f"is {_kind(first)}, and {second.where} is {_kind(second)}: two files must be the left and right camera_info of ROS, "
+        f"is {_kind(first)}, and {second.where} is {_kind(second)}: two files must be the left "
+        "and right camera_info of ROS, "
         ".cam of SeaGIS or sensor.yaml of EuRoC, or OpenCV's intrinsics and extrinsics"
     )
 
 
 def _two_cameras(document: Section) -> tuple[Any, list[Section]] | None:
     """The reader and the mappings of two cameras in one file; None if it holds no such two."""
-    cameras = [document.section(key) for key, value in document.content.items() if isinstance(value, dict)]
-    reader = next((one for one in ONE_CAMERA.values() if len(cameras) == 2 and all(map(one.matches, cameras))), None)
+    cameras = [
+        document.section(key) for key, value in document.content.items() if isinstance(value, dict)
+    ]
+    reader = next(
+        (
+            one
+            for one in ONE_CAMERA.values()
+            if len(cameras) == 2 and all(map(one.matches, cameras))
+        ),
+        None,
+    )
     return (reader, cameras) if reader else None
 
 
 def _of_cameras(documents: list[Section]) -> StereoRig | None:
     """The rig of a left and a right camera of the same format; None if they are not."""
     for reader in ONE_CAMERA.values():
-        left, right = (next(filter(reader.matches, _within(document)), None) for document in documents)
+        left, right = (
+            next(filter(reader.matches, _within(document)), None) for document in documents
+        )
         if left and right:
             rig: StereoRig = reader.parse(left, right)
             return rig
@@ -178,7 +238,10 @@ def _of_cameras(documents: list[Section]) -> StereoRig | None:
 
 
 def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
-    document = next((found for found in _within(document) if any(reader.matches(found) for reader in READERS)), document)
+    document = next(
+        (found for found in _within(document) if any(reader.matches(found) for reader in READERS)),
+        document,
+    )
     rig: StereoRig
     for reader in WHOLE_RIG:
         if reader.matches(document):
@@ -189,19 +252,27 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
         return rig
     for name, reader in ONE_CAMERA.items():
         if reader.matches(document):
-            raise CalibrationError(f"is one camera of a {name} pair: give both files, as left.yaml,right.yaml")
+            raise CalibrationError(
+                f"is one camera of a {name} pair: give both files, as left.yaml,right.yaml"
+            )
     if opencv.is_one_lens(document):
         raise CalibrationError(
-            "holds one lens: give the file of both cameras with R and T between them, or a folder with its parts"
+            "holds one lens: give the file of both cameras with R and T between them, or a folder "
+            "with its parts"
         )
     if opencv.matches(document):
         return opencv.parse(document, image_size)
     keys = ", ".join(map(repr, list(document.content)[:6]))
-    raise CalibrationError(f"is no calibration known here (its keys: {keys:.120}); see docs/calibration.md for the formats")
+    raise CalibrationError(
+        f"is no calibration known here (its keys: {keys:.120}); see docs/calibration.md for the "
+        "formats"
+    )
 
 
 def _within(document: Section) -> Iterator[Section]:
-    """The document, and what a mapping around all of it holds: ``stereo_calibration: {K1: ...}``."""
+    """The document, and what a mapping around all of it holds: ``stereo_calibration: {K1:
+    ...}``.
+    """
     yield document
     for _ in range(MAX_AROUND):
         if len(document.content) != 1:
@@ -219,11 +290,20 @@ def _of_folder(folder: Path) -> list[Section]:
     if all(file.is_file() for file in euroc_files):
         return [load_document(file) for file in euroc_files]
     documents = _readable(calibration_files(folder))
-    if colmap.matches(parts := _together(documents)) and parts.has(colmap.CAMERAS) and len(parts.content) > 1:
+    if (
+        colmap.matches(parts := _together(documents))
+        and parts.has(colmap.CAMERAS)
+        and len(parts.content) > 1
+    ):
         return [Section(str(folder), parts.content)]
-    documents = [document for document in documents if not okvis.is_lens(document)]  # the configuration names them
+    documents = [
+        document for document in documents if not okvis.is_lens(document)
+    ]  # the configuration names them
     whole = [
-        d for d in documents if any(reader.matches(inner) for inner in _within(d) for reader in WHOLE_RIG) or _is_opencv_rig(d)
+        d
+        for d in documents
+        if any(reader.matches(inner) for inner in _within(d) for reader in WHOLE_RIG)
+        or _is_opencv_rig(d)
     ]
     if len(whole) == 1:
         return whole
@@ -238,13 +318,21 @@ def _of_folder(folder: Path) -> list[Section]:
         for files in (documents, [*documents, *_readable(deeper)]):
             if files and _is_opencv_rig(parts := merged(files)):
                 return [Section(str(folder), parts.content)]
-    found = ", ".join(f"{Path(d.where).name} ({_kind(d)})" for d in documents)[:300] or "no file that can be read"
-    raise CalibrationError(f"{folder}: expected one rig, or the files of one, and found {found}: name the file")
+    found = (
+        ", ".join(f"{Path(d.where).name} ({_kind(d)})" for d in documents)[:300]
+        or "no file that can be read"
+    )
+    raise CalibrationError(
+        f"{folder}: expected one rig, or the files of one, and found {found}: name the file"
+    )
 
 
 def _together(documents: list[Section]) -> Section:
     """The keys of several files as one's."""
-    return Section(",".join(d.where for d in documents), {key: value for d in documents for key, value in d.content.items()})
+    return Section(
+        ",".join(d.where for d in documents),
+        {key: value for d in documents for key, value in d.content.items()},
+    )
 
 
 def _is_opencv_rig(document: Section) -> bool:
@@ -275,5 +363,7 @@ def _pair_of_paths(path: Path) -> tuple[Path, Path]:
     if len(parts) == 2:
         return Path(parts[0].strip()), Path(parts[1].strip())
     if path.suffix:
-        raise CalibrationError(f"{path}: ROS keeps a rig in two files: give left.yaml,right.yaml or a folder")
+        raise CalibrationError(
+            f"{path}: ROS keeps a rig in two files: give left.yaml,right.yaml or a folder"
+        )
     return path / "left.yaml", path / "right.yaml"

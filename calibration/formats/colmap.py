@@ -1,4 +1,5 @@
-"""COLMAP's rigs: rig_config.json of two cameras, or rigs.txt and cameras.txt of a model; camera from rig, quaternions w first.
+"""COLMAP's rigs: rig_config.json of two cameras, or rigs.txt and cameras.txt of a model; camera
+from rig, quaternions w first.
 
 Its pixels begin at the corner: the center of the first one is (0.5, 0.5) (COLMAP, *Camera Models*).
 """
@@ -18,9 +19,13 @@ from calibration.rig import Camera, CameraModel, StereoRig
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
-CAMERAS, RIGS = "cameras.txt of COLMAP", "rigs.txt of COLMAP"  # keys that reading/document.py puts the lines of these files under
+CAMERAS, RIGS = (
+    "cameras.txt of COLMAP",
+    "rigs.txt of COLMAP",
+)  # keys that reading/document.py puts the lines of these files under
 MODEL_SCALE = (
-    "the rig of a COLMAP model has the scale of the model, metric only if that was given one: measure a known length, or give the "
+    "the rig of a COLMAP model has the scale of the model, metric only if that was given one: "
+    "measure a known length, or give the "
     "rig that was calibrated"
 )
 MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
@@ -35,7 +40,9 @@ MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
     "OPENCV_FISHEYE": (2, ("k1", "k2", "k3", "k4"), "fisheye"),
     "FOV": (2, ("omega",), "pinhole"),
 }
-"""Focal lengths that a model has, the coefficients after the principal point, and what it is here."""
+"""Focal lengths that a model has, the coefficients after the principal point, and what it is
+here.
+"""
 
 
 def matches(document: Section) -> bool:
@@ -44,7 +51,9 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rig. image_size: for rig_config.json alone, which stores none. Raises CalibrationError, naming the key."""
+    """The rig. image_size: for rig_config.json alone, which stores none. Raises CalibrationError,
+    naming the key.
+    """
     try:
         cameras = _cameras(document)
         if document.has(RIGS):
@@ -54,74 +63,126 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         else:
             lenses, poses = [], []
     except (ValueError, IndexError, KeyError) as error:
-        raise CalibrationError(f"{document.where}: is damaged, or of a COLMAP not known here: {error}") from error
+        raise CalibrationError(
+            f"{document.where}: is damaged, or of a COLMAP not known here: {error}"
+        ) from error
     if not lenses:
         raise CalibrationError(
-            f"{document.where}: holds cameras and no rig: give the file of the rig too, as rigs.txt,cameras.txt or "
+            f"{document.where}: holds cameras and no rig: give the file of the rig too, as "
+            "rigs.txt,cameras.txt or "
             "rig_config.json,cameras.txt"
         )
     T = poses[1] @ inverse_transform(poses[0])
     T[:3, 3], doubts = to_meters(T[:3, 3], None)
     if document.has(RIGS):
-        doubts = (f"{MODEL_SCALE}: its baseline of {1000 * np.linalg.norm(T[:3, 3]):.1f} mm is of the model", *doubts[1:])
+        doubts = (
+            f"{MODEL_SCALE}: its baseline of {1000 * np.linalg.norm(T[:3, 3]):.1f} mm is of the "
+            "model",
+            *doubts[1:],
+        )
     with naming(document.where):
         try:
             return StereoRig(lenses[0], lenses[1], T, doubts=doubts)
         except CalibrationError as error:
-            raise CalibrationError(f"{MODEL_SCALE}: {error}" if document.has(RIGS) else str(error)) from error
+            raise CalibrationError(
+                f"{MODEL_SCALE}: {error}" if document.has(RIGS) else str(error)
+            ) from error
 
 
 def _configured(document: Section) -> list[Section]:
     """The cameras of rig_config.json; none where the file is another."""
     cameras = document.content.get("cameras")
-    if not isinstance(cameras, list) or not all(isinstance(one, Mapping) and "image_prefix" in one for one in cameras):
+    if not isinstance(cameras, list) or not all(
+        isinstance(one, Mapping) and "image_prefix" in one for one in cameras
+    ):
         return []
     return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
 
 
 def _cameras(document: Section) -> dict[int, Camera]:
     rows = document.content.get(CAMERAS, [])
-    return {int(row[0]): _camera(document.where, row[1], row[4:], (int(row[2]), int(row[3]))) for row in rows}
+    return {
+        int(row[0]): _camera(document.where, row[1], row[4:], (int(row[2]), int(row[3])))
+        for row in rows
+    }
 
 
 def _of_config(
     document: Section, configured: list[Section], cameras: dict[int, Camera], size: Size | None
 ) -> tuple[list[Camera], list[Array]]:
     if len(configured) != 2:
-        raise CalibrationError(f"{document.where}: cameras: holds {len(configured)}: keep the two of the stereo pair")
+        raise CalibrationError(
+            f"{document.where}: cameras: holds {len(configured)}: keep the two of the stereo pair"
+        )
     in_order = [cameras[number] for number in sorted(cameras)]
     lenses, poses = [], []
     for i, section in enumerate(configured):
         if section.has("camera_params"):
             if size is None and len(in_order) <= i:
-                raise CalibrationError(f"{document.where}: stores no image size: give it, or cameras.txt too, with a comma between")
+                raise CalibrationError(
+                    f"{document.where}: stores no image size: give it, or cameras.txt too, with a "
+                    "comma between"
+                )
             own_size = in_order[i].image_size if len(in_order) > i else size
             assert own_size
-            lenses.append(_camera(section.where, section.text("camera_model_name"), section.numbers("camera_params"), own_size))
+            lenses.append(
+                _camera(
+                    section.where,
+                    section.text("camera_model_name"),
+                    section.numbers("camera_params"),
+                    own_size,
+                )
+            )
         elif len(in_order) > i:
-            lenses.append(cameras[int(section.number("camera_id"))] if section.has("camera_id") else in_order[i])
+            lenses.append(
+                cameras[int(section.number("camera_id"))]
+                if section.has("camera_id")
+                else in_order[i]
+            )
         else:
-            raise CalibrationError(f"{section.where}: no 'camera_params': give cameras.txt too, with a comma between")
+            raise CalibrationError(
+                f"{section.where}: no 'camera_params': give cameras.txt too, with a comma between"
+            )
         has_pose = section.has("cam_from_rig_rotation", "cam_from_rig_translation")
-        pose = [section.numbers("cam_from_rig_rotation", 4), section.numbers("cam_from_rig_translation", 3)] if has_pose else []
+        pose = (
+            [
+                section.numbers("cam_from_rig_rotation", 4),
+                section.numbers("cam_from_rig_translation", 3),
+            ]
+            if has_pose
+            else []
+        )
         poses.append(_pose(section.where, np.concatenate(pose)) if pose else np.eye(4))
     return lenses, poses
 
 
 def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camera], list[Array]]:
-    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then for each other sensor TYPE ID HAS_POSE and its pose."""
+    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then for each other sensor TYPE ID HAS_POSE and its
+    pose.
+    """
     rows = [row for row in document.content[RIGS] if int(row[1]) == 2]
     if len(rows) != 1 or len(rows[0]) < 14 or rows[0][6] != "1":
-        raise CalibrationError(f"{document.where}: expected one rig of two cameras with the pose of the second, found {len(rows)}")
+        raise CalibrationError(
+            f"{document.where}: expected one rig of two cameras with the pose of the second, "
+            f"found {len(rows)}"
+        )
     numbers = [int(rows[0][3]), int(rows[0][5])]
     if not set(numbers) <= set(cameras):
-        raise CalibrationError(f"{document.where}: its cameras {numbers} are not there: give cameras.txt too, with a comma between")
-    return [cameras[number] for number in numbers], [np.eye(4), _pose(document.where, np.array(rows[0][7:14], dtype=np.float64))]
+        raise CalibrationError(
+            f"{document.where}: its cameras {numbers} are not there: give cameras.txt too, with a "
+            "comma between"
+        )
+    return [cameras[number] for number in numbers], [
+        np.eye(4),
+        _pose(document.where, np.array(rows[0][7:14], dtype=np.float64)),
+    ]
 
 
 def _pose(where: str, numbers: Array) -> Array:
     """(4, 4) of qw qx qy qz tx ty tz."""
-    from scipy.spatial.transform import Rotation  # a quarter of a second, which other formats need not wait for
+    from scipy.spatial.transform import (
+        Rotation,
+    )  # a quarter of a second, which other formats need not wait for
 
     if not 0.9 < np.linalg.norm(numbers[:4]) < 1.1:
         raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is no rotation")
@@ -130,12 +191,21 @@ def _pose(where: str, numbers: Array) -> Array:
 
 def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:
     if name not in MODELS:
-        raise CalibrationError(f"{where}: the camera model {name} is not supported: use one of {', '.join(MODELS)}")
+        raise CalibrationError(
+            f"{where}: the camera model {name} is not supported: use one of {', '.join(MODELS)}"
+        )
     focal_count, coefficients, model = MODELS[name]
     numbers = np.array(parameters, dtype=np.float64)
     if numbers.size != focal_count + 2 + len(coefficients):
-        raise CalibrationError(f"{where}: {name} takes {focal_count + 2 + len(coefficients)} parameters, got {numbers.size}")
-    focal, (cx, cy), rest = numbers[:focal_count], numbers[focal_count : focal_count + 2], numbers[focal_count + 2 :]
+        raise CalibrationError(
+            f"{where}: {name} takes {focal_count + 2 + len(coefficients)} parameters, got "
+            f"{numbers.size}"
+        )
+    focal, (cx, cy), rest = (
+        numbers[:focal_count],
+        numbers[focal_count : focal_count + 2],
+        numbers[focal_count + 2 :],
+    )
     K = np.array([[focal[0], 0, cx - 0.5], [0, focal[-1], cy - 0.5], [0, 0, 1]])
     if name == "FOV":
         return fitted_camera(where, field_of_view(float(rest[0])), K, size, name)

@@ -1,4 +1,6 @@
-"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; omni, ds, eucm and fov become the pinhole or fisheye that is nearest."""
+"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; omni, ds, eucm and fov become the pinhole
+or fisheye that is nearest.
+"""
 
 import re
 from collections.abc import Callable
@@ -10,7 +12,14 @@ import yaml
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.reading.lens_models import Plane, double_sphere, extended_unified, field_of_view, fitted_camera, omni
+from calibration.formats.reading.lens_models import (
+    Plane,
+    double_sphere,
+    extended_unified,
+    field_of_view,
+    fitted_camera,
+    omni,
+)
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform
@@ -26,18 +35,33 @@ _FIGURES = re.compile(r"^\s*(projection|t): +\[([^]]*)\] +\+- +\[([^]]*)\]", re.
 
 
 def stated_errors(camchain: Path, focal_px: NDArray[np.float64]) -> RigErrors | None:
-    """Read the standard errors of a camchain's two cameras; None where the file is not there, or is of another calibration.
+    """Read the standard errors of a camchain's two cameras; None where the file is not there, or is
+    of another calibration.
 
-    focal_px: (2, 2) fx, fy of cam0 and cam1. Each line reads ``projection: [fx fy cx cy] +- [...]``, and the baseline's
+    focal_px: (2, 2) fx, fy of cam0 and cam1. Each line reads ``projection: [fx fy cx cy] +-
+    [...]``, and the baseline's
     ``t: [x y z] +- [...]``.
     """
     path = camchain.with_name(camchain.name.replace(CAMCHAIN, RESULTS)).with_suffix(".txt")
     if CAMCHAIN not in camchain.name or not path.is_file():
         return None
-    found = [(kind, _numbers(value), _numbers(std)) for kind, value, std in _FIGURES.findall(path.read_text("utf-8", "replace"))]
-    lenses = [(value[:2], std[:2]) for kind, value, std in found if kind == "projection" and value.size == std.size == 4]
-    ways = [(value, std) for kind, value, std in found if kind == "t" and value.size == std.size == 3]
-    if len(lenses) != 2 or len(ways) != 1 or not np.allclose([value for value, _ in lenses], focal_px, rtol=SAME):
+    found = [
+        (kind, _numbers(value), _numbers(std))
+        for kind, value, std in _FIGURES.findall(path.read_text("utf-8", "replace"))
+    ]
+    lenses = [
+        (value[:2], std[:2])
+        for kind, value, std in found
+        if kind == "projection" and value.size == std.size == 4
+    ]
+    ways = [
+        (value, std) for kind, value, std in found if kind == "t" and value.size == std.size == 3
+    ]
+    if (
+        len(lenses) != 2
+        or len(ways) != 1
+        or not np.allclose([value for value, _ in lenses], focal_px, rtol=SAME)
+    ):
         return None
     focal = max(float((std / value).mean()) for value, std in lenses)
     t, t_std = ways[0]
@@ -52,26 +76,43 @@ def _numbers(text: str) -> NDArray[np.float64]:
         return np.zeros(0)
 
 
-DISTORTION_MODELS: dict[str, CameraModel] = {"radtan": "pinhole", "equidistant": "fisheye", "none": "pinhole"}
+DISTORTION_MODELS: dict[str, CameraModel] = {
+    "radtan": "pinhole",
+    "equidistant": "fisheye",
+    "none": "pinhole",
+}
 
 
 def matches(document: Section) -> bool:
     """True for a camchain, of any number of cameras."""
     content = document.content.get("cam0")
-    return isinstance(content, dict) and ("intrinsics" in content or "camera_model" in content) and "pose" not in content  # TagSLAM
+    return (
+        isinstance(content, dict)
+        and ("intrinsics" in content or "camera_model" in content)
+        and "pose" not in content
+    )  # TagSLAM
 
 
 def parse(document: Section) -> StereoRig:
-    """The rig of cam0 and cam1. Where cam1 stands to the left of cam0, it becomes the left camera."""
+    """The rig of cam0 and cam1. Where cam1 stands to the left of cam0, it becomes the left
+    camera.
+    """
     if document.has("cam2"):
-        raise CalibrationError(f"{document.where}: holds more than two cameras: keep the two of the stereo pair, as cam0 and cam1")
+        raise CalibrationError(
+            f"{document.where}: holds more than two cameras: keep the two of the stereo pair, as "
+            "cam0 and cam1"
+        )
     if not document.has("cam1"):
-        raise CalibrationError(f"{document.where}: holds cam0 alone: calibrate both cameras together")
+        raise CalibrationError(
+            f"{document.where}: holds cam0 alone: calibrate both cameras together"
+        )
     sections = [document.section("cam0"), document.section("cam1")]
     cameras = [_parse_camera(section) for section in sections]
     T = _pose(sections)
     topics = [section.text("rostopic") if section.has("rostopic") else "" for section in sections]
-    errors = stated_errors(Path(document.where), np.array([camera.K[[0, 1], [0, 1]] for camera in cameras]))
+    errors = stated_errors(
+        Path(document.where), np.array([camera.K[[0, 1], [0, 1]] for camera in cameras])
+    )
     with naming(sections[1].where + ": T_cn_cnm1"):
         x_m, y_m, _ = -T[:3, :3].T @ T[:3, 3]
         if x_m < -abs(y_m):
@@ -82,7 +123,9 @@ def parse(document: Section) -> StereoRig:
 
 
 def _pose(sections: list[Section]) -> NDArray[np.float64]:
-    """T_cn_cnm1, (4, 4); of files that hold each camera's pose to an IMU alone (OpenVINS writes T_imu_cam), from these."""
+    """T_cn_cnm1, (4, 4); of files that hold each camera's pose to an IMU alone (OpenVINS writes
+    T_imu_cam), from these.
+    """
     if not sections[1].has("T_cn_cnm1"):
         for key, inverse in (("T_cam_imu", False), ("T_imu_cam", True)):
             if all(section.has(key) for section in sections):
@@ -95,12 +138,15 @@ def _pose(sections: list[Section]) -> NDArray[np.float64]:
 def write(rig: StereoRig, path: Path) -> None:
     """Write a camchain.
 
-    Raises CalibrationError for a camera that Kalibr has no model for (skew, k3, rational or thin prism distortion).
+    Raises CalibrationError for a camera that Kalibr has no model for (skew, k3, rational or thin
+    prism distortion).
     """
     left = _camera_content(rig.left, "left") | {"cam_overlaps": [1], "rostopic": "/left/image_raw"}
     right = {"T_cn_cnm1": rig.T_right_left.tolist()} | _camera_content(rig.right, "right")
     content = {"cam0": left, "cam1": right | {"cam_overlaps": [0], "rostopic": "/right/image_raw"}}
-    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    path.write_text(
+        yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8"
+    )
 
 
 def _parse_camera(section: Section) -> Camera:
@@ -110,18 +156,27 @@ def _parse_camera(section: Section) -> Camera:
         return _other_lens(section, model, name)
     if name not in DISTORTION_MODELS:
         raise CalibrationError(
-            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with radtan or equidistant"
+            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with radtan "
+            "or equidistant"
         )
     fx, fy, cx, cy = section.numbers("intrinsics", 4)
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", 4)
-    return make_camera(section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name])
+    return make_camera(
+        section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name]
+    )
 
 
 def _other_lens(section: Section, model: str, name: str) -> Camera:
-    """A lens that OpenCV has no model for: parameters of the lens stand before the focal lengths."""
+    """A lens that OpenCV has no model for: parameters of the lens stand before the focal
+    lengths.
+    """
     count = {"omni": 1, "ds": 2, "eucm": 2, "pinhole": 0}.get(model)
-    if count is None or (model != "omni" and name not in ("none", "fov")) or name not in ("none", "radtan", "fov"):
+    if (
+        count is None
+        or (model != "omni" and name not in ("none", "fov"))
+        or name not in ("none", "radtan", "fov")
+    ):
         raise CalibrationError(
             f"{section.where}: camera_model: {model!r} with {name!r} is not supported: "
             "calibrate with pinhole-radtan or pinhole-equi"
@@ -136,7 +191,9 @@ def _other_lens(section: Section, model: str, name: str) -> Camera:
         "pinhole": lambda: field_of_view(section.number("distortion_coeffs")),
     }
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return fitted_camera(section.where, planes[model](), K, section.image_size("resolution"), f"{model}-{name}")
+    return fitted_camera(
+        section.where, planes[model](), K, section.image_size("resolution"), f"{model}-{name}"
+    )
 
 
 def _check_topics(topics: list[str]) -> None:
@@ -153,7 +210,8 @@ def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
         raise CalibrationError(f"{side}: Kalibr has no skew, and this camera's K has one")
     if camera.model == "pinhole" and distortion[4:].any():
         raise CalibrationError(
-            f"{side}: Kalibr's radtan has k1 k2 p1 p2 alone, and this camera has more coefficients: write another format"
+            f"{side}: Kalibr's radtan has k1 k2 p1 p2 alone, and this camera has more "
+            "coefficients: write another format"
         )
     return {
         "camera_model": "pinhole",

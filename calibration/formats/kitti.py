@@ -1,6 +1,8 @@
-"""KITTI's calib.txt (P0 to P3) and calib_cam_to_cam.txt: projections of rectified cameras, gray 0 and 1, color 2 and 3.
+"""KITTI's calib.txt (P0 to P3) and calib_cam_to_cam.txt: projections of rectified cameras, gray 0
+and 1, color 2 and 3.
 
-Geiger et al., Vision meets Robotics: The KITTI Dataset, 2013, section 4: x = P R X with P = K [I | t], meters.
+Geiger et al., Vision meets Robotics: The KITTI Dataset, 2013, section 4: x = P R X with P = K [I |
+t], meters.
 """
 
 from dataclasses import replace
@@ -17,23 +19,34 @@ Size = tuple[int, int]
 
 def matches(document: Section) -> bool:
     """True for either file."""
-    return any(document.has(f"P{a}", f"P{b}") or document.has(f"P_rect_0{a}", f"P_rect_0{b}") for a, b in (COLOR, GRAY))
+    return any(
+        document.has(f"P{a}", f"P{b}") or document.has(f"P_rect_0{a}", f"P_rect_0{b}")
+        for a, b in (COLOR, GRAY)
+    )
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The color cameras where the file holds them, else the gray ones; of a file that holds both, the gray ones as an alternative.
+    """The color cameras where the file holds them, else the gray ones; of a file that holds both,
+    the gray ones as an alternative.
 
-    image_size: (width, height). calib.txt stores none, and calib_cam_to_cam.txt one before and one after rectification.
+    image_size: (width, height). calib.txt stores none, and calib_cam_to_cam.txt one before and one
+    after rectification.
     Raises CalibrationError if it is needed and missing.
     """
     raw = document.has("P_rect_00") or document.has("P_rect_02")
     prefix = "P_rect_0" if raw else "P"
     pairs = [pair for pair in (COLOR, GRAY) if document.has(*(prefix + camera for camera in pair))]
-    rigs = [_of_raw(document, pair, image_size) if raw else _of_projections(document, pair, image_size) for pair in pairs]
+    rigs = [
+        _of_raw(document, pair, image_size) if raw else _of_projections(document, pair, image_size)
+        for pair in pairs
+    ]
     if len(rigs) == 1:
         return rigs[0]
     color_mm, gray_mm = (1000 * rig.baseline_m for rig in rigs)
-    both = f"holds the color cameras 2 and 3 (baseline {color_mm:.1f} mm) and the gray ones 0 and 1 ({gray_mm:.1f} mm)"
+    both = (
+        f"holds the color cameras 2 and 3 (baseline {color_mm:.1f} mm) and the gray ones 0 and "
+        f"1 ({gray_mm:.1f} mm)"
+    )
     color, gray = (
         replace(rig, reading=reading, doubts=(*rig.doubts, f"{both}: {reading}"))
         for rig, reading in zip(rigs, (COLOR_TAKEN, GRAY_TAKEN), strict=True)
@@ -42,7 +55,9 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
 
 
 def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
-    """Select, of a file that holds two rigs, the one that took images in color, or in gray; other rigs are returned as they are."""
+    """Select, of a file that holds two rigs, the one that took images in color, or in gray; other
+    rigs are returned as they are.
+    """
     if rig.reading != COLOR_TAKEN or not rig.alternatives:
         return rig
     return rig.alternatives[0] if monochrome else replace(rig, alternatives=())
@@ -57,16 +72,26 @@ def _of_projections(document: Section, pair: tuple[str, str], size: Size | None)
 def _of_raw(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
     """Images of the size before rectification have K, D and R_rect; all others are rectified."""
     first = pair[0]
-    if size is None or not document.has(f"S_0{first}") or size != document.image_size(f"S_0{first}"):
-        stored = document.image_size(f"S_rect_0{first}") if document.has(f"S_rect_0{first}") else size
+    if (
+        size is None
+        or not document.has(f"S_0{first}")
+        or size != document.image_size(f"S_0{first}")
+    ):
+        stored = (
+            document.image_size(f"S_rect_0{first}") if document.has(f"S_rect_0{first}") else size
+        )
         if stored is None:
-            raise CalibrationError(f"{document.where}: no 'S_rect_0{first}': the file is incomplete")
+            raise CalibrationError(
+                f"{document.where}: no 'S_rect_0{first}': the file is incomplete"
+            )
         return _rectified(document, [f"P_rect_0{camera}" for camera in pair], stored)
     cameras = [_camera(document, camera, size) for camera in pair]
     rotations = [document.matrix(f"R_rect_0{camera}", 3, 3) for camera in pair]
     projections = [document.matrix(f"P_rect_0{camera}", 3, 4) for camera in pair]
     with naming(document.where):
-        return replace(rig_from_projections(cameras[0], cameras[1], rotations, projections), medium="air")
+        return replace(
+            rig_from_projections(cameras[0], cameras[1], rotations, projections), medium="air"
+        )
 
 
 def _camera(document: Section, camera: str, size: Size) -> Camera:

@@ -1,8 +1,9 @@
 """MATLAB's ``stereoParameters``: the object as ``save`` writes it, or the struct of ``toStruct``.
 
-MATLAB multiplies row vectors from the left, x2 = x1 * RotationOfCamera2 + TranslationOfCamera2 (MathWorks, *stereoParameters*),
-so its matrices are the transposes of ours, and its pixels begin at 1. From R2022b on ``K`` and ``PoseCamera2`` hold the matrices
-as we do. Some tools fill RotationOfCamera2 without transposing; where nothing else in the file decides, the rig carries both
+MATLAB multiplies row vectors from the left, x2 = x1 * RotationOfCamera2 + TranslationOfCamera2
+(MathWorks, *stereoParameters*), so its matrices are the transposes of ours, and its pixels begin at
+1. From R2022b on ``K`` and ``PoseCamera2`` hold the matrices as we do. Some tools fill
+RotationOfCamera2 without transposing; where nothing else in the file decides, the rig carries both
 readings.
 """
 
@@ -23,14 +24,30 @@ from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
-SAME_ROTATION = 1e-6  # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
+SAME_ROTATION = (
+    1e-6  # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
+)
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
-_OF_LENS = ("IntrinsicMatrix", "K", "FocalLength", "PrincipalPoint", "Skew", "RadialDistortion", "TangentialDistortion")
-_OF_CAMERA = {name.lower(): name for name in (*_OF_LENS, "ImageSize", "WorldUnits", "RotationVectors")}
-_OF_PAIR = {name.lower(): name for name in ("RotationOfCamera2", "TranslationOfCamera2", "PoseCamera2")}
+_OF_LENS = (
+    "IntrinsicMatrix",
+    "K",
+    "FocalLength",
+    "PrincipalPoint",
+    "Skew",
+    "RadialDistortion",
+    "TangentialDistortion",
+)
+_OF_CAMERA = {
+    name.lower(): name for name in (*_OF_LENS, "ImageSize", "WorldUnits", "RotationVectors")
+}
+_OF_PAIR = {
+    name.lower(): name for name in ("RotationOfCamera2", "TranslationOfCamera2", "PoseCamera2")
+}
 _NUMBERED = re.compile(rf"(?:camera(?:parameters|params)?([12]))?({'|'.join(_OF_CAMERA)})([12])?")
-"""A property of one camera, saved as a variable of its own: ``IntrinsicMatrix1``, ``camera2_RadialDistortion``."""
+"""A property of one camera, saved as a variable of its own: ``IntrinsicMatrix1``,
+``camera2_RadialDistortion``.
+"""
 
 
 def matches(document: Section) -> bool:
@@ -50,17 +67,25 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     T, doubts = to_meters(_translation(stereo), _unit(sections[0]))
     readings = _rotations(stereo, document, sections)
     with naming(stereo.where):
-        rigs = [StereoRig(left, right, rigid(R, T), doubts=doubts, reading=reading) for reading, R in readings]
+        rigs = [
+            StereoRig(left, right, rigid(R, T), doubts=doubts, reading=reading)
+            for reading, R in readings
+        ]
         return rigs[0].with_alternatives(rigs[1:])
 
 
 def write(rig: StereoRig, path: Path) -> None:
-    """Write the struct that MATLAB's ``stereoParameters(s)`` takes, and beside it the fields of Bouguet's toolbox.
+    """Write the struct that MATLAB's ``stereoParameters(s)`` takes, and beside it the fields of
+    Bouguet's toolbox.
 
-    Millimeters, pixels from 1 in the struct and from 0 in Bouguet's fields, as their owners have it.
-    Raises CalibrationError for a camera that MATLAB has no model for (fisheye, rational or thin prism distortion).
+    Millimeters, pixels from 1 in the struct and from 0 in Bouguet's fields, as their owners have
+    it.
+    Raises CalibrationError for a camera that MATLAB has no model for (fisheye, rational or thin
+    prism distortion).
     """
-    cameras = [_camera_content(camera, side) for camera, side in ((rig.left, "left"), (rig.right, "right"))]
+    cameras = [
+        _camera_content(camera, side) for camera, side in ((rig.left, "left"), (rig.right, "right"))
+    ]
     translation_mm = rig.T_right_left[:3, 3] * 1000
     stereo = {
         "CameraParameters1": cameras[0],
@@ -68,10 +93,19 @@ def write(rig: StereoRig, path: Path) -> None:
         "RotationOfCamera2": rig.R.T,
         "TranslationOfCamera2": translation_mm[None],
     }
-    content: dict[str, Any] = {"stereoParams": stereo, "om": cv2.Rodrigues(rig.R)[0], "R": rig.R, "T": translation_mm[:, None]}
+    content: dict[str, Any] = {
+        "stereoParams": stereo,
+        "om": cv2.Rodrigues(rig.R)[0],
+        "R": rig.R,
+        "T": translation_mm[:, None],
+    }
     for camera, side in ((rig.left, "left"), (rig.right, "right")):
         (fx, skew, cx), (_, fy, cy), _ = camera.K.tolist()
-        content |= {f"fc_{side}": [[fx], [fy]], f"cc_{side}": [[cx], [cy]], f"alpha_c_{side}": skew / fx}
+        content |= {
+            f"fc_{side}": [[fx], [fy]],
+            f"cc_{side}": [[cx], [cy]],
+            f"alpha_c_{side}": skew / fx,
+        }
         content[f"kc_{side}"] = _five(camera, side)[:, None]
     width, height = rig.left.image_size
     from scipy.io import savemat  # half a second, which reading need not wait for
@@ -88,13 +122,19 @@ def _find(document: Section) -> Section | None:
         if (gathered := _gathered(section)) is not None:
             return gathered
         if depth < 2:
-            inner = ((name, value) for name, value in section.content.items() if isinstance(value, dict))
-            pending += [(Section(f"{section.where}: {name}", value), depth + 1) for name, value in inner]
+            inner = (
+                (name, value) for name, value in section.content.items() if isinstance(value, dict)
+            )
+            pending += [
+                (Section(f"{section.where}: {name}", value), depth + 1) for name, value in inner
+            ]
     return None
 
 
 def _gathered(section: Section) -> Section | None:
-    """The properties of stereoParameters where each was saved by itself, with the camera's number in its name; None if not so."""
+    """The properties of stereoParameters where each was saved by itself, with the camera's number
+    in its name; None if not so.
+    """
     cameras: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     rest: dict[str, Any] = {}
     for key, value in section.content.items():
@@ -108,11 +148,15 @@ def _gathered(section: Section) -> Section | None:
             camera.setdefault(_OF_CAMERA[found[2]], value)
     if not all(map(_is_camera, cameras)) or not rest.keys() & {"PoseCamera2", "RotationOfCamera2"}:
         return None
-    return Section(section.where, {**rest, "CameraParameters1": cameras[0], "CameraParameters2": cameras[1]})
+    return Section(
+        section.where, {**rest, "CameraParameters1": cameras[0], "CameraParameters2": cameras[1]}
+    )
 
 
 def _is_camera(content: Mapping[str, Any]) -> bool:
-    return "RadialDistortion" in content and bool(content.keys() & {"IntrinsicMatrix", "K", "FocalLength"})
+    return "RadialDistortion" in content and bool(
+        content.keys() & {"IntrinsicMatrix", "K", "FocalLength"}
+    )
 
 
 def _camera(section: Section, image_size: Size | None) -> Camera:
@@ -123,14 +167,24 @@ def _camera(section: Section, image_size: Size | None) -> Camera:
         K = (K if K[:2, 2].any() else K.T).copy()  # where somebody has transposed it already
     elif section.has("FocalLength", "PrincipalPoint"):  # a cameraIntrinsics object
         (fx, fy), (cx, cy) = section.numbers("FocalLength", 2), section.numbers("PrincipalPoint", 2)
-        K = np.array([[fx, section.number("Skew") if section.has("Skew") else 0.0, cx], [0, fy, cy], [0, 0, 1]])
+        K = np.array(
+            [
+                [fx, section.number("Skew") if section.has("Skew") else 0.0, cx],
+                [0, fy, cy],
+                [0, 0, 1],
+            ]
+        )
     else:
         raise CalibrationError(
-            f"{section.where}: no 'K' (nor IntrinsicMatrix): MATLAB's fisheye and other models are not supported; "
+            f"{section.where}: no 'K' (nor IntrinsicMatrix): MATLAB's fisheye and other models "
+            "are not supported; "
             "calibrate with the standard model"
         )
     K[:2, 2] -= 1  # MATLAB's first pixel is 1
-    radial, tangential = section.numbers("RadialDistortion", 2, 3), section.numbers("TangentialDistortion", 2)
+    radial, tangential = (
+        section.numbers("RadialDistortion", 2, 3),
+        section.numbers("TangentialDistortion", 2),
+    )
     distortion = np.concatenate([radial[:2], tangential, np.pad(radial[2:], (0, 3 - radial.size))])
     return make_camera(section.where, K, distortion, _size(section, image_size), "pinhole")
 
@@ -151,7 +205,8 @@ def _translation(stereo: Section) -> Array:
 
 
 def _pose(stereo: Section) -> Array:
-    """(4, 4) of PoseCamera2: a rigidtform3d, which releases save by different names, as a matrix or as rotation and translation.
+    """(4, 4) of PoseCamera2: a rigidtform3d, which releases save by different names, as a matrix or
+    as rotation and translation.
 
     The matrix of a rigid3d is for row vectors, with the translation in its last row.
     """
@@ -161,7 +216,10 @@ def _pose(stereo: Section) -> Array:
         matrix = pose.matrix(sizes[16], 4, 4)
         return matrix.T if matrix[3, :3].any() else matrix
     if 9 not in sizes or 3 not in sizes:
-        raise CalibrationError(f"{pose.where}: holds no rotation and translation (its keys: {', '.join(pose.content)[:100]})")
+        raise CalibrationError(
+            f"{pose.where}: holds no rotation and translation (its keys: "
+            f"{', '.join(pose.content)[:100]})"
+        )
     return rigid(pose.matrix(sizes[9], 3, 3), pose.numbers(sizes[3], 3))
 
 
@@ -170,7 +228,9 @@ def _unit(camera: Section) -> str | None:
     return unit if isinstance(unit, str) and unit else None
 
 
-def _rotations(stereo: Section, document: Section, cameras: list[Section]) -> list[tuple[str, Array]]:
+def _rotations(
+    stereo: Section, document: Section, cameras: list[Section]
+) -> list[tuple[str, Array]]:
     """R of x2 = R x1 + T, and how it was read; two where the file leaves the convention open."""
     if stereo.has("PoseCamera2") and isinstance(stereo.content["PoseCamera2"], dict):
         return [("", _pose(stereo)[:3, :3])]
@@ -184,7 +244,9 @@ def _rotations(stereo: Section, document: Section, cameras: list[Section]) -> li
 
 
 def _rotation_by_views(cameras: list[Section]) -> Array | None:
-    """The rotation between the cameras by the poses of the board that the file keeps; their rotation vectors are column-wise."""
+    """The rotation between the cameras by the poses of the board that the file keeps; their
+    rotation vectors are column-wise.
+    """
     if not all(camera.has("RotationVectors") for camera in cameras):
         return None
     left, right = (camera.numbers("RotationVectors") for camera in cameras)
@@ -214,5 +276,8 @@ def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
 def _five(camera: Camera, side: str) -> Array:
     """k1 k2 p1 p2 k3. Raises CalibrationError for a model that has more."""
     if camera.model == "fisheye" or camera.distortion[5:].any():
-        raise CalibrationError(f"{side}: MATLAB has k1 k2 k3 p1 p2 alone, and this {camera.model} camera has more: write native")
+        raise CalibrationError(
+            f"{side}: MATLAB has k1 k2 k3 p1 p2 alone, and this {camera.model} camera has more: "
+            "write native"
+        )
     return np.pad(camera.distortion[:5], (0, 5 - camera.distortion[:5].size))

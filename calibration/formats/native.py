@@ -12,7 +12,16 @@ from calibration.errors import CalibrationError
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.section import Section, naming
 from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
-from calibration.rig import UNSEEN, Camera, CameraModel, Medium, Movement, Refinement, RigErrors, StereoRig
+from calibration.rig import (
+    UNSEEN,
+    Camera,
+    CameraModel,
+    Medium,
+    Movement,
+    Refinement,
+    RigErrors,
+    StereoRig,
+)
 
 FORMAT = "stereo-seecolor/rig"
 VERSION = 1
@@ -63,7 +72,9 @@ class _MovementModel(_Strict):
 
 
 class _RefinedModel(_Strict):
-    """What has moved: radians, or a relative change for scale; it is in the cameras and in T_right_left already."""
+    """What has moved: radians, or a relative change for scale; it is in the cameras and in
+    T_right_left already.
+    """
 
     movements: list[_MovementModel]
     before_px: float
@@ -98,7 +109,8 @@ class _RigModel(_Strict):
 def read(path: Path) -> StereoRig:
     """Read a native rig file.
 
-    Raises CalibrationError, naming the file, the key and the value, if it is not YAML, misses a key, or is no rig.
+    Raises CalibrationError, naming the file, the key and the value, if it is not YAML, misses a
+    key, or is no rig.
     """
     with naming(str(path)):
         return parse(load_document(path))
@@ -141,7 +153,9 @@ def to_bytes(rig: StereoRig) -> bytes:
         content["port"] = _port_content(rig.port)
     if rig.refinement is not None:
         content["refined"] = {**asdict(rig.refinement), "not_seen": UNSEEN}
-        content["refined"]["movements"] = [asdict(movement) for movement in rig.refinement.movements]
+        content["refined"]["movements"] = [
+            asdict(movement) for movement in rig.refinement.movements
+        ]
     if rig.errors is not None:
         content["errors"] = asdict(rig.errors)
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
@@ -173,7 +187,10 @@ def _to_refinement(content: _RefinedModel | None) -> Refinement | None:
     if content is None:
         return None
     figures = content.model_dump(exclude={"movements", "not_seen"})
-    return Refinement(movements=tuple(Movement(**movement.model_dump()) for movement in content.movements), **figures)
+    return Refinement(
+        movements=tuple(Movement(**movement.model_dump()) for movement in content.movements),
+        **figures,
+    )
 
 
 def _to_port(content: _FlatPortModel | _DomePortModel | None) -> Port | None:
@@ -182,10 +199,16 @@ def _to_port(content: _FlatPortModel | _DomePortModel | None) -> Port | None:
     if isinstance(content, _DomePortModel):
         return DomePort()
     if (content.water is None) == (content.water_index is None):
-        raise CalibrationError("port: give either water (temperature_c, salinity_psu, depth_m) or water_index")
+        raise CalibrationError(
+            "port: give either water (temperature_c, salinity_psu, depth_m) or water_index"
+        )
     water_index = content.water_index or seawater_index(**dict(content.water or ()))
     left, right = (
-        FlatWindow(window.distance_mm / 1000, window.thickness_mm / 1000, np.array(window.normal, dtype=np.float64))
+        FlatWindow(
+            window.distance_mm / 1000,
+            window.thickness_mm / 1000,
+            np.array(window.normal, dtype=np.float64),
+        )
         for window in (content.left, content.right)
     )
     return FlatPort(left, right, content.working_range_m, water_index, content.glass_index)
@@ -195,7 +218,11 @@ def _port_content(port: Port) -> dict[str, Any]:
     if isinstance(port, DomePort):
         return {"type": "dome"}
     windows = {
-        side: {"distance_mm": w.distance_m * 1000, "thickness_mm": w.thickness_m * 1000, "normal": w.normal.tolist()}
+        side: {
+            "distance_mm": w.distance_m * 1000,
+            "thickness_mm": w.thickness_m * 1000,
+            "normal": w.normal.tolist(),
+        }
         for side, w in (("left", port.left), ("right", port.right))
     }
     indices = {"water_index": port.water_index, "glass_index": port.glass_index}
@@ -216,4 +243,7 @@ def _first_problem(error: ValidationError) -> str:
     problem = error.errors()[0]
     key = ".".join(str(part) for part in problem["loc"]) or "the file"
     got = "" if problem["type"] == "missing" else f" (got {str(problem['input'])[:80]!r})"
-    return f"{key}: {problem['msg'][0].lower()}{problem['msg'][1:]}{got}; see docs/calibration.md for the format"
+    return (
+        f"{key}: {problem['msg'][0].lower()}{problem['msg'][1:]}{got}; see docs/calibration.md "
+        "for the format"
+    )

@@ -1,7 +1,7 @@
 """Two cameras on a vehicle's body, as OKVIS and VINS-Fusion configure them.
 
-OKVIS keeps both in a list, T_SC from camera to body. VINS-Fusion has body_T_cam0 and body_T_cam1 in its configuration and each
-lens in a file of CamOdoCal that it names.
+OKVIS keeps both in a list, T_SC from camera to body. VINS-Fusion has body_T_cam0 and body_T_cam1 in
+its configuration and each lens in a file of CamOdoCal that it names.
 """
 
 from pathlib import Path
@@ -39,10 +39,14 @@ def is_lens(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rig of the two cameras. image_size is not needed. Raises CalibrationError, naming the key."""
+    """The rig of the two cameras. image_size is not needed. Raises CalibrationError, naming the
+    key.
+    """
     if cameras := _listed(document):
         if len(cameras) != 2:
-            raise CalibrationError(f"{document.where}: cameras: holds {len(cameras)}: keep the two of the stereo pair")
+            raise CalibrationError(
+                f"{document.where}: cameras: holds {len(cameras)}: keep the two of the stereo pair"
+            )
         lenses = [_okvis_camera(camera) for camera in cameras]
         poses = [camera.matrix(camera.first(*POSES), 4, 4) for camera in cameras]
     elif document.has(*LENS_FILES):
@@ -50,7 +54,8 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         poses = [document.matrix(key, 4, 4) for key in ("body_T_cam0", "body_T_cam1")]
     else:
         raise CalibrationError(
-            f"{document.where}: is one lens of CamOdoCal: give the configuration of VINS that holds body_T_cam0 and body_T_cam1"
+            f"{document.where}: is one lens of CamOdoCal: give the configuration of VINS that "
+            "holds body_T_cam0 and body_T_cam1"
         )
     with naming(document.where):
         return StereoRig(lenses[0], lenses[1], inverse_transform(poses[1]) @ poses[0])
@@ -59,7 +64,9 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
 def _listed(document: Section) -> list[Section]:
     """OKVIS's cameras; none where the file has none."""
     cameras = document.content.get("cameras")
-    if not isinstance(cameras, list) or not all(isinstance(one, dict) and any(key in one for key in POSES) for one in cameras):
+    if not isinstance(cameras, list) or not all(
+        isinstance(one, dict) and any(key in one for key in POSES) for one in cameras
+    ):
         return []
     return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
 
@@ -69,15 +76,22 @@ def _okvis_camera(section: Section) -> Camera:
     name = section.text("distortion_type") if section.has("distortion_type") else "none"
     if name not in DISTORTION_TYPES:
         known = ", ".join(DISTORTION_TYPES)
-        raise CalibrationError(f"{section.where}: distortion_type: {name!r} is not supported: calibrate with one of {known}")
+        raise CalibrationError(
+            f"{section.where}: distortion_type: {name!r} is not supported: calibrate with one of "
+            f"{known}"
+        )
     distortion = section.numbers("distortion_coefficients") if name != "none" else np.zeros(0)
     size = section.image_size("image_dimension")
-    return make_camera(section.where, _matrix(fx, fy, cx, cy), distortion, size, DISTORTION_TYPES[name])
+    return make_camera(
+        section.where, _matrix(fx, fy, cx, cy), distortion, size, DISTORTION_TYPES[name]
+    )
 
 
 def _beside(document: Section, key: str) -> Section:
     """The file that ``key`` names, in the folder of the document."""
-    from calibration.formats.reading.document import load_document  # which reads the text that this module makes sense of
+    from calibration.formats.reading.document import (
+        load_document,
+    )  # which reads the text that this module makes sense of
 
     return load_document(Path(document.where).parent / document.text(key))
 
@@ -88,10 +102,17 @@ def _camodocal_camera(section: Section) -> Camera:
     lens = section.section("projection_parameters")
     if model == KANNALA_BRANDT:
         K = _matrix(*(lens.number(key) for key in ("mu", "mv", "u0", "v0")))
-        return make_camera(section.where, K, np.array([lens.number(f"k{n}") for n in (2, 3, 4, 5)]), size, "fisheye")
+        return make_camera(
+            section.where,
+            K,
+            np.array([lens.number(f"k{n}") for n in (2, 3, 4, 5)]),
+            size,
+            "fisheye",
+        )
     if model not in (PINHOLE, MEI):
         raise CalibrationError(
-            f"{section.where}: model_type: {model!r} is not supported: calibrate with {PINHOLE} or {KANNALA_BRANDT}"
+            f"{section.where}: model_type: {model!r} is not supported: calibrate with {PINHOLE} "
+            f"or {KANNALA_BRANDT}"
         )
     shape = section.section("distortion_parameters")
     distortion = np.array([shape.number(key) for key in ("k1", "k2", "p1", "p2")])

@@ -1,7 +1,10 @@
-"""Rigs of any tool that writes matrices: found by the form of their numbers and by words (``finder``), at any nesting.
+"""Rigs of any tool that writes matrices: found by the form of their numbers and by words
+(``finder``), at any nesting.
 
-OpenCV's M1 D1 M2 D2 R T in YAML, XML, JSON, .npz or .mat, VIAME's, ZED's and others' spellings, a mapping or a file a camera,
-R and T or one transform, a pose for each camera, or R1 R2 P1 P2 of a rectification. OpenCV's own files store no image size.
+OpenCV's M1 D1 M2 D2 R T in YAML, XML, JSON, .npz or .mat, VIAME's, ZED's and others' spellings, a
+mapping or a file a camera,
+R and T or one transform, a pose for each camera, or R1 R2 P1 P2 of a rectification. OpenCV's own
+files store no image size.
 """
 
 from pathlib import Path
@@ -18,16 +21,49 @@ from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 
-FISHEYE_NAMES = {"fisheye", "equidistant", "kannalabrandt", "kannalabrandt8", "kb4", "opencvfisheye"}
-OTHER_LENSES = {"omni", "omnidirectional", "mei", "fov", "atan", "ds", "doublesphere", "eucm", "ucm", "division", "scaramuzza"}
-KNOWN_PINHOLE = {"plumbbob", "rationalpolynomial", "radtan", "radialtangential", "brown", "brownconrady", "standard", "opencv"}
+FISHEYE_NAMES = {
+    "fisheye",
+    "equidistant",
+    "kannalabrandt",
+    "kannalabrandt8",
+    "kb4",
+    "opencvfisheye",
+}
+OTHER_LENSES = {
+    "omni",
+    "omnidirectional",
+    "mei",
+    "fov",
+    "atan",
+    "ds",
+    "doublesphere",
+    "eucm",
+    "ucm",
+    "division",
+    "scaramuzza",
+}
+KNOWN_PINHOLE = {
+    "plumbbob",
+    "rationalpolynomial",
+    "radtan",
+    "radialtangential",
+    "brown",
+    "brownconrady",
+    "standard",
+    "opencv",
+}
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
-FORWARD, BACKWARD = "the transform takes left to right axes", "the transform takes right to left axes"
+FORWARD, BACKWARD = (
+    "the transform takes left to right axes",
+    "the transform takes right to left axes",
+)
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
-"""A size whose middle is this much nearer to the principal point with its numbers exchanged is (rows, columns)."""
+"""A size whose middle is this much nearer to the principal point with its numbers exchanged is
+(rows, columns).
+"""
 SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
@@ -56,22 +92,34 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rig of one file, or of several merged. image_size: for files that store none. Raises CalibrationError."""
+    """The rig of one file, or of several merged. image_size: for files that store none. Raises
+    CalibrationError.
+    """
     parts = find(document.content)
     if parts.many:
-        raise CalibrationError(f"{document.where}: holds {parts.many} cameras: keep the two of the stereo pair")
+        raise CalibrationError(
+            f"{document.where}: holds {parts.many} cameras: keep the two of the stereo pair"
+        )
     if not (parts.pair("K") or parts.pair("P")):
         if one := _alone(parts, "K"):
-            raise CalibrationError(f"{document.where}: holds one camera matrix alone, {one}: the other camera's is missing")
+            raise CalibrationError(
+                f"{document.where}: holds one camera matrix alone, {one}: the other camera's is "
+                "missing"
+            )
         raise CalibrationError(
-            f"{document.where}: holds no camera matrices (K1, K2): give the intrinsics file too, with a comma between"
+            f"{document.where}: holds no camera matrices (K1, K2): give the intrinsics file too, "
+            "with a comma between"
         )
     pose = pose_in_meters(document, parts)
     if pose is None and bool(R := _alone(parts, "R")) != bool(T := _alone(parts, "T")):
-        raise CalibrationError(f"{document.where}: holds {R or T} and no {'T' if R else 'R'}: between the cameras both are needed")
+        raise CalibrationError(
+            f"{document.where}: holds {R or T} and no {'T' if R else 'R'}: between the cameras "
+            "both are needed"
+        )
     if pose is None:
         raise CalibrationError(
-            f"{document.where}: holds no R and T between the cameras: give the extrinsics file too, with a comma between "
+            f"{document.where}: holds no R and T between the cameras: give the extrinsics file "
+            "too, with a comma between "
             "(two single-camera calibrations hold no stereo geometry)"
         )
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
@@ -81,7 +129,11 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         for reading, T_right_left in _senses(pose):
             with naming(document.where):
                 said = ", ".join(filter(None, (text, reading)))
-                rigs.append(StereoRig(left, right, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said))
+                rigs.append(
+                    StereoRig(
+                        left, right, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said
+                    )
+                )
     return rigs[0].with_alternatives(rigs[1:])
 
 
@@ -92,7 +144,9 @@ def _alone(parts: Parts, role: Role) -> str:
 
 
 def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
-    """The transform, and where its sense is open and would put the right camera to the left, its inverse before it."""
+    """The transform, and where its sense is open and would put the right camera to the left, its
+    inverse before it.
+    """
     x, y, _ = -pose.T[:3, :3].T @ pose.T[:3, 3]
     if pose.is_open and x < -abs(y):
         return [(BACKWARD, inverse_transform(pose.T)), (FORWARD, pose.T)]
@@ -100,72 +154,113 @@ def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
 
 
 def write(rig: StereoRig, path: Path) -> None:
-    """Write one FileStorage, in the notation of the path's extension: .yml, .yaml, .xml or .json."""
+    """Write one FileStorage, in the notation of the path's extension: .yml, .yaml, .xml or
+    .json.
+    """
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
-        raise CalibrationError("OpenCV writes .yml, .xml or .json, and takes the notation from the extension")
+        raise CalibrationError(
+            "OpenCV writes .yml, .xml or .json, and takes the notation from the extension"
+        )
     if rig.left.image_size != rig.right.image_size or rig.left.model != rig.right.model:
         raise CalibrationError(
-            "OpenCV's file has one image size and one model for both cameras, and this rig has two: write native"
+            "OpenCV's file has one image size and one model for both cameras, and this rig has "
+            "two: write native"
         )
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     if not storage.isOpened():
         raise CalibrationError("the calibration cannot be written as OpenCV's FileStorage")
     width, height = rig.left.image_size
-    for key, value in (("image_width", width), ("image_height", height), ("camera_model", rig.left.model)):
+    for key, value in (
+        ("image_width", width),
+        ("image_height", height),
+        ("camera_model", rig.left.model),
+    ):
         storage.write(key, value)
     for side, camera in ((1, rig.left), (2, rig.right)):
         storage.write(f"K{side}", camera.K)
-        storage.write(f"D{side}", camera.distortion[None] if camera.distortion.size else np.zeros((1, 5)))
+        storage.write(
+            f"D{side}", camera.distortion[None] if camera.distortion.size else np.zeros((1, 5))
+        )
     storage.write("R", np.ascontiguousarray(rig.R))
     storage.write("T", np.ascontiguousarray(rig.T_right_left[:3, 3:]))
     storage.release()
 
 
-def size_of(document: Section, parts: Parts, side: Side, K: np.ndarray, image_size: Size | None) -> Size:
-    """Of the camera, of both, or as given. Exchanged where it is (rows, columns), which the principal point tells."""
+def size_of(
+    document: Section, parts: Parts, side: Side, K: np.ndarray, image_size: Size | None
+) -> Size:
+    """Of the camera, of both, or as given. Exchanged where it is (rows, columns), which the
+    principal point tells.
+    """
     for leaf in (parts.get("size", one) for one in (side, "", "left")):
         if leaf is None or leaf.numbers[:2].min() < LEAST_SIDE_PX:
             continue
         numbers = leaf.finite(document.where)[:2]
         if (numbers != np.round(numbers)).any():
             raise CalibrationError(
-                f"{document.where}: {'.'.join(leaf.path)}: expected whole numbers of pixels, got {numbers.tolist()}"
+                f"{document.where}: {'.'.join(leaf.path)}: expected whole numbers of pixels, got "
+                f"{numbers.tolist()}"
             )
         off_px = [float(np.abs(size / 2 - K[:2, 2]).sum()) for size in (numbers, numbers[::-1])]
         width, height = numbers[::-1] if off_px[1] < NEARER * off_px[0] else numbers
         return int(width), int(height)
     if image_size is None:
         raise CalibrationError(
-            f"{document.where}: stores no image size (OpenCV's format has none): give their size (--size WIDTHxHEIGHT), or "
+            f"{document.where}: stores no image size (OpenCV's format has none): give their size "
+            "(--size WIDTHxHEIGHT), or "
             "add the keys image_width and image_height"
         )
     return image_size
 
 
 def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
-    """The camera models that the file can mean: four coefficients without a model's name are k1 k2 p1 p2 or a fisheye's."""
-    named = {str(text).lower().replace("_", "") for said, text in texts(document.content) if {"model", "type"} & set(said)}
+    """The camera models that the file can mean: four coefficients without a model's name are k1 k2
+    p1 p2 or a fisheye's.
+    """
+    named = {
+        str(text).lower().replace("_", "")
+        for said, text in texts(document.content)
+        if {"model", "type"} & set(said)
+    }
     others = OTHER_LENSES & named
     if others:
         raise CalibrationError(
-            f"{document.where}: the lens model {min(others)!r} is not supported: calibrate with OpenCV's pinhole or fisheye"
+            f"{document.where}: the lens model {min(others)!r} is not supported: calibrate with "
+            "OpenCV's pinhole or fisheye"
         )
     distortions = parts.pair("D") if parts.pair("K") else None
     if distortions is None:
         if parts.pair("K") and not np.array_equal(pose.T[:3, :3], np.eye(3)):
             one = _alone(parts, "D")
-            what = f"holds one distortion alone, {one}" if one else "no 'D1' and 'D2' (nor distCoeffs1 ...)"
-            raise CalibrationError(f"{document.where}: {what}: the file is incomplete or of another kind")
+            what = (
+                f"holds one distortion alone, {one}"
+                if one
+                else "no 'D1' and 'D2' (nor distCoeffs1 ...)"
+            )
+            raise CalibrationError(
+                f"{document.where}: {what}: the file is incomplete or of another kind"
+            )
         return [("", "pinhole")]
     said_so = any(text is True and "fisheye" in said for said, text in texts(document.content))
-    if named & FISHEYE_NAMES or said_so or any("fe" in words(leaf.path[-1]) for leaf in distortions):
+    if (
+        named & FISHEYE_NAMES
+        or said_so
+        or any("fe" in words(leaf.path[-1]) for leaf in distortions)
+    ):
         return [("", "fisheye")]
-    is_open = not named & KNOWN_PINHOLE and all(leaf.numbers.size == 4 and leaf.numbers.any() for leaf in distortions)
+    is_open = not named & KNOWN_PINHOLE and all(
+        leaf.numbers.size == 4 and leaf.numbers.any() for leaf in distortions
+    )
     return [(FOUR_PINHOLE, "pinhole"), (FOUR_FISHEYE, "fisheye")] if is_open else [("", "pinhole")]
 
 
-def _cameras(document: Section, parts: Parts, model: CameraModel, image_size: Size | None) -> tuple[Camera, Camera]:
-    lenses, distortions = parts.pair("K") or parts.pair("P"), parts.pair("D") if parts.pair("K") else None
+def _cameras(
+    document: Section, parts: Parts, model: CameraModel, image_size: Size | None
+) -> tuple[Camera, Camera]:
+    lenses, distortions = (
+        parts.pair("K") or parts.pair("P"),
+        parts.pair("D") if parts.pair("K") else None,
+    )
     assert lenses  # parse has looked
     cameras = []
     sides: tuple[Side, Side] = ("left", "right")
@@ -173,7 +268,9 @@ def _cameras(document: Section, parts: Parts, model: CameraModel, image_size: Si
         K = _matrix(lenses[i].finite(document.where))
         distortion = distortions[i].finite(document.where) if distortions else np.zeros(0)
         where = f"{document.where}: {'.'.join(lenses[i].path)}"
-        cameras.append(make_camera(where, K, distortion, size_of(document, parts, side, K, image_size), model))
+        cameras.append(
+            make_camera(where, K, distortion, size_of(document, parts, side, K, image_size), model)
+        )
     return cameras[0], cameras[1]
 
 

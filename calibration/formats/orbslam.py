@@ -1,4 +1,6 @@
-"""ORB-SLAM2/3 settings: the new keys (Camera1.fx, Stereo.T_c1_c2) and the old (Camera.bf with LEFT.K, RIGHT.K)."""
+"""ORB-SLAM2/3 settings: the new keys (Camera1.fx, Stereo.T_c1_c2) and the old (Camera.bf with
+LEFT.K, RIGHT.K).
+"""
 
 import numpy as np
 
@@ -13,11 +15,15 @@ Size = tuple[int, int]
 
 def matches(document: Section) -> bool:
     """True for either generation."""
-    return any(document.has(f"{camera}.fx") for camera in ("Camera", "Camera1")) or document.has("LEFT.K", "LEFT.R", "RIGHT.K")
+    return any(document.has(f"{camera}.fx") for camera in ("Camera", "Camera1")) or document.has(
+        "LEFT.K", "LEFT.R", "RIGHT.K"
+    )
 
 
 def parse(document: Section) -> StereoRig:
-    """The rig before rectification where the file holds it, else the rectified one that the file describes."""
+    """The rig before rectification where the file holds it, else the rectified one that the file
+    describes.
+    """
     if document.has("LEFT.K"):
         return _old_raw(document)
     size = document.image_size("Camera.width", "Camera.height")
@@ -43,8 +49,12 @@ def _old_raw(document: Section) -> StereoRig:
     return rig_from_projections(cameras[0], cameras[1], rotations, projections)
 
 
-def _two_cameras(document: Section, size: Size, names: tuple[str, str], transform: str) -> StereoRig:
-    """Both transforms, T_c1_c2 and Tlr, take the right camera's points to the left: the inverse of ours."""
+def _two_cameras(
+    document: Section, size: Size, names: tuple[str, str], transform: str
+) -> StereoRig:
+    """Both transforms, T_c1_c2 and Tlr, take the right camera's points to the left: the inverse of
+    ours.
+    """
     left, right = (_camera(document, name, size) for name in names)
     rows = document.numbers(transform, 16, 12)[:12].reshape(3, 4)
     T_left_right = np.vstack([rows, [0, 0, 0, 1]])
@@ -56,7 +66,8 @@ def _rectified(document: Section, size: Size) -> StereoRig:
     camera = _camera(document, name, size)
     if camera.distortion.any():
         raise CalibrationError(
-            f"{document.where}: {name}.k1: a rectified camera has no distortion, and LEFT.K and RIGHT.K are missing"
+            f"{document.where}: {name}.k1: a rectified camera has no distortion, and LEFT.K and "
+            "RIGHT.K are missing"
         )
     if document.has("Stereo.b"):
         baseline_m = document.number("Stereo.b")
@@ -72,5 +83,9 @@ def _camera(document: Section, name: str, size: Size) -> Camera:
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     fisheye = document.has("Camera.type") and document.text("Camera.type") == "KannalaBrandt8"
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    distortion = np.array([document.number(f"{name}.{key}") if document.has(f"{name}.{key}") else 0.0 for key in keys])
-    return make_camera(f"{document.where}: {name}", K, distortion, size, "fisheye" if fisheye else "pinhole")
+    distortion = np.array(
+        [document.number(f"{name}.{key}") if document.has(f"{name}.{key}") else 0.0 for key in keys]
+    )
+    return make_camera(
+        f"{document.where}: {name}", K, distortion, size, "fisheye" if fisheye else "pinhole"
+    )

@@ -1,6 +1,7 @@
 """ROS camera_info: two YAML files, one a camera, whose projection matrices hide the baseline.
 
-Follows sensor_msgs/CameraInfo: a rectified right camera has P[0, 3] = -fx' B, so with both rectifying rotations
+Follows sensor_msgs/CameraInfo: a rectified right camera has P[0, 3] = -fx' B, so with both
+rectifying rotations
 R = R_r^T R_l and T = R_r^T [-B, 0, 0]. Dumps of the message itself (D, K, R, P) are read too.
 """
 
@@ -28,16 +29,23 @@ DISTORTION_MODELS: dict[str, CameraModel] = {
 
 def matches(document: Section) -> bool:
     """True for one camera's camera_info."""
-    return document.has("projection_matrix", "camera_matrix") or document.has("P", "K", "D") or document.has("p", "k", "d")
+    return (
+        document.has("projection_matrix", "camera_matrix")
+        or document.has("P", "K", "D")
+        or document.has("p", "k", "d")
+    )
 
 
 def parse(left: Section, right: Section) -> StereoRig:
     """The rig of a left and a right camera_info.
 
-    Raises CalibrationError where the cameras' names and the geometry both say that left and right are swapped.
+    Raises CalibrationError where the cameras' names and the geometry both say that left and right
+    are swapped.
     """
     rotations = [_rotation(side) for side in (left, right)]
-    projections = [side.matrix(side.first("projection_matrix", "P", "p"), 3, 4) for side in (left, right)]
+    projections = [
+        side.matrix(side.first("projection_matrix", "P", "p"), 3, 4) for side in (left, right)
+    ]
     rig = rig_from_projections(parse_camera(left), parse_camera(right), rotations, projections)
     check_sides_named(rig, [str(side.content.get("camera_name", "")) for side in (left, right)])
     return rig
@@ -48,24 +56,36 @@ def parse_camera(section: Section) -> Camera:
     name = section.text("distortion_model") if section.has("distortion_model") else "plumb_bob"
     if name not in DISTORTION_MODELS:
         known = ", ".join(filter(None, DISTORTION_MODELS))
-        raise CalibrationError(f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of {known}")
-    size = section.image_size(section.first("image_width", "width"), section.first("image_height", "height"))
+        raise CalibrationError(
+            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of "
+            f"{known}"
+        )
+    size = section.image_size(
+        section.first("image_width", "width"), section.first("image_height", "height")
+    )
     K = section.matrix(section.first("camera_matrix", "K", "k"), 3, 3)
     distortion = section.numbers(section.first("distortion_coefficients", "D", "d"))
     return make_camera(section.where, K, distortion, size, DISTORTION_MODELS[name])
 
 
 def check_sides_named(rig: StereoRig, names: list[str]) -> None:
-    """Raise CalibrationError if the second camera stands to the left of the first, and their names say so too."""
+    """Raise CalibrationError if the second camera stands to the left of the first, and their names
+    say so too.
+    """
     x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
     if x_m < -abs(y_m) and "right" in names[0].lower() and "left" in names[1].lower():
         raise CalibrationError(
-            f"{names[1]!r} stands to the left of {names[0]!r}, and is given as the right camera: left and right are swapped"
+            f"{names[1]!r} stands to the left of {names[0]!r}, and is given as the right camera: "
+            "left and right are swapped"
         )
 
 
 def make_camera(
-    where: str, K: NDArray[np.float64], distortion: NDArray[np.float64], size: tuple[int, int], model: CameraModel
+    where: str,
+    K: NDArray[np.float64],
+    distortion: NDArray[np.float64],
+    size: tuple[int, int],
+    model: CameraModel,
 ) -> Camera:
     """A Camera whose complaints name the file."""
     with naming(where):
@@ -76,42 +96,61 @@ TURNED = np.diag([-1.0, -1.0, 1.0])
 
 
 def upright(P: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A projection (3, 4) with positive focal lengths, in axes that are turned by 180 degrees where they were negative.
+    """A projection (3, 4) with positive focal lengths, in axes that are turned by 180 degrees where
+    they were negative.
 
-    OpenCV's stereoRectify writes negative ones where it turns the axes: both stand for the same pixels.
+    OpenCV's stereoRectify writes negative ones where it turns the axes: both stand for the same
+    pixels.
     """
     return np.column_stack([P[:, :3] @ TURNED, P[:, 3]]) if P[0, 0] < 0 and P[1, 1] < 0 else P
 
 
-def transform_of_projections(rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The transform (4, 4) from left to right axes behind two rectifying rotations (3, 3) and projections (3, 4), in their unit."""
+def transform_of_projections(
+    rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """The transform (4, 4) from left to right axes behind two rectifying rotations (3, 3) and
+    projections (3, 4), in their unit.
+    """
     if not all(P[0, 0] * P[1, 1] > 0 for P in projections):
         raise CalibrationError(
-            "a projection matrix has no focal length, or one of another sign across than down: calibrate the two cameras as a "
+            "a projection matrix has no focal length, or one of another sign across than down: "
+            "calibrate the two cameras as a "
             "stereo pair"
         )
-    rotations = [(TURNED @ R if P[0, 0] < 0 else R) for R, P in zip(rotations, projections, strict=True)]
+    rotations = [
+        (TURNED @ R if P[0, 0] < 0 else R) for R, P in zip(rotations, projections, strict=True)
+    ]
     centers = [np.linalg.solve(P[:, :3], P[:, 3]) for P in map(upright, projections)]
     offset = centers[1] - centers[0]
     if not offset.any():
         raise CalibrationError(
-            "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations without a baseline; "
+            "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations "
+            "without a baseline; "
             "calibrate the two cameras as a stereo pair"
         )
     return rigid(rotations[1].T @ rotations[0], rotations[1].T @ offset)
 
 
 def rig_from_projections(
-    left: Camera, right: Camera, rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
+    left: Camera,
+    right: Camera,
+    rotations: list[NDArray[np.float64]],
+    projections: list[NDArray[np.float64]],
 ) -> StereoRig:
     """The exact rig behind two rectifying rotations (3, 3) and projections (3, 4), left first."""
     return StereoRig(left, right, transform_of_projections(rotations, projections))
 
 
-def rectified_rig(where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]) -> StereoRig:
-    """The rig of images that are rectified already, from their projections (3, 4), left first. where: the file, for messages."""
+def rectified_rig(
+    where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]
+) -> StereoRig:
+    """The rig of images that are rectified already, from their projections (3, 4), left first.
+    where: the file, for messages.
+    """
     projections = [upright(P) for P in projections]
-    left, right = (make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections)
+    left, right = (
+        make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections
+    )
     with naming(where):
         return rig_from_projections(left, right, [np.eye(3), np.eye(3)], projections)
 
@@ -131,7 +170,9 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
         (rig.right, R_right, baseline_terms, right_path, "right"),
     ):
         cx_px = camera.K[0, 2] if rig.is_rectified else K_new[0, 2]
-        P = np.array([[focal_px, 0, cx_px, term_x], [0, focal_px, K_new[1, 2], term_y], [0, 0, 1, 0]])
+        P = np.array(
+            [[focal_px, 0, cx_px, term_x], [0, focal_px, K_new[1, 2], term_y], [0, 0, 1, 0]]
+        )
         with write_atomic(path) as temporary:
             temporary.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
 
@@ -163,4 +204,7 @@ def _named_distortion(camera: Camera) -> tuple[str, NDArray[np.float64]]:
         return "plumb_bob", np.pad(camera.distortion, (0, 5 - camera.distortion.size))
     if not camera.distortion[8:].any():
         return "rational_polynomial", camera.distortion[:8]
-    raise CalibrationError(f"ROS has no distortion model of {camera.distortion.size} coefficients: calibrate with 8 or fewer")
+    raise CalibrationError(
+        f"ROS has no distortion model of {camera.distortion.size} coefficients: calibrate with 8 "
+        "or fewer"
+    )

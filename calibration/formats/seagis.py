@@ -1,12 +1,15 @@
-"""SeaGIS's .cam, one file a camera: interior and exterior orientation in the photogrammetric convention.
+"""SeaGIS's .cam, one file a camera: interior and exterior orientation in the photogrammetric
+convention.
 
-The layout as CAL and EventMeasure write it: "CAM", a version, two texts, pixel sizes in mm, rows and columns, and a matrix of 16
-numbers: principal point xp yp and distance c (mm), k3 k5 k7 (mm^-2 ...), p1 p2 (mm^-1), orthogonality, affinity, the camera's
-position X Y Z (mm) and its angles omega phi kappa (degrees).
+The layout as CAL and EventMeasure write it: "CAM", a version, two texts, pixel sizes in mm, rows
+and columns, and a matrix of 16 numbers: principal point xp yp and distance c (mm), k3 k5 k7 (mm^-2
+...), p1 p2 (mm^-1), orthogonality, affinity, the camera's position X Y Z (mm) and its angles omega
+phi kappa (degrees).
 
-Photogrammetry measures in the image with y up, and its distortion is what is added to a measured point to get the ideal one (Fraser
-1997, *Digital camera self-calibration*, eq. 1 to 5); both are turned into OpenCV's here. Since no document of SeaGIS says so,
-the rig carries the other readings too, and images decide.
+Photogrammetry measures in the image with y up, and its distortion is what is added to a measured
+point to get the ideal one (Fraser 1997, *Digital camera self-calibration*, eq. 1 to 5); both are
+turned into OpenCV's here. Since no document of SeaGIS says so, the rig carries the other readings
+too, and images decide.
 """
 
 import struct
@@ -25,26 +28,59 @@ from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 FORMAT = "SeaGIS .cam"
-NUMBERS = ("xp", "yp", "c", "k3", "k5", "k7", "p1", "p2", "orthogonality", "affinity", "X", "Y", "Z", "omega", "phi", "kappa")
+NUMBERS = (
+    "xp",
+    "yp",
+    "c",
+    "k3",
+    "k5",
+    "k7",
+    "p1",
+    "p2",
+    "orthogonality",
+    "affinity",
+    "X",
+    "Y",
+    "Z",
+    "omega",
+    "phi",
+    "kappa",
+)
 MAX_TEXT = 4096  # bytes of one text field: names and remarks are shorter
-MAX_AFFINITY = 1e-3  # a pixel over an image of 1000; more would have to be modeled, and its sign is not documented
-GRID = 21  # points a side over the image at which the distortion is fitted: 441 for at most 8 coefficients
+# a pixel over an image of 1000; more would have to be modeled, and its sign is not documented
+MAX_AFFINITY = 1e-3
+# points a side over the image at which the distortion is fitted: 441 for at most 8 coefficients
+GRID = 21
 Y_DOWN = np.diag([1.0, -1.0, -1.0])  # photogrammetric axes look along -z with y up
 
 
 def read(raw: bytes) -> dict[str, Any]:
-    """The fields of one .cam file. Raises CalibrationError if it is damaged, or holds no exterior orientation."""
+    """The fields of one .cam file. Raises CalibrationError if it is damaged, or holds no exterior
+    orientation.
+    """
     if raw.startswith(b"CBL"):
-        raise CalibrationError("holds the interior orientation alone (.CamCAL): export the .cam files of the stereo pair")
+        raise CalibrationError(
+            "holds the interior orientation alone (.CamCAL): export the .cam files of the stereo "
+            "pair"
+        )
     reader = _Reader(raw, 4)
     names = reader.text(), reader.text()
     pixel_mm = reader.doubles(2)
     size = reader.integers(2)
     mark, rows, columns = reader.take(4), *reader.integers(2)
     if mark[:3] != b"MAT" or rows * columns < len(NUMBERS) or rows < 0:
-        raise CalibrationError(f"is damaged, or of another version: {rows}x{columns} parameters where {len(NUMBERS)} are expected")
+        raise CalibrationError(
+            f"is damaged, or of another version: {rows}x{columns} parameters where {len(NUMBERS)} "
+            "are expected"
+        )
     numbers = dict(zip(NUMBERS, reader.doubles(len(NUMBERS)), strict=True))
-    return {"format": FORMAT, "name": names[0], "pixel_mm": list(pixel_mm), "size": sorted(size, reverse=True), **numbers}
+    return {
+        "format": FORMAT,
+        "name": names[0],
+        "pixel_mm": list(pixel_mm),
+        "size": sorted(size, reverse=True),
+        **numbers,
+    }
 
 
 def matches(document: Section) -> bool:
@@ -53,7 +89,9 @@ def matches(document: Section) -> bool:
 
 
 def parse(left: Section, right: Section) -> StereoRig:
-    """The rig of a left and a right .cam file, and as alternatives the other readings of distortion and angles."""
+    """The rig of a left and a right .cam file, and as alternatives the other readings of distortion
+    and angles.
+    """
     rigs, errors = [], []
     for corrects, to_camera in product((True, False), (True, False)):
         try:
@@ -71,9 +109,19 @@ def _read_as(left: Section, right: Section, corrects: bool, to_camera: bool) -> 
     T = poses[1] @ inverse_transform(poses[0])
     T[:3, 3], doubts = to_meters(T[:3, 3], "millimeters")
     distortion = "added to measured points" if corrects else "part of measured points"
-    angles = "from the object's axes to the camera's" if to_camera else "from the camera's axes to the object's"
+    angles = (
+        "from the object's axes to the camera's"
+        if to_camera
+        else "from the camera's axes to the object's"
+    )
     with naming(right.where):
-        return StereoRig(cameras[0], cameras[1], T, doubts=doubts, reading=f"distortion {distortion}, angles {angles}")
+        return StereoRig(
+            cameras[0],
+            cameras[1],
+            T,
+            doubts=doubts,
+            reading=f"distortion {distortion}, angles {angles}",
+        )
 
 
 @dataclass
@@ -107,10 +155,14 @@ def _camera(section: Section, corrects: bool) -> Camera:
     for name in ("orthogonality", "affinity"):
         if abs(section.number(name)) > MAX_AFFINITY:
             raise CalibrationError(
-                f"{section.where}: {name}: {section.number(name):g} is not supported: calibrate with it fixed at 0"
+                f"{section.where}: {name}: {section.number(name):g} is not supported: calibrate "
+                "with it fixed at 0"
             )
     if not (pixel_mm > 0).all() or not c_mm > 0:
-        raise CalibrationError(f"{section.where}: pixel size {pixel_mm.tolist()} mm and distance c {c_mm:g} mm must be positive")
+        raise CalibrationError(
+            f"{section.where}: pixel size {pixel_mm.tolist()} mm and distance c {c_mm:g} mm must "
+            "be positive"
+        )
     width, height = section.image_size("size")
     focal_px = c_mm / pixel_mm
     offset_mm = np.array([section.number("xp"), -section.number("yp")])
@@ -121,18 +173,24 @@ def _camera(section: Section, corrects: bool) -> Camera:
 
 
 def _forward(section: Section) -> Array:
-    """k1 k2 p1 p2 k3 of unit focal length, as if the numbers said what the lens does to an ideal point. y up: p1 changes sign."""
+    """k1 k2 p1 p2 k3 of unit focal length, as if the numbers said what the lens does to an ideal
+    point. y up: p1 changes sign.
+    """
     c = section.number("c")
     k3, k5, k7, p1, p2 = (section.number(name) for name in ("k3", "k5", "k7", "p1", "p2"))
     return np.array([k3 * c**2, k5 * c**4, -p2 * c, p1 * c, k7 * c**6])
 
 
 def _fitted(section: Section, K: Array, size: tuple[int, int]) -> Array:
-    """k1 k2 p1 p2 k3 of OpenCV that take the corrected points to the measured ones: least squares over the image, linear."""
+    """k1 k2 p1 p2 k3 of OpenCV that take the corrected points to the measured ones: least squares
+    over the image, linear.
+    """
     k1, k2, p1, p2, k3 = _forward(section)
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID), np.linspace(0, size[1] - 1, GRID))
     x, y = (u.ravel() - K[0, 2]) / K[0, 0], (v.ravel() - K[1, 2]) / K[1, 1]
-    ideal_x, ideal_y = (a + b for a, b in zip((x, y), _terms(x, y) @ np.array([k1, k2, p1, p2, k3]), strict=True))
+    ideal_x, ideal_y = (
+        a + b for a, b in zip((x, y), _terms(x, y) @ np.array([k1, k2, p1, p2, k3]), strict=True)
+    )
     terms = np.concatenate(_terms(ideal_x, ideal_y))
     fitted, *_ = np.linalg.lstsq(terms, np.concatenate([x - ideal_x, y - ideal_y]), rcond=None)
     return np.asarray(fitted)
@@ -148,9 +206,13 @@ def _terms(x: Array, y: Array) -> Array:
 
 def _pose(section: Section, to_camera: bool) -> Array:
     """(4, 4) from the rig's axes (mm) to the camera's, x right and y down."""
-    from scipy.spatial.transform import Rotation  # a quarter of a second, which other formats need not wait for
+    from scipy.spatial.transform import (
+        Rotation,
+    )  # a quarter of a second, which other formats need not wait for
 
-    R = Rotation.from_euler("xyz", [-section.number(name) for name in ("omega", "phi", "kappa")], degrees=True).as_matrix()
+    R = Rotation.from_euler(
+        "xyz", [-section.number(name) for name in ("omega", "phi", "kappa")], degrees=True
+    ).as_matrix()
     R = Y_DOWN @ (R if to_camera else R.T)
     center = np.array([section.number(name) for name in ("X", "Y", "Z")])
     return rigid(R, -R @ center)

@@ -1,4 +1,6 @@
-"""Writes VIAME's and KWIVER's camera rig in JSON: fx_left ... k3_right, R (9) and T (3) of x_right = R x_left + T, in mm."""
+"""Writes VIAME's and KWIVER's camera rig in JSON: fx_left ... k3_right, R (9) and T (3) of x_right
+= R x_left + T, in mm.
+"""
 
 import json
 from pathlib import Path
@@ -12,7 +14,9 @@ COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 def write(rig: StereoRig, path: Path) -> None:
-    """Write the JSON, millimeters. Raises CalibrationError for a camera that it has no model for (fisheye, 8 coefficients)."""
+    """Write the JSON, millimeters. Raises CalibrationError for a camera that it has no model for
+    (fisheye, 8 coefficients).
+    """
     width, height = rig.left.image_size
     content: dict[str, object] = {"image_width": width, "image_height": height}
     if rig.rms_px is not None:
@@ -25,10 +29,15 @@ def write(rig: StereoRig, path: Path) -> None:
 
 def _camera_content(camera: Camera, side: str) -> dict[str, float]:
     if camera.model == "fisheye" or camera.distortion[5:].any():
-        raise CalibrationError(f"{side}: VIAME has k1 k2 p1 p2 k3 alone, and this {camera.model} camera has more: write native")
+        raise CalibrationError(
+            f"{side}: VIAME has k1 k2 p1 p2 k3 alone, and this {camera.model} camera has more: "
+            "write native"
+        )
     (fx, skew, cx), (_, fy, cy), _ = camera.K.tolist()
     content = {f"fx_{side}": fx, f"fy_{side}": fy, f"cx_{side}": cx, f"cy_{side}": cy}
     if skew:
         content[f"skew_{side}"] = skew
     five = np.pad(camera.distortion[:5], (0, 5 - camera.distortion[:5].size)).tolist()
-    return content | {f"{name}_{side}": value for name, value in zip(COEFFICIENTS, five, strict=False)}
+    return content | {
+        f"{name}_{side}": value for name, value in zip(COEFFICIENTS, five, strict=False)
+    }

@@ -9,11 +9,14 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line and exit with its code. All imports that take time come after Ctrl-C is taken care of."""
+    """Run the command line and exit with its code. All imports that take time come after Ctrl-C is
+    taken care of.
+    """
     with interrupts():
         try:
             collect_seldom()
-            one_thread_in_libraries()  # before any command is imported, since commands import these libraries
+            # before any command is imported, since commands import these libraries
+            one_thread_in_libraries()
             from stereo_seecolor.cli.app import run_command_line
 
             sys.exit(run_command_line())

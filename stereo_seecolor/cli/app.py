@@ -38,7 +38,9 @@ CORE: dict[str, Command] = {
 
 
 def every_command() -> dict[str, Command]:
-    """The commands of the core, then those that packages add; one that cannot be loaded is named on standard error."""
+    """The commands of the core, then those that packages add; one that cannot be loaded is named on
+    standard error.
+    """
     commands = dict(CORE)
     for name in added("commands"):
         try:
@@ -49,7 +51,9 @@ def every_command() -> dict[str, Command]:
 
 
 def _needed(words: Sequence[str]) -> dict[str, Command]:
-    """The commands that a command line may mean: one where its first word names it, else all, for the help and for suggestions."""
+    """The commands that a command line may mean: one where its first word names it, else all, for
+    the help and for suggestions.
+    """
     named = next((word for word in words if not word.startswith("-")), "")
     if named in CORE:
         return CORE
@@ -81,48 +85,74 @@ def program(commands: Mapping[str, Command]) -> typer.Typer:
         cls=_Group,
         context_settings={"help_option_names": ["-h", "--help"]},
         name="stereo-seecolor",
-        help="Turns calibrated stereo pairs of a reef into metric range maps, true-color images and a colored 3-D map.",
-        epilog="Begin with: stereo-seecolor demo\n\nOptions and examples of a command: stereo-seecolor COMMAND --help",
+        help="Turns calibrated stereo pairs of a reef into metric range maps, true-color images "
+        "and a colored 3-D map.",
+        epilog="Begin with: stereo-seecolor demo\n\nOptions and examples of a command: "
+        "stereo-seecolor COMMAND --help",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
     )
     app.callback(invoke_without_command=True)(version_option)
     for name, command in commands.items():
         options = one_by_one(name, command.function)
-        app.command(name, cls=_Command, epilog=_examples(command), rich_help_panel=command.panel)(options)
+        app.command(name, cls=_Command, epilog=_examples(command), rich_help_panel=command.panel)(
+            options
+        )
     return app
 
 
 def _examples(command: Command) -> str:
     """The examples of a command as paragraphs, each of which typer prints on a line of its own."""
-    return "\n\n".join(["Examples:", *(f"  stereo-seecolor {words}" for words in command.examples)]) if command.examples else ""
+    return (
+        "\n\n".join(["Examples:", *(f"  stereo-seecolor {words}" for words in command.examples)])
+        if command.examples
+        else ""
+    )
 
 
 def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
-    """The command as a function of options: each field of a parameter that is a dataclass becomes an option of its own.
+    """The command as a function of options: each field of a parameter that is a dataclass becomes
+    an option of its own.
 
     name: the command's, for its report.
     """
     hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, type[Any]] = {key: kind for key, kind in hints.items() if isinstance(kind, type) and is_dataclass(kind)}
+    groups: dict[str, type[Any]] = {
+        key: kind for key, kind in hints.items() if isinstance(kind, type) and is_dataclass(kind)
+    }
     options: list[Parameter] = []
     for parameter in signature(command).parameters.values():
-        inside = signature(groups[parameter.name]).parameters if parameter.name in groups else {parameter.name: parameter}
-        options += [one.replace(kind=Parameter.KEYWORD_ONLY) for key, one in inside.items() if key != "command"]
+        inside = (
+            signature(groups[parameter.name]).parameters
+            if parameter.name in groups
+            else {parameter.name: parameter}
+        )
+        options += [
+            one.replace(kind=Parameter.KEYWORD_ONLY)
+            for key, one in inside.items()
+            if key != "command"
+        ]
 
     def run(**given: Any) -> None:
         for key, group in groups.items():
-            own = {field.name: given.pop(field.name) for field in fields(group) if field.name in given}
+            own = {
+                field.name: given.pop(field.name) for field in fields(group) if field.name in given
+            }
             given[key] = group(name, **own) if issubclass(group, Report) else group(**own)
         command(**given)
 
-    run.__doc__, run.__annotations__ = command.__doc__, {one.name: one.annotation for one in options}
+    run.__doc__, run.__annotations__ = (
+        command.__doc__,
+        {one.name: one.annotation for one in options},
+    )
     run.__dict__["__signature__"] = Signature(options)
     return run
 
 
 def version_option(
-    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and exit.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", metavar="", help="Print the version and exit.")
+    ] = False,
 ) -> None:
     """Options before a command."""
     if version:
@@ -139,5 +169,6 @@ def run_command_line() -> int:
     words = sys.argv[1:]
     with contextlib.nullcontext() if "--verbose" in words else quiet_libraries():
         return exit_code_of(
-            lambda: program(_needed(words))(standalone_mode=False, prog_name="stereo-seecolor"), as_json="--json" in words
+            lambda: program(_needed(words))(standalone_mode=False, prog_name="stereo-seecolor"),
+            as_json="--json" in words,
         )

@@ -12,7 +12,14 @@ import typer
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.report import Report, computing
-from stereo_seecolor.cli.results import map_exit_code, map_text, page_text, run_content, run_exit_code, run_text
+from stereo_seecolor.cli.results import (
+    map_exit_code,
+    map_text,
+    page_text,
+    run_content,
+    run_exit_code,
+    run_text,
+)
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.layout import INDEX
@@ -40,7 +47,9 @@ def run(
     bag: opt.Bag = None,
     out: opt.Out = Path("out"),
     refine: opt.RefineRig = False,
-    fuse: Annotated[bool, opt.flag("--fuse", "Fuse the frames into one map of the dive, OUT/map.")] = False,
+    fuse: Annotated[
+        bool, opt.flag("--fuse", "Fuse the frames into one map of the dive, OUT/map.")
+    ] = False,
     poses: opt.PosesFile = None,
     water: opt.WaterFile = None,
     out_mcap: opt.OutMcap = None,
@@ -60,7 +69,9 @@ def run(
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     if shard and out_mcap:
-        raise typer.BadParameter("--out-mcap records a whole run made here: merge first, then export --to mcap")
+        raise typer.BadParameter(
+            "--out-mcap records a whole run made here: merge first, then export --to mcap"
+        )
     part = _part(shard, fuse)
     with ExitStack() as both_steps:  # the workers stay for the map
         with report.working() as listener:
@@ -70,38 +81,64 @@ def run(
                 load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite, bag)
             chosen = execution.options(workers, settings.config, listener)
             if fuse:
-                from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
+                from stereo_seecolor.commands.fuse import (
+                    check_fusion,
+                )  # loads what only a map needs
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
                 chosen = replace(chosen, also_read=check_fusion(poses, loaded))
             when: PageTime = "live" if page else "none" if fuse else "end"
-            options = replace(chosen, shard=part, cluster=compute, water=water, page=when, notice=report.notice)
+            options = replace(
+                chosen, shard=part, cluster=compute, water=water, page=when, notice=report.notice
+            )
             summary = _run(left, right, calib, bag, topics)(out, loaded, options)
         if summary.stopped:
             _end(report, summary, out)
         if fuse:
-            _end_with_map(report, summary, out, lambda listener: fuse_frames(out, poses, loaded, listener, compute), out_mcap)
+            _end_with_map(
+                report,
+                summary,
+                out,
+                lambda listener: fuse_frames(out, poses, loaded, listener, compute),
+                out_mcap,
+            )
     _end_with_page(report, summary, out, out_mcap)
 
 
 def _part(shard: str, fuse: bool) -> Shard:
     if shard and fuse:
-        raise typer.BadParameter("--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse")
+        raise typer.BadParameter(
+            "--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse"
+        )
     return opt.shard_of(shard)
 
 
-def check_sources(left: str | Path | None, right: str | Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
+def check_sources(
+    left: str | Path | None,
+    right: str | Path | None,
+    calib: str | None,
+    bag: Path | None,
+    topics: str,
+) -> None:
     """Raise typer.BadParameter unless a bag, or both sides and their calibration, are given."""
     if bag and (left or right):
         raise typer.BadParameter("--bag holds both sides: give it, or --left and --right")
     if topics and not bag:
         raise typer.BadParameter("--topics names topics of a bag: give --bag too")
-    missing = [name for name, value in (("--left", left), ("--right", right), ("--calib", calib)) if not value]
+    missing = [
+        name
+        for name, value in (("--left", left), ("--right", right), ("--calib", calib))
+        if not value
+    ]
     if missing and not bag:
-        raise typer.BadParameter(f"{missing[0]} is missing: a dive needs --left, --right and --calib, or --bag")
+        raise typer.BadParameter(
+            f"{missing[0]} is missing: a dive needs --left, --right and --calib, or --bag"
+        )
 
 
-def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> "Callable[..., RunSummary]":
+def _run(
+    left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str
+) -> "Callable[..., RunSummary]":
     """The function that runs the given dive, called with OUT, settings and options."""
     from stereo_seecolor.commands.run import run, run_inputs
 
@@ -119,7 +156,8 @@ def correct(
         opt.option(
             "--range",
             "FOLDER",
-            "Folder of range maps of the same names: TIFF, PFM, EXR, NPY, NPZ, MAT; meters, integers: mm.",
+            "Folder of range maps of the same names: TIFF, PFM, EXR, NPY, NPZ, MAT; meters, "
+            "integers: mm.",
         ),
     ],
     out: opt.Out = Path("out"),
@@ -158,7 +196,9 @@ def range_(
     from stereo_seecolor.commands.run import range_maps
 
     with report.working() as listener:
-        options = replace(execution.options(workers, settings.config, listener), notice=report.notice)
+        options = replace(
+            execution.options(workers, settings.config, listener), notice=report.notice
+        )
         summary = range_maps(left, right, calib, out, settings.load(refine, device=device), options)
     _end(report, summary, out)
 
@@ -189,25 +229,38 @@ def _end(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
     report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))
 
 
-def _end_with_page(report: Report, summary: "RunSummary", out: Path, out_mcap: Path | None) -> NoReturn:
+def _end_with_page(
+    report: Report, summary: "RunSummary", out: Path, out_mcap: Path | None
+) -> NoReturn:
     if summary.stopped:
         _end(report, summary, out)
     report.say(run_text(summary, out))
     with report.working():
         recorded = _record(out, out_mcap)
     page = out / INDEX
-    report.end({**run_content(summary, out), "page": page}, page_text(page) + recorded, run_exit_code(summary))
+    report.end(
+        {**run_content(summary, out), "page": page},
+        page_text(page) + recorded,
+        run_exit_code(summary),
+    )
 
 
 def _record(out: Path, out_mcap: Path | None) -> str:
     """Write the recording if one was asked for. Returns a line that names it, or ""."""
     if out_mcap is None:
         return ""
-    return f"{out_mcap}: {load('recordings', 'mcap').write_mcap(out, out_mcap)} frames as ROS 2 messages\n"
+    return (
+        f"{out_mcap}: {load('recordings', 'mcap').write_mcap(out, out_mcap)} frames as ROS 2 "
+        "messages\n"
+    )
 
 
 def _end_with_map(
-    report: Report, summary: "RunSummary", out: Path, fuse: "Callable[[Listener], MapSummary]", out_mcap: Path | None
+    report: Report,
+    summary: "RunSummary",
+    out: Path,
+    fuse: "Callable[[Listener], MapSummary]",
+    out_mcap: Path | None,
 ) -> NoReturn:
     from stereo_seecolor.commands.view import report as write_page
 
@@ -217,4 +270,8 @@ def _end_with_map(
         page = write_page(out, listener, brief=True).page
         recorded = _record(out, out_mcap)
     content = {**run_content(summary, out), "page": page, "map": made}
-    report.end(content, map_text(made) + page_text(page) + recorded, max(run_exit_code(summary), map_exit_code(made)))
+    report.end(
+        content,
+        map_text(made) + page_text(page) + recorded,
+        max(run_exit_code(summary), map_exit_code(made)),
+    )

@@ -1,6 +1,7 @@
 """How the program ends: exit codes, and known errors as one line on standard error.
 
-Exit codes: 0 all done; 1 a known error; 2 wrong usage; 3 finished, but with named failures; 130 interrupted.
+Exit codes: 0 all done; 1 a known error; 2 wrong usage; 3 finished, but with named failures; 130
+interrupted.
 An error that is not known is a defect of this program and keeps its traceback.
 """
 
@@ -24,13 +25,17 @@ EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 
 
 def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
-    """Run the command line and return its exit code. as_json: known errors are also printed as a JSON object."""
+    """Run the command line and return its exit code. as_json: known errors are also printed as a
+    JSON object.
+    """
     try:
         code = command_line()
         return code if isinstance(code, int) else EXIT_DONE
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted", EXIT_INTERRUPTED, as_json)
-    except BrokenPipeError:  # the reader of the output has gone, as head does when it has seen enough
+    except (
+        BrokenPipeError
+    ):  # the reader of the output has gone, as head does when it has seen enough
         return EXIT_KNOWN_ERROR
     except Exception as error:
         if _is_usage_error(error):
@@ -42,8 +47,9 @@ def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
 
 
 def is_known(error: Exception) -> bool:
-    """True for errors whose message suffices for a user: this program's own, by name (two copies of a module have two classes), and
-    those of the system that name a file, or say that there is no room.
+    """True for errors whose message suffices for a user: this program's own, by name (two copies of
+    a module have two classes), and those of the system that name a file, or say that there is no
+    room.
     """
     if isinstance(error, OSError) and (error.filename or error.errno in OF_THE_MACHINE):
         return True
@@ -55,11 +61,15 @@ def _names(error: Exception) -> Iterator[str]:
 
 
 def message_of(error: Exception) -> str:
-    """The message as one line. Readers name most files themselves; what they did not foresee is named here: a folder that may not
-    be searched, a name that is too long.
+    """The message as one line. Readers name most files themselves; what they did not foresee is
+    named here: a folder that may not be searched, a name that is too long.
     """
     if isinstance(error, OSError) and KNOWN.isdisjoint(_names(error)):
-        place = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes | os.PathLike) else ""
+        place = (
+            f"{os.fsdecode(error.filename)}: "
+            if isinstance(error.filename, str | bytes | os.PathLike)
+            else ""
+        )
         return printable(f"{place}{error.strerror or error}")
     return str(error)
 
@@ -78,7 +88,9 @@ def _is_usage_error(error: Exception) -> bool:
 
 
 def _usage_message(error: Any) -> str:
-    """One line; empty where the program was started without a command, whose help is then printed."""
+    """One line; empty where the program was started without a command, whose help is then
+    printed.
+    """
     if not error.format_message():
         return ""
     context = getattr(error, "ctx", None)

@@ -1,7 +1,9 @@
-"""Ctrl-C, and what else asks a program to end: SIGTERM (a batch system's time is up) and SIGHUP (a terminal was closed).
+"""Ctrl-C, and what else asks a program to end: SIGTERM (a batch system's time is up) and SIGHUP (a
+terminal was closed).
 
-The first lets a command finish the pairs under way and give OUT back. A second Ctrl-C ends it at once; the other signals come twice
-by themselves, and SIGKILL follows. The exit code is always 130: what is done is kept, and the same line goes on.
+The first lets a command finish the pairs under way and give OUT back. A second Ctrl-C ends it at
+once; the other signals come twice by themselves, and SIGKILL follows. The exit code is always 130:
+what is done is kept, and the same line goes on.
 """
 
 import contextlib
@@ -14,9 +16,14 @@ from contextlib import contextmanager
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
-SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
-FIRST = "\nstereo-seecolor: stopping when the pairs under way are finished; Ctrl-C again stops at once\n"
+FIRST = (
+    "\nstereo-seecolor: stopping when the pairs under way are finished; Ctrl-C again stops at "
+    "once\n"
+)
 SECOND = "\nstereo-seecolor: stopped at once\n"
 
 
@@ -24,13 +31,18 @@ SECOND = "\nstereo-seecolor: stopped at once\n"
 def interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt at the first signal; end the process at a second Ctrl-C.
 
-    Output files are complete even then, because each is written under another name first. Does nothing outside the main thread, nor
-    for a signal that is ignored, as Ctrl-C is in the background of a shell script, and SIGHUP below nohup.
+    Output files are complete even then, because each is written under another name first. Does
+    nothing outside the main thread, nor for a signal that is ignored, as Ctrl-C is in the
+    background of a shell script, and SIGHUP below nohup.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN}
+    before = {
+        number: signal.getsignal(number)
+        for number in SIGNALS
+        if signal.getsignal(number) is not signal.SIG_IGN
+    }
     interrupted = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -49,7 +61,9 @@ def interrupts() -> Iterator[None]:
     try:
         yield
     finally:
-        if not interrupted:  # else a second Ctrl-C may still come while the interpreter waits for threads
+        if (
+            not interrupted
+        ):  # else a second Ctrl-C may still come while the interpreter waits for threads
             for number, handler in before.items():
                 signal.signal(number, handler)
 

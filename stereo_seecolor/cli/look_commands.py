@@ -26,28 +26,42 @@ if TYPE_CHECKING:
 # The command inspect, which examines a dive before a run.
 
 Places = Annotated[
-    list[Path], typer.Argument(metavar="PATH...", help="Folders and files of the dive: images or videos, and the calibration.")
+    list[Path],
+    typer.Argument(
+        metavar="PATH...",
+        help="Folders and files of the dive: images or videos, and the calibration.",
+    ),
 ]
 
 
 @command("A dive", "inspect DIVE", "inspect left right stereo.mat")
 def inspect(places: Places, report: LoggedReport) -> None:
-    """Look at the files of a dive, say what they are, and print the run command for them; exit code 3 if pairs do not match."""
+    """Look at the files of a dive, say what they are, and print the run command for them; exit code
+    3 if pairs do not match.
+    """
     from stereo_seecolor.commands.inspect import inspect as look
 
     with report.working():
         found = look(places)
-    report.end(vars(found), inspection_text(found), EXIT_SOME_FAILED if found.misfits or not found.agrees else EXIT_DONE)
+    report.end(
+        vars(found),
+        inspection_text(found),
+        EXIT_SOME_FAILED if found.misfits or not found.agrees else EXIT_DONE,
+    )
 
 
 def inspection_text(found: "Inspection") -> str:
     """The files found and what sample pairs show, then notes, and last the run command."""
-    output = [f"left:  {found.sides.left}{_image_text(found.left)}", f"right: {found.sides.right}{_image_text(found.right)}"]
+    output = [
+        f"left:  {found.sides.left}{_image_text(found.left)}",
+        f"right: {found.sides.right}{_image_text(found.right)}",
+    ]
     if found.pairs:
         every = f", one every {found.interval_s:.3g} s" if found.interval_s else ""
         exposure = "recorded with each image" if found.exposure_recorded else "not recorded"
         output.append(
-            f"{counted(found.pairs, 'pair')}{every}; {counted(found.unpaired, 'file without a partner')}; exposure {exposure}"
+            f"{counted(found.pairs, 'pair')}{every}; "
+            f"{counted(found.unpaired, 'file without a partner')}; exposure {exposure}"
         )
     if found.calibration:
         output += _calibration_lines(found.calibration)
@@ -55,9 +69,15 @@ def inspection_text(found: "Inspection") -> str:
     if found.measured:
         output += _measured_lines(found.measured)
     for misfit in found.misfits:
-        fits = f"; the left image of {misfit.pair} fits the right one of {misfit.fits}" if misfit.fits else ""
+        fits = (
+            f"; the left image of {misfit.pair} fits the right one of {misfit.fits}"
+            if misfit.fits
+            else ""
+        )
         output.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
-    return lines(*output, *(f"note: {problem}" for problem in found.problems), "", found.run_command)
+    return lines(
+        *output, *(f"note: {problem}" for problem in found.problems), "", found.run_command
+    )
 
 
 def _image_text(image: "ImageFacts | None") -> str:
@@ -74,23 +94,30 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
     arranged = "vertical" if calibration.vertical else "side by side"
     tested = f"; vertical disparity {rows.row_error_px:.2f} px" if rows else ""
     return [
-        f"calibration: {calibration.path} ({calibration.format}): cameras {arranged}, baseline {rig.baseline_m * 1000:.1f} mm, "
+        f"calibration: {calibration.path} ({calibration.format}): cameras {arranged}, baseline "
+        f"{rig.baseline_m * 1000:.1f} mm, "
         f"focal length {rig.focal_px:.0f} px{tested}"
     ]
 
 
 def _poses_line(found: "FoundPoses", pairs: int) -> str:
     of_pairs = f", for {found.pairs} of {pairs} pairs by {found.by}" if pairs else ""
-    return f"poses: {found.path} ({found.format}): {counted(found.poses, 'pose')}{of_pairs}; for a map with them add --fuse --poses"
+    return (
+        f"poses: {found.path} ({found.format}): {counted(found.poses, 'pose')}{of_pairs}; for "
+        "a map with them add --fuse --poses"
+    )
 
 
 def _measured_lines(measured: "SampleMeasures") -> list[str]:
     light = "strobes or lamps" if measured.strobes else "daylight"
     return [
-        f"range: {measured.median_range_m:.2f} m (median), known for {measured.coverage:.0%} of the pixels; "
+        f"range: {measured.median_range_m:.2f} m (median), known for {measured.coverage:.0%} of "
+        "the pixels; "
         f"{measured.ground_resolution_m * 1000:.2f} mm a pixel",
-        f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the corners",
-        f"a run takes about {_duration(measured.seconds)} here and {measured.disk_bytes / 1e9:.2f} GB of disk",
+        f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the "
+        "corners",
+        f"a run takes about {_duration(measured.seconds)} here and "
+        f"{measured.disk_bytes / 1e9:.2f} GB of disk",
     ]
 
 
@@ -105,7 +132,9 @@ Show = Annotated[bool, opt.flag("--show", "The default of this command; accepted
 
 @command("This program", "doctor")
 def doctor(report: BareReport) -> None:
-    """Check this machine: what is installed, what is missing, what that costs, and how to install it."""
+    """Check this machine: what is installed, what is missing, what that costs, and how to install
+    it.
+    """
     from stereo_seecolor.commands.doctor import doctor as examine
 
     found = examine()
@@ -114,7 +143,9 @@ def doctor(report: BareReport) -> None:
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
-    """A line for each part of the installation, with the remedy for a missing one, and whether the program can run."""
+    """A line for each part of the installation, with the remedy for a missing one, and whether the
+    program can run.
+    """
     output = []
     for finding in findings:
         output.append(f"{_state(finding):8}  {finding.what}: {finding.detail}")
@@ -123,33 +154,51 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
         if finding.fix:
             output.append(f"          fix it with: {finding.fix}")
     missing = [finding.what for finding in findings if finding.needed and not finding.ok]
-    verdict = f"not ready: {', '.join(missing)} must be installed first" if missing else "ready: all that a run needs is there"
+    verdict = (
+        f"not ready: {', '.join(missing)} must be installed first"
+        if missing
+        else "ready: all that a run needs is there"
+    )
     return lines(*output, verdict)
 
 
 def _state(finding: "Finding") -> str:
-    """The state of a part in one word: ok, MISSING, or optional for a missing part that a run does not need."""
+    """The state of a part in one word: ok, MISSING, or optional for a missing part that a run does
+    not need.
+    """
     if finding.ok:
         return "ok"
     return "MISSING" if finding.needed else "optional"
 
 
-@command("This program", "config --show --set color.lock=survey", "config --config OUT/run.json > settings.yaml")
+@command(
+    "This program",
+    "config --show --set color.lock=survey",
+    "config --config OUT/run.json > settings.yaml",
+)
 def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
     """Print the merged settings as YAML, each with its origin: the default, the file, or --set."""
     from stereo_seecolor.config.file import load_settings
 
     merged = load_settings(settings.config, settings.settings or [])
-    report.end({"settings": merged}, lines(*_section([(setting.key.split("."), setting) for setting in merged], 0)))
+    report.end(
+        {"settings": merged},
+        lines(*_section([(setting.key.split("."), setting) for setting in merged], 0)),
+    )
 
 
 def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str]:
-    """Lines of YAML that --config can read, with each setting's origin as a comment. entries: (keys below this depth, setting)."""
+    """Lines of YAML that --config can read, with each setting's origin as a comment. entries: (keys
+    below this depth, setting).
+    """
     output = []
     for name, group in groupby(entries, key=lambda entry: entry[0][0]):
         inside = list(group)
         if len(inside[0][0]) > 1:
-            output += [f"{'  ' * depth}{name}:", *_section([(keys[1:], setting) for keys, setting in inside], depth + 1)]
+            output += [
+                f"{'  ' * depth}{name}:",
+                *_section([(keys[1:], setting) for keys, setting in inside], depth + 1),
+            ]
         else:
             setting = inside[0][1]
             output.append(f"{'  ' * depth}{name}: {_yaml(setting.value)}  # {setting.origin}")

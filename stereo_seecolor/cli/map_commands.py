@@ -14,9 +14,16 @@ if TYPE_CHECKING:
 
 @command("A dive", "fuse OUT", "fuse OUT --poses nav.tum --set mapping.voxel_m=0.005")
 def fuse(
-    out: opt.Finished, poses: opt.PosesFile = None, *, settings: opt.Settings, cluster: opt.ClusterName = "", report: Report
+    out: opt.Finished,
+    poses: opt.PosesFile = None,
+    *,
+    settings: opt.Settings,
+    cluster: opt.ClusterName = "",
+    report: Report,
 ) -> None:
-    """Fuse a finished run into one map of the dive, OUT/map: cloud, mesh, orthomosaic, terrain, rugosity."""
+    """Fuse a finished run into one map of the dive, OUT/map: cloud, mesh, orthomosaic, terrain,
+    rugosity.
+    """
     from stereo_seecolor.commands.fuse import fuse as fuse_frames
     from stereo_seecolor.commands.view import report as write_page
 
@@ -32,12 +39,18 @@ def report(
     out: opt.Finished,
     charts: Annotated[
         bool,
-        opt.flag("--charts", "Also search all frames for color charts (seconds a frame), and compare views of the same spots."),
+        opt.flag(
+            "--charts",
+            "Also search all frames for color charts (seconds a frame), and compare views of the "
+            "same spots.",
+        ),
     ] = False,
     *,
     report: Report,
 ) -> None:
-    """Write OUT/index.html, the page of a finished run, with the images and numbers of every frame."""
+    """Write OUT/index.html, the page of a finished run, with the images and numbers of every
+    frame.
+    """
     from stereo_seecolor.commands.view import report as write_page
 
     with report.working() as listener:
@@ -49,11 +62,15 @@ def report(
 @command("A dive", "view OUT", "view OUT --window")
 def view(
     out: opt.Finished,
-    window: Annotated[bool, opt.flag("--window", "Open the map in a window instead of the page.")] = False,
+    window: Annotated[
+        bool, opt.flag("--window", "Open the map in a window instead of the page.")
+    ] = False,
     *,
     report: BareReport,
 ) -> None:
-    """Open the page of a run in the browser, or its map in a window (--window, or where there is no page)."""
+    """Open the page of a run in the browser, or its map in a window (--window, or where there is no
+    page).
+    """
     from stereo_seecolor.commands.view import view as show
     from stereo_seecolor.commands.view import view_map
 

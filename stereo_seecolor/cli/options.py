@@ -1,6 +1,8 @@
-"""Options that several commands share, each declared once: its type, its name and its help text; and groups of them.
+"""Options that several commands share, each declared once: its type, its name and its help text;
+and groups of them.
 
-Options without a panel come first in the help of a command: those that everybody needs. The panels hold the rest.
+Options without a panel come first in the help of a command: those that everybody needs. The panels
+hold the rest.
 """
 
 import sys
@@ -23,8 +25,12 @@ DEFAULT_WORKERS = min(cores(), 8)
 COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution", "Reporting"
 
 
-def option(name: str, metavar: str | None, help: str, panel: str | None = None, **limits: Any) -> Any:
-    """An option that takes a value. metavar: None for a choice of words. limits: min and max, of a number."""
+def option(
+    name: str, metavar: str | None, help: str, panel: str | None = None, **limits: Any
+) -> Any:
+    """An option that takes a value. metavar: None for a choice of words. limits: min and max, of a
+    number.
+    """
     return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **limits)
 
 
@@ -33,11 +39,20 @@ def flag(name: str, help: str, panel: str | None = None) -> Any:
     return option(name, "", help, panel)
 
 
-_LEFT = option("--left", "FOLDER", "Folder of left images, a quoted pattern ('DIVE/*_L.png', 'DIVE/*/left'), or a video.")
-_RIGHT = option(
-    "--right", "FOLDER", "The same for the right side. If each image shows both sides, give the left folder or video again."
+_LEFT = option(
+    "--left",
+    "FOLDER",
+    "Folder of left images, a quoted pattern ('DIVE/*_L.png', 'DIVE/*/left'), or a video.",
 )
-_CALIB = option("--calib", "FILE", "Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
+_RIGHT = option(
+    "--right",
+    "FOLDER",
+    "The same for the right side. If each image shows both sides, give the left folder or video "
+    "again.",
+)
+_CALIB = option(
+    "--calib", "FILE", "Calibration of the rig: cam.yaml, or any format of docs/calibration.md."
+)
 Left = Annotated[Path, _LEFT]
 Right = Annotated[Path, _RIGHT]
 Calib = Annotated[str, _CALIB]
@@ -49,64 +64,134 @@ Bag = Annotated[
     option(
         "--bag",
         "BAG",
-        "ROS bag instead of two folders: .bag, .db3, .mcap, or the folder of a split bag. A calibration is then optional: the "
+        "ROS bag instead of two folders: .bag, .db3, .mcap, or the folder of a split bag. A "
+        "calibration is then optional: the "
         "default is the camera_info of the bag.",
     ),
 ]
 Topics = Annotated[
-    str, option("--topics", "LIST", "Image topics of the bag, if they are not found: left=NAME,right=NAME.", SETTINGS)
+    str,
+    option(
+        "--topics",
+        "LIST",
+        "Image topics of the bag, if they are not found: left=NAME,right=NAME.",
+        SETTINGS,
+    ),
 ]
-Out = Annotated[Path, option("--out", "FOLDER", "Output folder. Run again with the same folder to resume a stopped run.")]
+Out = Annotated[
+    Path,
+    option(
+        "--out", "FOLDER", "Output folder. Run again with the same folder to resume a stopped run."
+    ),
+]
 OutMcap = Annotated[
-    Path | None, option("--out-mcap", "FILE", "Also record the finished frames as ROS 2 messages in an MCAP file.", EXECUTION)
+    Path | None,
+    option(
+        "--out-mcap",
+        "FILE",
+        "Also record the finished frames as ROS 2 messages in an MCAP file.",
+        EXECUTION,
+    ),
 ]
 Finished = Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of a finished run.")]
 RefineRig = Annotated[
-    bool, flag("--refine", "First estimate from pairs of the dive what has moved in the rig since its calibration (input.refine).")
+    bool,
+    flag(
+        "--refine",
+        "First estimate from pairs of the dive what has moved in the rig since its calibration "
+        "(input.refine).",
+    ),
 ]
 WaterFile = Annotated[
-    Path | None, option("--water", "FILE", "water.json of an earlier run, used instead of fitting the water.", COLOR)
+    Path | None,
+    option(
+        "--water", "FILE", "water.json of an earlier run, used instead of fitting the water.", COLOR
+    ),
 ]
 PosesFile = Annotated[
-    Path | None, option("--poses", "FILE", "Trajectory of the dive: TUM, KITTI, COLMAP, AUV tables, or a ROS bag.", COLOR)
+    Path | None,
+    option(
+        "--poses",
+        "FILE",
+        "Trajectory of the dive: TUM, KITTI, COLMAP, AUV tables, or a ROS bag.",
+        COLOR,
+    ),
 ]
 LivePage = Annotated[
     bool,
-    flag("--page", "Write OUT/index.html while the run is under way; an open browser reloads it by itself.", REPORTING),
+    flag(
+        "--page",
+        "Write OUT/index.html while the run is under way; an open browser reloads it by itself.",
+        REPORTING,
+    ),
 ]
 Device = Annotated[
     Literal["auto", "cpu", "cuda"] | None,
-    option("--device", None, "Where frames are matched and corrected; auto takes a GPU where one is (docs/gpu.md).", EXECUTION),
+    option(
+        "--device",
+        None,
+        "Where frames are matched and corrected; auto takes a GPU where one is (docs/gpu.md).",
+        EXECUTION,
+    ),
 ]
-Workers = Annotated[int, option("--workers", "N", "Number of pairs processed at the same time.", EXECUTION, min=1)]
+Workers = Annotated[
+    int, option("--workers", "N", "Number of pairs processed at the same time.", EXECUTION, min=1)
+]
 ClusterName = Annotated[
     str,
-    option("--cluster", "WHERE", "Run on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).", EXECUTION),
+    option(
+        "--cluster",
+        "WHERE",
+        "Run on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).",
+        EXECUTION,
+    ),
 ]
 ShardOption = Annotated[
     str,
     option(
         "--shard",
         "I/N",
-        "Process only part I of N of the pairs, into an output folder of its own; merge joins them (docs/fleets.md).",
+        "Process only part I of N of the pairs, into an output folder of its own; merge joins "
+        "them (docs/fleets.md).",
         EXECUTION,
     ),
 ]
-Overwrite = Annotated[bool, flag("--overwrite", "Remove the results that an earlier run wrote into the output folder.", EXECUTION)]
-AsJson = Annotated[bool, flag("--json", "Print the result as one JSON object (docs/json.md).", REPORTING)]
+Overwrite = Annotated[
+    bool,
+    flag(
+        "--overwrite",
+        "Remove the results that an earlier run wrote into the output folder.",
+        EXECUTION,
+    ),
+]
+AsJson = Annotated[
+    bool, flag("--json", "Print the result as one JSON object (docs/json.md).", REPORTING)
+]
 
 
 @dataclass(frozen=True)
 class Settings:
     """Options for settings: a file, and single values."""
 
-    config: Annotated[Path | None, option("--config", "FILE", "YAML file of settings (docs/configuration.md).", SETTINGS)] = None
+    config: Annotated[
+        Path | None,
+        option("--config", "FILE", "YAML file of settings (docs/configuration.md).", SETTINGS),
+    ] = None
     settings: Annotated[
-        list[str] | None, option("--set", "KEY=VALUE", "One setting, written section.key=value. May be repeated.", SETTINGS)
+        list[str] | None,
+        option(
+            "--set",
+            "KEY=VALUE",
+            "One setting, written section.key=value. May be repeated.",
+            SETTINGS,
+        ),
     ] = None
 
-    def load(self, refine: bool = False, run: Path | None = None, device: str | None = None) -> "RunConfig":
-        """The configuration. refine: --refine was given. run: an output folder whose settings are used if no file is named.
+    def load(
+        self, refine: bool = False, run: Path | None = None, device: str | None = None
+    ) -> "RunConfig":
+        """The configuration. refine: --refine was given. run: an output folder whose settings are
+        used if no file is named.
 
         device: --device, None where it was not given.
         """
@@ -118,7 +203,9 @@ class Settings:
 
             file = settings_file(run)
         chosen = [f"{stage}.device={device}" for stage in ("matching", "color") if device]
-        return load_config(file, [*(self.settings or []), *(["input.refine=true"] if refine else []), *chosen])
+        return load_config(
+            file, [*(self.settings or []), *(["input.refine=true"] if refine else []), *chosen]
+        )
 
 
 @dataclass(frozen=True)
@@ -126,16 +213,31 @@ class Execution:
     """Options for the execution of a command over pairs."""
 
     overwrite: Overwrite = False
-    strict: Annotated[bool, flag("--strict", "Stop at the first pair that fails.", EXECUTION)] = False
-    verify: Annotated[bool, flag("--verify", "Read every input again, even if its size and time have not changed.", EXECUTION)] = (
+    strict: Annotated[bool, flag("--strict", "Stop at the first pair that fails.", EXECUTION)] = (
         False
     )
+    verify: Annotated[
+        bool,
+        flag(
+            "--verify",
+            "Read every input again, even if its size and time have not changed.",
+            EXECUTION,
+        ),
+    ] = False
 
     def options(self, workers: int, config_file: Path | None, listener: "Listener") -> "RunOptions":
         """The options as the function of the command takes them."""
         from stereo_seecolor.dive.run_options import RunOptions
 
-        return RunOptions(workers, self.overwrite, self.strict, self.verify, config_file, tuple(sys.argv), listener)
+        return RunOptions(
+            workers,
+            self.overwrite,
+            self.strict,
+            self.verify,
+            config_file,
+            tuple(sys.argv),
+            listener,
+        )
 
 
 def shard_of(text: str) -> Shard:

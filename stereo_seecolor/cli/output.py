@@ -1,4 +1,6 @@
-"""Text for standard output and standard error: lines and tables, on any terminal, without what C libraries say."""
+"""Text for standard output and standard error: lines and tables, on any terminal, without what C
+libraries say.
+"""
 
 import contextlib
 import io
@@ -12,7 +14,9 @@ from stereo_seecolor.errors import OutputError, printable_lines
 # Lines and tables of text without color, the same on a terminal and in a file.
 
 _WIDEST = 10_000
-"""Width of a line in characters: more than any table has. At a terminal's width, names of frames would be cut."""
+"""Width of a line in characters: more than any table has. At a terminal's width, names of frames
+would be cut.
+"""
 
 
 def lines(*texts: str) -> str:
@@ -47,7 +51,9 @@ def duration(seconds: float) -> str:
 
 
 def prepare_streams() -> None:
-    """Write characters that a terminal cannot show as escapes, and replace a closed stream by the null device."""
+    """Write characters that a terminal cannot show as escapes, and replace a closed stream by the
+    null device.
+    """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -57,7 +63,8 @@ def prepare_streams() -> None:
 
 
 def write_out(text: str) -> None:
-    """Write to standard output at once, without the control characters that names and files may hold.
+    """Write to standard output at once, without the control characters that names and files may
+    hold.
 
     Raises OutputError where that fails, BrokenPipeError where the reader has closed it.
     """
@@ -70,7 +77,8 @@ def write_out(text: str) -> None:
     except OSError as error:
         discard(sys.stdout)
         raise OutputError(
-            f"standard output cannot be written: {error.strerror or error}: make room, or send it somewhere else"
+            f"standard output cannot be written: {error.strerror or error}: make room, or send it "
+            "somewhere else"
         ) from error
 
 
@@ -82,7 +90,9 @@ def write_error(text: str) -> None:
 
 
 def discard(stream: TextIO) -> None:
-    """Drop what is left in a stream's buffer, so that the interpreter does not fail on it at exit."""
+    """Drop what is left in a stream's buffer, so that the interpreter does not fail on it at
+    exit.
+    """
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -96,7 +106,8 @@ STDERR = 2
 
 @contextlib.contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Redirect file descriptor 2 to the null device; Python's own ``sys.stderr`` still writes to standard error.
+    """Redirect file descriptor 2 to the null device; Python's own ``sys.stderr`` still writes to
+    standard error.
 
     This program itself names damaged images. Does nothing where standard error is closed.
     """
@@ -110,7 +121,14 @@ def quiet_libraries() -> Iterator[None]:
     try:
         if _is_standard_error(before):
             before.flush()
-            sys.stderr = open(kept, "w", encoding=before.encoding, errors=before.errors, buffering=1, closefd=False)  # noqa: SIM115
+            sys.stderr = open(  # noqa: SIM115
+                kept,
+                "w",
+                encoding=before.encoding,
+                errors=before.errors,
+                buffering=1,
+                closefd=False,
+            )
         os.dup2(null, STDERR)
         yield
     finally:

@@ -5,7 +5,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 
 from stereo_seecolor.cli.output import write_error
 from stereo_seecolor.files.json_values import json_line
@@ -17,7 +24,9 @@ from stereo_seecolor.records import FrameRow
 
 @contextmanager
 def bar() -> Iterator[Listener]:
-    """A listener that draws a bar for each stage on standard error, with rate, time left and the current pair."""
+    """A listener that draws a bar for each stage on standard error, with rate, time left and the
+    current pair.
+    """
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -50,18 +59,24 @@ class _Bar:
         if row.status == "failed":
             self._drawn.console.print(row.line, markup=False, highlight=False)
         speed = self._drawn.tasks[self._task].speed
-        self._drawn.update(self._task, advance=1, pair=row.name, rate=f"{speed:.1f}/s" if speed else "")
+        self._drawn.update(
+            self._task, advance=1, pair=row.name, rate=f"{speed:.1f}/s" if speed else ""
+        )
 
 
 # Progress without a terminal: plain lines for a log, or JSON lines for a program; both on
 # standard error.
 
 LINE_EVERY_S = 10.0
-"""Seconds between two lines of one stage: often enough to see that it works, 360 lines an hour at most."""
+"""Seconds between two lines of one stage: often enough to see that it works, 360 lines an hour at
+most.
+"""
 
 
 class PlainLines:
-    """A listener that writes a line when a stage begins and ends, every LINE_EVERY_S between, and for each failed pair."""
+    """A listener that writes a line when a stage begins and ends, every LINE_EVERY_S between, and
+    for each failed pair.
+    """
 
     def __init__(self) -> None:
         self._stage, self._done, self._total = "", 0, 0
@@ -81,11 +96,15 @@ class PlainLines:
             write_error(f"{row.line}\n")
         if self._done == self._total or now_s - self._reported_s >= LINE_EVERY_S:
             self._reported_s = now_s
-            write_error(f"{self._stage}: {self._done} of {self._total}, {now_s - self._began_s:.1f} s\n")
+            write_error(
+                f"{self._stage}: {self._done} of {self._total}, {now_s - self._began_s:.1f} s\n"
+            )
 
 
 class JsonLines:
-    """A listener that writes a line with a JSON object when a stage begins and for each finished pair (docs/json.md)."""
+    """A listener that writes a line with a JSON object when a stage begins and for each finished
+    pair (docs/json.md).
+    """
 
     def __init__(self) -> None:
         self._stage, self._done, self._total = "", 0, 0
@@ -100,6 +119,19 @@ class JsonLines:
     def advance(self, row: FrameRow) -> None:
         """One more pair."""
         self._done += 1
-        event = {"event": "advance", "stage": self._stage, "done": self._done, "total": self._total, "name": row.name}
-        outcome = {"status": row.status, "error": row.error, "warnings": row.warnings, "kept": row.kept}
-        write_error(json_line({**event, **outcome, "seconds": round(time.monotonic() - self._began_s, 3)}))
+        event = {
+            "event": "advance",
+            "stage": self._stage,
+            "done": self._done,
+            "total": self._total,
+            "name": row.name,
+        }
+        outcome = {
+            "status": row.status,
+            "error": row.error,
+            "warnings": row.warnings,
+            "kept": row.kept,
+        }
+        write_error(
+            json_line({**event, **outcome, "seconds": round(time.monotonic() - self._began_s, 3)})
+        )

@@ -37,11 +37,14 @@ class _Formatter(logging.Formatter):
 
 @contextmanager
 def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
-    """Append the log to a file; with verbose, write it to standard error too. Does nothing if neither is asked for.
+    """Append the log to a file; with verbose, write it to standard error too. Does nothing if
+    neither is asked for.
 
     Raises OutputError if the file cannot be opened, or is there already and no log of this program.
     """
-    handlers: list[logging.Handler] = [logging.NullHandler()]  # or logging itself writes warnings and errors to standard error
+    handlers: list[logging.Handler] = [
+        logging.NullHandler()
+    ]  # or logging itself writes warnings and errors to standard error
     if verbose:
         handlers.append(logging.StreamHandler(sys.stderr))
     if log_file is not None:
@@ -65,11 +68,16 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
 def _file_handler(path: Path) -> logging.Handler:
     try:
         if path.is_file() and path.stat().st_size and not is_log(path):
-            raise OutputError(f"--log-file {path}: is there already, and is not a log of this program: give another name")
+            raise OutputError(
+                f"--log-file {path}: is there already, and is not a log of this program: give "
+                "another name"
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         return logging.FileHandler(path, mode="a", encoding="utf-8", errors="backslashreplace")
     except OSError as error:
-        raise OutputError(f"--log-file {path}: cannot be written: {error.strerror or error}: give another file") from error
+        raise OutputError(
+            f"--log-file {path}: cannot be written: {error.strerror or error}: give another file"
+        ) from error
 
 
 ProgressKind = Literal["auto", "bar", "lines", "json", "none"]
@@ -79,7 +87,8 @@ log = logging.getLogger("stereo_seecolor.cli")
 
 @contextmanager
 def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute | None]":
-    """The cluster of --cluster, while a command works; None for "". notice: called with a line on what is waited for.
+    """The cluster of --cluster, while a command works; None for "". notice: called with a line on
+    what is waited for.
 
     Raises ClusterError where it cannot be reached.
     """
@@ -88,7 +97,10 @@ def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute 
         return
     kind = cluster.partition(":")[0]
     if kind not in added("executors"):
-        raise ClusterError(f"--cluster {cluster}: is not a cluster: give one of {', '.join(added('executors'))} (docs/fleets.md)")
+        raise ClusterError(
+            f"--cluster {cluster}: is not a cluster: give one of {', '.join(added('executors'))} "
+            "(docs/fleets.md)"
+        )
     with load("executors", kind)(cluster, notice) as compute:
         yield compute
 
@@ -104,12 +116,20 @@ class Report:
         option(
             "--progress",
             None,
-            "Progress on standard error. auto: a bar on a terminal, elsewhere JSON lines with --json and plain lines without.",
+            "Progress on standard error. auto: a bar on a terminal, elsewhere JSON lines with "
+            "--json and plain lines without.",
             REPORTING,
         ),
     ] = "auto"
-    verbose: Annotated[bool, flag("--verbose", "Write the log to standard error, debugging messages included.", REPORTING)] = False
-    log_file: Annotated[Path | None, option("--log-file", "FILE", "Append the log to this file.", REPORTING)] = None
+    verbose: Annotated[
+        bool,
+        flag(
+            "--verbose", "Write the log to standard error, debugging messages included.", REPORTING
+        ),
+    ] = False
+    log_file: Annotated[
+        Path | None, option("--log-file", "FILE", "Append the log to this file.", REPORTING)
+    ] = None
 
     @contextmanager
     def working(self) -> "Iterator[Listener]":
@@ -124,7 +144,12 @@ class Report:
                 log.warning("%s: interrupted", self.command)
                 raise
             except Exception as error:
-                log.error("%s failed: %s", self.command, message_of(error), exc_info=self.verbose or not is_known(error))
+                log.error(
+                    "%s failed: %s",
+                    self.command,
+                    message_of(error),
+                    exc_info=self.verbose or not is_known(error),
+                )
                 raise
             log.info("%s ended", self.command)
 
@@ -133,7 +158,9 @@ class Report:
         log.info(line)
         kind = self._kind()
         if kind != "none":
-            write_error(json_line({"event": "notice", "text": line}) if kind == "json" else f"{line}\n")
+            write_error(
+                json_line({"event": "notice", "text": line}) if kind == "json" else f"{line}\n"
+            )
 
     def say(self, text: str) -> None:
         """Print a part of the result at once; JSON is one object, printed at the end."""
@@ -142,7 +169,11 @@ class Report:
 
     def end(self, content: Mapping[str, Any], text: str, exit_code: int = EXIT_DONE) -> NoReturn:
         """Print the result, as JSON with --json, and end the command."""
-        write_out(json_line({"command": self.command, "exit_code": exit_code, **content}) if self.as_json else text)
+        write_out(
+            json_line({"command": self.command, "exit_code": exit_code, **content})
+            if self.as_json
+            else text
+        )
         raise typer.Exit(exit_code)
 
     @contextmanager

@@ -40,10 +40,13 @@ def run_exit_code(summary: "RunSummary") -> int:
 
 
 def map_exit_code(made: "MapSummary") -> int:
-    """The exit code of a map. It is not that of success where frames are missing or lie in separate pieces, where given poses
-    contradict the images or could not be tested, or where given lengths of markers cannot be right.
+    """The exit code of a map. It is not that of success where frames are missing or lie in separate
+    pieces, where given poses contradict the images or could not be tested, or where given lengths
+    of markers cannot be right.
     """
-    contradicted = made.navigation is not None and not (made.navigation.fits and made.navigation.relative_poses)
+    contradicted = made.navigation is not None and not (
+        made.navigation.fits and made.navigation.relative_poses
+    )
     refused = made.markers is not None and made.markers.refused
     apart = len(made.components) > 1
     return EXIT_SOME_FAILED if made.unplaced or apart or contradicted or refused else EXIT_DONE
@@ -99,7 +102,9 @@ MOST_NAMED = 20
 
 
 def run_text(summary: "RunSummary", out: Path) -> str:
-    """The outcome of a run: failed pairs, notes, kinds of errors with their numbers, totals, and results."""
+    """The outcome of a run: failed pairs, notes, kinds of errors with their numbers, totals, and
+    results.
+    """
     bad = [row.line for row in summary.rows if row.status != "ok"]
     named = bad[:MOST_NAMED]
     if len(bad) > MOST_NAMED:
@@ -120,9 +125,17 @@ def _plan_text(compared: "Compared") -> str:
     planned, measured = compared.planned, compared.measured
     rows = [
         ("core-hours", f"{planned.core_hours:.3g}", f"{measured.core_hours:.3g}"),
-        (f"time on {compared.cores} cores", duration(3600 * planned.wall_hours), duration(3600 * measured.wall_hours)),
+        (
+            f"time on {compared.cores} cores",
+            duration(3600 * planned.wall_hours),
+            duration(3600 * measured.wall_hours),
+        ),
         ("disk, GB", f"{planned.disk_bytes / 1e9:.3g}", f"{measured.disk_bytes / 1e9:.3g}"),
-        ("memory of a process, GB", f"{planned.memory_bytes / 1e9:.2g}", f"{measured.memory_bytes / 1e9:.2g}"),
+        (
+            "memory of a process, GB",
+            f"{planned.memory_bytes / 1e9:.2g}",
+            f"{measured.memory_bytes / 1e9:.2g}",
+        ),
     ]
     return table(("against its plan", "planned", "it took"), rows)
 
@@ -133,14 +146,20 @@ def _product_line(product: "ProductSummary") -> str:
 
 
 def _totals(summary: "RunSummary") -> str:
-    of_them = " of them" if summary.kept <= summary.count("ok") else ""  # after a stop, some are measured but not yet corrected
+    of_them = (
+        " of them" if summary.kept <= summary.count("ok") else ""
+    )  # after a stop, some are measured but not yet corrected
     kept = f", {summary.kept}{of_them} kept from an earlier run" if summary.kept else ""
     slowest = next(iter(summary.stage_seconds().items()), None)
     slow = f"; the slowest stage was {slowest[0]} ({slowest[1]:.1f} s of work)" if slowest else ""
-    done = f"{'stopped early: ' if summary.stopped else ''}{counted(summary.count('ok'), 'pair')} done{kept}"
+    done = (
+        f"{'stopped early: ' if summary.stopped else ''}{counted(summary.count('ok'), 'pair')} "
+        f"done{kept}"
+    )
     return (
         f"{done}, {summary.count('failed')} failed, "
-        f"{counted(summary.count('unpaired'), 'file without a partner')}, in {summary.wall_seconds:.1f} s{slow}"
+        f"{counted(summary.count('unpaired'), 'file without a partner')}, in "
+        f"{summary.wall_seconds:.1f} s{slow}"
     )
 
 
@@ -152,7 +171,10 @@ def page_text(page: Path) -> str:
 def report_text(result: "PageSummary") -> str:
     """The outcome of a page: frames that it does not show, totals, and the page."""
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
-    totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"
+    totals = (
+        f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept "
+        "from an earlier page"
+    )
     return lines(*left_out, totals) + page_text(result.page)
 
 
@@ -162,6 +184,7 @@ def map_text(made: "MapSummary") -> str:
         *(f"not placed: {frame.name}: {frame.reason}" for frame in made.unplaced),
         *(f"warning: {warning}" for warning in made.warnings),
         *(str(check) for check in (made.navigation, made.markers) if check),
-        f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s",
+        f"{made.placed} of {made.frames} frames fused into {made.points} points, in "
+        f"{made.seconds:.1f} s",
         *(f"  {file}: {MAP_FILES[file.name]}" for file in made.files),
     )

@@ -24,33 +24,74 @@ Target = Annotated[
         "aprilgrid:6x6:88mm:26.4mm (tags, space), or a target file of Kalibr.",
     ),
 ]
-TargetLeft = Annotated[Path | None, opt.option("--left", "FOLDER", "Folder of left images of the target, or a video.")]
-TargetRight = Annotated[Path | None, opt.option("--right", "FOLDER", "Folder of right images of the target.")]
+TargetLeft = Annotated[
+    Path | None, opt.option("--left", "FOLDER", "Folder of left images of the target, or a video.")
+]
+TargetRight = Annotated[
+    Path | None, opt.option("--right", "FOLDER", "Folder of right images of the target.")
+]
 CalibrationOut = Annotated[
-    Path, opt.option("--out", "FILE", "Calibration file to write; a picture of the coverage is written beside it.")
+    Path,
+    opt.option(
+        "--out",
+        "FILE",
+        "Calibration file to write; a picture of the coverage is written beside it.",
+    ),
 ]
 Medium = Annotated[
     Literal["water", "air"],
-    opt.option("--medium", None, "Where the images of the target were taken; calibrate in water if you can."),
+    opt.option(
+        "--medium",
+        None,
+        "Where the images of the target were taken; calibrate in water if you can.",
+    ),
 ]
 PrintTarget = Annotated[
-    Path | None, opt.option("--print-target", "FILE", "Draw the target into this .pdf or .png and stop.", opt.SETTINGS)
+    Path | None,
+    opt.option(
+        "--print-target", "FILE", "Draw the target into this .pdf or .png and stop.", opt.SETTINGS
+    ),
 ]
 Dpi = Annotated[int, opt.option("--dpi", "N", "Resolution of a .png target.", opt.SETTINGS, min=10)]
-Pairs = Annotated[int, opt.option("--pairs", "N", "How many pairs to test, spread evenly over the dive.", min=1)]
+Pairs = Annotated[
+    int, opt.option("--pairs", "N", "How many pairs to test, spread evenly over the dive.", min=1)
+]
 Refine = Annotated[
     Path | None,
-    opt.option("--refine", "FILE", "Estimate what has moved since the calibration, and write the refined rig to this file."),
+    opt.option(
+        "--refine",
+        "FILE",
+        "Estimate what has moved since the calibration, and write the refined rig to this file.",
+    ),
 ]
 Source = Annotated[
-    str, typer.Argument(metavar="SOURCE", help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.",
+    ),
 ]
-Converted = Annotated[str, typer.Argument(metavar="OUT", help="File to write; for ros a folder, or left.yaml,right.yaml.")]
-Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], opt.option("--to", None, "Format to write.")]
-Size = Annotated[str | None, opt.option("--size", "WIDTHxHEIGHT", "Image size of a calibration that does not state it (OpenCV).")]
+Converted = Annotated[
+    str,
+    typer.Argument(metavar="OUT", help="File to write; for ros a folder, or left.yaml,right.yaml."),
+]
+Format = Annotated[
+    Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"],
+    opt.option("--to", None, "Format to write."),
+]
+Size = Annotated[
+    str | None,
+    opt.option(
+        "--size", "WIDTHxHEIGHT", "Image size of a calibration that does not state it (OpenCV)."
+    ),
+]
 Resize = Annotated[
     str | None,
-    opt.option("--resize", "WIDTHxHEIGHT", "Size of the dive's images, if they were binned or resized after the calibration."),
+    opt.option(
+        "--resize",
+        "WIDTHxHEIGHT",
+        "Size of the dive's images, if they were binned or resized after the calibration.",
+    ),
 ]
 
 
@@ -71,17 +112,26 @@ def calibrate(
     *,
     report: Report,
 ) -> None:
-    """Calibrate a rig from image pairs of a chessboard, ChArUco board or AprilGrid (docs/calibration.md)."""
+    """Calibrate a rig from image pairs of a chessboard, ChArUco board or AprilGrid
+    (docs/calibration.md).
+    """
     from stereo_seecolor.commands import calibrate as commands
     from stereo_seecolor.dive.run_options import RunOptions
 
     if print_target:
         commands.print_target(target, print_target, dpi)
-        report.end({"target": print_target}, f"{print_target}: print it at 100 %, glue it flat, and measure it\n")
+        report.end(
+            {"target": print_target},
+            f"{print_target}: print it at 100 %, glue it flat, and measure it\n",
+        )
     if left is None or right is None:
-        raise typer.BadParameter("give --left and --right, the folders of images (or --print-target)")
+        raise typer.BadParameter(
+            "give --left and --right, the folders of images (or --print-target)"
+        )
     with report.working() as listener:
-        result = commands.calibrate(left, right, target, out, medium, RunOptions(workers, listener=listener))
+        result = commands.calibrate(
+            left, right, target, out, medium, RunOptions(workers, listener=listener)
+        )
     report.end(calibration_content(result), calibration_text(result))
 
 
@@ -112,7 +162,13 @@ def check(
     "convert-calib camchain.yaml cam.yaml",
 )
 def convert_calib(
-    source: Source, out: Converted, to: Format = "native", size: Size = None, resize: Resize = None, *, report: BareReport
+    source: Source,
+    out: Converted,
+    to: Format = "native",
+    size: Size = None,
+    resize: Resize = None,
+    *,
+    report: BareReport,
 ) -> None:
     """Convert a calibration into another format, with the same ray for every pixel."""
     from stereo_seecolor.commands.calibrate import convert_calib as convert
@@ -122,7 +178,13 @@ def convert_calib(
         f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm",
         *(f"note: {note}" for note in result.notes),
     ]
-    content = {"source": source, "out": out, "format": to, "baseline_m": result.baseline_m, "notes": list(result.notes)}
+    content = {
+        "source": source,
+        "out": out,
+        "format": to,
+        "baseline_m": result.baseline_m,
+        "notes": list(result.notes),
+    }
     report.end(content, lines(*output))
 
 
@@ -147,13 +209,17 @@ def check_text(result: "CheckResult") -> str:
 def _rig_lines(rig: "RigFacts") -> list[str]:
     width, height = rig.image_size
     output = [
-        f"{rig.camera_model} cameras of {width}x{height} px, baseline {rig.baseline_m * 1000:.1f} mm, calibrated in {rig.medium}",
-        f"rectified: focal length {rig.focal_px:.1f} px, {rig.field_deg:.0f} degrees across; a point at 1 m has a disparity of "
+        f"{rig.camera_model} cameras of {width}x{height} px, baseline "
+        f"{rig.baseline_m * 1000:.1f} mm, calibrated in {rig.medium}",
+        f"rectified: focal length {rig.focal_px:.1f} px, {rig.field_deg:.0f} degrees across; a "
+        "point at 1 m has a disparity of "
         f"{rig.disparity_at_1_m_px:.1f} px",
     ]
     if rig.port == "flat":
         listed = ", ".join(f"{error:.2%} at {range_m:.2g} m" for range_m, error in rig.port_error)
-        output.append(f"flat port, exact at {rig.working_range_m:g} m; range error left elsewhere: {listed}")
+        output.append(
+            f"flat port, exact at {rig.working_range_m:g} m; range error left elsewhere: {listed}"
+        )
     elif rig.port == "dome":
         output.append("dome port, taken to be centered on the cameras: nothing is corrected")
     return output

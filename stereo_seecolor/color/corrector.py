@@ -1,4 +1,6 @@
-"""The color stage: images and range maps in, corrected images out, as numpy arrays. numba and torch are loaded when first used."""
+"""The color stage: images and range maps in, corrected images out, as numpy arrays. numba and torch
+are loaded when first used.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -26,41 +28,57 @@ class Sampling:
     """Which rows of a large image are counted: neighboring rows are similar."""
 
     pixels: int = 400_000
-    """Pixels that are counted at least: of an image with n times as many, every nth row is counted."""
+    """Pixels that are counted at least: of an image with n times as many, every nth row is
+    counted.
+    """
     least_known: int = 65_000
-    """Least pixels of known range in these rows, else all rows are counted: quantiles of 20 ranges need some 3,000 each."""
+    """Least pixels of known range in these rows, else all rows are counted: quantiles of 20 ranges
+    need some 3,000 each.
+    """
 
 
 SAMPLING = Sampling()
 
 
 class Corrector:
-    """Measures images, fits the water and removes it. It holds only settings; every method may be called from many threads."""
+    """Measures images, fits the water and removes it. It holds only settings; every method may be
+    called from many threads.
+    """
 
     def __init__(self, config: ColorConfig | None = None) -> None:
         self.config = config or ColorConfig()
 
     def measure(self, image: Image, range_m: Map) -> MomentTable:
-        """The moment table of an image: its pixels with a known range, counted by channel, range and value.
+        """The moment table of an image: its pixels with a known range, counted by channel, range
+        and value.
 
-        A black rim around the picture is left out. Of 800,000 pixels or more every second row is counted (see ``Sampling``).
-        image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, unknown where not finite or not above 0.
-        Raises ColorError where the two do not belong together.
+        A black rim around the picture is left out. Of 800,000 pixels or more every second row is
+        counted (see ``Sampling``).
+        image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, unknown
+        where not finite or not above 0. Raises ColorError where the two do not belong together.
         """
         check_pair(image, range_m)
         range_m = without_rim(image, range_m, self.config.input_encoding)
         every = max(range_m.size // SAMPLING.pixels, 1)
         table = self._count(image, range_m, every)
-        return self._count(image, range_m) if every > 1 and table.pixels.sum() < SAMPLING.least_known else table
+        return (
+            self._count(image, range_m)
+            if every > 1 and table.pixels.sum() < SAMPLING.least_known
+            else table
+        )
 
     def _count(self, image: Image, range_m: Map, every: int = 1) -> MomentTable:
         return measure(image, range_m, self.config.device, every)
 
-    def fit(self, table: MomentTable, start: Water | None = None, until_s: float | None = None) -> Water:
-        """Fit the water to a moment table: of one frame, or the sum of many. Warnings say where the table does not determine it.
+    def fit(
+        self, table: MomentTable, start: Water | None = None, until_s: float | None = None
+    ) -> Water:
+        """Fit the water to a moment table: of one frame, or the sum of many. Warnings say where the
+        table does not determine it.
 
-        start: the water of a frame of the same scene, to begin from; method paper returns it where the table does not determine its
-        parameters. until_s: time of ``time.perf_counter`` after which method paper takes no further step.
+        start: the water of a frame of the same scene, to begin from; method paper returns it where
+        the table does not determine its parameters. until_s: time of ``time.perf_counter`` after
+        which method paper takes no further step.
         Raises ColorError for a table without pixels, unless there is a start.
         """
         if not table.pixels.any():
@@ -81,17 +99,24 @@ class Corrector:
         doubt = doubts(table)
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
-        return replace(paper.fit(table, self.config.paper, self.config.input_encoding, start, until_s), warnings=doubt)
+        return replace(
+            paper.fit(table, self.config.paper, self.config.input_encoding, start, until_s),
+            warnings=doubt,
+        )
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
-        """Fit the water of one frame by the method of the settings. image, range_m, start: as in ``measure`` and ``fit``."""
+        """Fit the water of one frame by the method of the settings. image, range_m, start: as in
+        ``measure`` and ``fit``.
+        """
         return self.fit(self.measure(image, range_m), start)
 
     def survey_fitter(self, light: Light | None = None, linked: Collection[str] = ()) -> Fitter:
         """The fitter for the frames of a dive, by ``color.lock``.
 
-        light: the light that was divided out of the frames; it also tells how light falls off with range.
-        linked: names of frames that show the same spots as the frame before them, and so share its water.
+        light: the light that was divided out of the frames; it also tells how light falls off with
+        range.
+        linked: names of frames that show the same spots as the frame before them, and so share its
+        water.
         """
 
         def fit(table: MomentTable, start: Water | None) -> Water:
@@ -116,9 +141,11 @@ class Corrector:
     ) -> Correction:
         """Remove the water from an image, at the image's size and bit depth.
 
-        table: the image's moment table, if it has been measured. exposure, highlights: the brightness, as in another correction;
-        None: the water's, or else this frame's own, by ``config.highlights`` and ``config.median_luminance``.
-        Raises ColorError where image and range map differ in size, or the water was fitted to another encoding.
+        table: the image's moment table, if it has been measured. exposure, highlights: the
+        brightness, as in another correction; None: the water's, or else this frame's own, by
+        ``config.highlights`` and ``config.median_luminance``.
+        Raises ColorError where image and range map differ in size, or the water was fitted to
+        another encoding.
         """
         self._check(water)
         if exposure is None:
@@ -135,17 +162,24 @@ class Corrector:
         return carry_ranges(image, range_m, seen)
 
     def within_measured(self, image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-        """The corrected image with the colors of carried ranges limited to measured ones (see ``render.carried_colors``)."""
+        """The corrected image with the colors of carried ranges limited to measured ones (see
+        ``render.carried_colors``).
+        """
         return within_measured(image, carried, measured)
 
-    def apply_linear(self, image: Image, range_m: Map, water: Water, exposure: float = 1.0) -> NDArray[np.float32]:
-        """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is unknown."""
+    def apply_linear(
+        self, image: Image, range_m: Map, water: Water, exposure: float = 1.0
+    ) -> NDArray[np.float32]:
+        """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is
+        unknown.
+        """
         self._check(water)
         return correct_linear(image, range_m, water, exposure, self.config)
 
     def _check(self, water: Water) -> None:
         if water.input_encoding != self.config.input_encoding:
             raise ColorError(
-                f"water: was fitted to images read as {water.input_encoding}, and these are read as {self.config.input_encoding}; "
+                f"water: was fitted to images read as {water.input_encoding}, and these are read "
+                f"as {self.config.input_encoding}; "
                 f"set color.input_encoding={water.input_encoding}"
             )

@@ -12,7 +12,8 @@ def find_device(name: str) -> torch.device:
     """The torch device of ``color.device``. Raises DeviceError for CUDA where there is none."""
     if name == "cuda" and not torch.cuda.is_available():
         raise DeviceError(
-            "device cuda: torch finds no CUDA device here; take auto or cpu (matching.device, color.device), or install "
+            "device cuda: torch finds no CUDA device here; take auto or cpu (matching.device, "
+            "color.device), or install "
             "a CUDA build of torch (docs/gpu.md)"
         )
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
@@ -20,7 +21,9 @@ def find_device(name: str) -> torch.device:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for torch in this block: tensors of a fit are small, and threads that wait for each other spin."""
+    """One thread for torch in this block: tensors of a fit are small, and threads that wait for
+    each other spin.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

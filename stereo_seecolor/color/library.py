@@ -1,4 +1,6 @@
-"""The color stage as two functions of numpy arrays or torch tensors: ``fit`` a water, ``correct`` images."""
+"""The color stage as two functions of numpy arrays or torch tensors: ``fit`` a water, ``correct``
+images.
+"""
 
 import sys
 from dataclasses import replace
@@ -18,12 +20,19 @@ ArrayLike = TypeVar("ArrayLike")
 """A numpy array or a torch tensor, on any device."""
 
 
-def fit(image: ArrayLike, range_m: ArrayLike, config: ColorConfig | None = None, start: Water | None = None) -> Water:
+def fit(
+    image: ArrayLike,
+    range_m: ArrayLike,
+    config: ColorConfig | None = None,
+    start: Water | None = None,
+) -> Water:
     """Fit the water of an image, or one water to all images of a batch.
 
-    image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16. range_m: (H, W) or (N, H, W) meters along the ray, unknown where not
-    finite or not above 0. config: the method and its settings. start: a water to begin from.
-    Raises ColorError for other shapes or types, and where no pixel has a known range; DeviceError for CUDA where there is none.
+    image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16. range_m: (H, W) or (N, H, W) meters along
+    the ray, unknown where not finite or not above 0. config: the method and its settings. start: a
+    water to begin from.
+    Raises ColorError for other shapes or types, and where no pixel has a known range; DeviceError
+    for CUDA where there is none.
     """
     corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
     if len(images) == 1:
@@ -31,13 +40,19 @@ def fit(image: ArrayLike, range_m: ArrayLike, config: ColorConfig | None = None,
     return corrector.fit(_table(corrector, images, ranges), start)
 
 
-def correct(image: ArrayLike, range_m: ArrayLike, water: Water | None = None, config: ColorConfig | None = None) -> Correction:
+def correct(
+    image: ArrayLike,
+    range_m: ArrayLike,
+    water: Water | None = None,
+    config: ColorConfig | None = None,
+) -> Correction:
     """Remove the water from an image, or from each image of a batch.
 
-    image, range_m: as in ``fit``. water: from ``fit``, or None to fit it now; a batch shares the water and its exposure.
-    Returns a Correction of arrays or tensors, on the device of ``image``. Its image, unknown and unrecoverable have the batch's
-    first axis, if there is one; clipped_fraction is the mean over the batch. Raises as ``fit``, and ColorError for a water that was
-    fitted to another encoding.
+    image, range_m: as in ``fit``. water: from ``fit``, or None to fit it now; a batch shares the
+    water and its exposure.
+    Returns a Correction of arrays or tensors, on the device of ``image``. Its image, unknown and
+    unrecoverable have the batch's first axis, if there is one; clipped_fraction is the mean over
+    the batch. Raises as ``fit``, and ColorError for a water that was fitted to another encoding.
     """
     corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
     water = water or fit(image, range_m, config)
@@ -53,16 +68,31 @@ def correct(image: ArrayLike, range_m: ArrayLike, water: Water | None = None, co
 
 def _frames(image: Any, range_m: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     """(N, H, W, 3) and (N, H, W) numpy arrays, N = 1 for a single frame."""
-    images, ranges = (part.detach().cpu().numpy() if _is_tensor(part) else np.asarray(part) for part in (image, range_m))
-    if images.ndim not in (3, 4) or images.shape[-1] != 3 or images.dtype not in (np.uint8, np.uint16):
-        raise ColorError(f"image of shape {images.shape} and type {images.dtype}: needs (H, W, 3) or (N, H, W, 3), uint8 or uint16")
+    images, ranges = (
+        part.detach().cpu().numpy() if _is_tensor(part) else np.asarray(part)
+        for part in (image, range_m)
+    )
+    if (
+        images.ndim not in (3, 4)
+        or images.shape[-1] != 3
+        or images.dtype not in (np.uint8, np.uint16)
+    ):
+        raise ColorError(
+            f"image of shape {images.shape} and type {images.dtype}: needs (H, W, 3) or (N, H, W, "
+            "3), uint8 or uint16"
+        )
     if ranges.shape != images.shape[:-1]:
-        raise ColorError(f"range of shape {ranges.shape} for an image of shape {images.shape}: needs {images.shape[:-1]}")
+        raise ColorError(
+            f"range of shape {ranges.shape} for an image of shape {images.shape}: needs "
+            f"{images.shape[:-1]}"
+        )
     return (images, ranges) if images.ndim == 4 else (images[None], ranges[None])
 
 
 def _table(corrector: Corrector, images: NDArray[Any], ranges: NDArray[Any]) -> MomentTable:
-    tables = [corrector.measure(image, range_m) for image, range_m in zip(images, ranges, strict=True)]
+    tables = [
+        corrector.measure(image, range_m) for image, range_m in zip(images, ranges, strict=True)
+    ]
     return sum(tables[1:], tables[0]) if tables else MomentTable.empty()
 
 
@@ -73,9 +103,14 @@ def _like(image: Any, frames: list[Correction]) -> Correction:
 
     def joined(parts: list[NDArray[Any]]) -> Any:
         whole = np.stack(parts) if image.ndim == 4 else parts[0]
-        return sys.modules["torch"].from_numpy(whole).to(image.device) if _is_tensor(image) else whole
+        return (
+            sys.modules["torch"].from_numpy(whole).to(image.device) if _is_tensor(image) else whole
+        )
 
-    maps = {name: joined([getattr(frame, name) for frame in frames]) for name in ("image", "unknown", "unrecoverable")}
+    maps = {
+        name: joined([getattr(frame, name) for frame in frames])
+        for name in ("image", "unknown", "unrecoverable")
+    }
     clipped = float(np.mean([frame.clipped_fraction for frame in frames]))
     warnings = tuple(dict.fromkeys(warning for frame in frames for warning in frame.warnings))
     return replace(frames[0], **maps, clipped_fraction=clipped, warnings=warnings)

@@ -9,16 +9,19 @@ from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import PerChannel, Water
 
 DOUBTED = 0.08
-"""Standard error of red or blue over green beyond which a white point is in doubt: gray is then off by 2 degrees and more."""
+"""Standard error of red or blue over green beyond which a white point is in doubt: gray is then off
+by 2 degrees and more.
+"""
 DOUBT = "white point: "
 """Beginning of the line that says so."""
 
 
 def white_errors(water: Water) -> NDArray[np.float64]:
-    """(2,) relative standard errors of red and of blue over green of the white point; NaN where they are not known.
+    """(2,) relative standard errors of red and of blue over green of the white point; NaN where
+    they are not known.
 
-    Those of a water are of the logarithms less their mean. These three sum to 0, so that their variances hold their covariances:
-    Var(r - g) = 2 Var(r) + 2 Var(g) - Var(b).
+    Those of a water are of the logarithms less their mean. These three sum to 0, so that their
+    variances hold their covariances: Var(r - g) = 2 Var(r) + 2 Var(g) - Var(b).
     """
     red, green, blue = (water.standard_errors.get("white", np.full(3, np.nan)) / water.white) ** 2
     variances = np.array([2 * red + 2 * green - blue, 2 * blue + 2 * green - red])
@@ -26,19 +29,24 @@ def white_errors(water: Water) -> NDArray[np.float64]:
 
 
 def white_doubt(water: Water) -> str:
-    """A line that says how uncertain the white point is, and what settles it; "" where it is certain, or its error not known."""
+    """A line that says how uncertain the white point is, and what settles it; "" where it is
+    certain, or its error not known.
+    """
     red, blue = errors = white_errors(water)
     if not (errors > DOUBTED).any():
         return ""
     return (
-        f"{DOUBT}red over green is known to {red:.0%}, blue over green to {blue:.0%}: all colors may have a cast; what settles it "
-        "is a color chart or white card in a frame (water OUT --chart), or a spot that is white, or sand (water OUT --white "
+        f"{DOUBT}red over green is known to {red:.0%}, blue over green to {blue:.0%}: all colors "
+        "may have a cast; what settles it "
+        "is a color chart or white card in a frame (water OUT --chart), or a spot that is white, "
+        "or sand (water OUT --white "
         "FRAME:x,y, or --sand)"
     )
 
 
 def with_white(water: Water, white: PerChannel, error: PerChannel) -> Water:
-    """The water with a white point of another color, at its own level and as bright; other parameters do not change.
+    """The water with a white point of another color, at its own level and as bright; other
+    parameters do not change.
 
     white: (3,) of any level. error: (3,) standard errors of its logarithms less their mean.
     """

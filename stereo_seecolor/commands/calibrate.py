@@ -1,4 +1,6 @@
-"""``calibrate``, ``convert-calib`` and ``check``: a rig from images of a target, in another format, tested on a dive."""
+"""``calibrate``, ``convert-calib`` and ``check``: a rig from images of a target, in another format,
+tested on a dive.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -21,7 +23,14 @@ from calibration.port import FlatPort
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, neighbors, pairs_of, read_both, spread
+from stereo_seecolor.commands.dive_rig import (
+    DECIDING_PAIRS,
+    load_unsettled,
+    neighbors,
+    pairs_of,
+    read_both,
+    spread,
+)
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import refuse_existing, write_atomic
@@ -35,12 +44,16 @@ from stereo_seecolor.records import FrameRow
 # Calibrate a stereo rig from two folders of images of a target, or print the target.
 
 MOST_FRAMES = 60
-"""Most frames taken of videos, spread over them: neighboring frames show the target in nearly the same place."""
+"""Most frames taken of videos, spread over them: neighboring frames show the target in nearly the
+same place.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """A calibration and its files. coverage: a picture of the places in the images where corners were found."""
+    """A calibration and its files. coverage: a picture of the places in the images where corners
+    were found.
+    """
 
     report: CalibrationReport
     calibration: Path
@@ -48,12 +61,20 @@ class CalibrationResult:
 
 
 def calibrate(
-    left: Path, right: Path, target: str, out: Path, medium: Medium = "water", options: RunOptions | None = None
+    left: Path,
+    right: Path,
+    target: str,
+    out: Path,
+    medium: Medium = "water",
+    options: RunOptions | None = None,
 ) -> CalibrationResult:
-    """Calibrate from two folders or videos of ``target``; write ``out`` (native format) and ``<out>_coverage.png``, both new.
+    """Calibrate from two folders or videos of ``target``; write ``out`` (native format) and
+    ``<out>_coverage.png``, both new.
 
-    target: chessboard:COLUMNSxROWS:SQUARE or charuco:DICTIONARY:COLUMNSxROWS:SQUARE:MARKER (docs/calibration.md).
-    Raises CalibrationError where the images do not show it; InputError for folders and images that cannot be read; OutputError.
+    target: chessboard:COLUMNSxROWS:SQUARE or charuco:DICTIONARY:COLUMNSxROWS:SQUARE:MARKER
+    (docs/calibration.md).
+    Raises CalibrationError where the images do not show it; InputError for folders and images that
+    cannot be read; OutputError.
     """
     options = options or RunOptions()
     coverage = out.with_name(f"{out.stem}_coverage.png")
@@ -77,7 +98,9 @@ def calibrate(
 
 
 def print_target(target: str, out: Path, dpi: int = 300) -> Path:
-    """Draw the target into ``out``, a new .pdf or .png (``dpi`` is for .png). Raises CalibrationError, OutputError."""
+    """Draw the target into ``out``, a new .pdf or .png (``dpi`` is for .png). Raises
+    CalibrationError, OutputError.
+    """
     refuse_existing(out)
     printing.print_target(parse_target(target), out, dpi)
     return out
@@ -88,7 +111,9 @@ def print_target(target: str, out: Path, dpi: int = 300) -> Path:
 
 @dataclass(frozen=True)
 class ConvertedCalibration:
-    """A calibration that was written. baseline_m: of the rig; it shows a wrong unit. notes: a line on each guess."""
+    """A calibration that was written. baseline_m: of the rig; it shows a wrong unit. notes: a line
+    on each guess.
+    """
 
     source: str
     out: str
@@ -98,11 +123,17 @@ class ConvertedCalibration:
 
 
 def convert_calib(
-    source: str, out: str | Path, to: WritableFormat = "native", size: str | None = None, resize: str | None = None
+    source: str,
+    out: str | Path,
+    to: WritableFormat = "native",
+    size: str | None = None,
+    resize: str | None = None,
 ) -> ConvertedCalibration:
-    """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the same.
+    """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the
+    same.
 
-    size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that were binned or resized since.
+    size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that
+    were binned or resized since.
     out: new. Raises CalibrationError, OutputError.
     """
     refuse_existing(*paths_of(out, to))
@@ -114,7 +145,8 @@ def convert_calib(
     if rig.alternatives:
         notes.append(
             f"{rig.reading}: taken, but the file can be read in {len(rig.alternatives) + 1} ways: "
-            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' lets images of the dive decide"
+            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' lets "
+            "images of the dive decide"
         )
     return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))
 
@@ -122,15 +154,19 @@ def convert_calib(
 # ``check``: test a calibration on image pairs of a dive.
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
-"""Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
+"""Ranges at which the error of a flat port is stated, in units of the range at which the port model
+is exact.
+"""
 
 
 @dataclass(frozen=True)
 class RigFacts:
     """Numbers of a rig that a user can compare with the known camera.
 
-    focal_px: of the rectified images. field_deg: their horizontal field of view. disparity_at_1_m_px: of a point at depth 1 m.
-    port: "flat", "dome" or "none". working_range_m: range at which a flat port's model is exact, else None.
+    focal_px: of the rectified images. field_deg: their horizontal field of view.
+    disparity_at_1_m_px: of a point at depth 1 m.
+    port: "flat", "dome" or "none". working_range_m: range at which a flat port's model is exact,
+    else None.
     port_error: (range in meters, relative range error that a flat port leaves there).
     """
 
@@ -150,9 +186,10 @@ class RigFacts:
 class CheckResult:
     """A calibration tested on a dive.
 
-    rows: vertical disparity of rectified pairs, and the motion between neighbors, which is that of the refined rig. suspicions:
-    doubts about the calibration itself. refined: what has moved since the calibration; refined_file: the refined rig; both None
-    unless asked for.
+    rows: vertical disparity of rectified pairs, and the motion between neighbors, which is that of
+    the refined rig. suspicions:
+    doubts about the calibration itself. refined: what has moved since the calibration;
+    refined_file: the refined rig; both None unless asked for.
     """
 
     rig: RigFacts
@@ -163,7 +200,9 @@ class CheckResult:
 
     @property
     def acceptable(self) -> bool:
-        """True if rows agree, with the refined rig where there is one, and so does the motion between neighboring pairs."""
+        """True if rows agree, with the refined rig where there is one, and so does the motion
+        between neighboring pairs.
+        """
         if self.refined is None:
             return self.rows.acceptable
         return self.refined.after_px <= LIMITS.acceptable_px and not self.rows.motion.is_found
@@ -179,8 +218,8 @@ def check(
 ) -> CheckResult:
     """Test a calibration on ``most_pairs`` pairs spread evenly over a dive.
 
-    images: how the files are paired and read. refine: a new file for the refined rig, in the native format: what has moved since
-    the calibration is estimated from the pairs.
+    images: how the files are paired and read. refine: a new file for the refined rig, in the native
+    format: what has moved since the calibration is estimated from the pairs.
     Raises CalibrationError, InputError, OutputError.
     """
     images = images or InputConfig()
@@ -199,14 +238,19 @@ def check(
         write_rig(refined, refine)
     motion = find_motion(Rectification.from_rig(refined or rig), neighbors(pairs, images))
     return CheckResult(
-        rig_facts(rig), replace(rows, motion=motion), suspicions(rig), refined.refinement if refined else None, refine
+        rig_facts(rig),
+        replace(rows, motion=motion),
+        suspicions(rig),
+        refined.refinement if refined else None,
+        refine,
     )
 
 
 def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> RowCheck:
     """Vertical disparity of the matches, with the likely mistake where it is large.
 
-    raw: matches of unrectified pairs. images: a few of these pairs. Raises CalibrationError where there are too few matches.
+    raw: matches of unrectified pairs. images: a few of these pairs. Raises CalibrationError where
+    there are too few matches.
     """
     try:
         rows = judge_matches(rig, rectified_matches(rig, raw))
@@ -240,4 +284,6 @@ def _port_errors(rig: StereoRig) -> tuple[tuple[float, float], ...]:
     if not isinstance(rig.port, FlatPort):
         return ()
     ranges_m = np.array(PORT_RANGES) * rig.port.working_range_m
-    return tuple(zip(ranges_m.tolist(), port_error(rig, ranges_m).range_error.tolist(), strict=True))
+    return tuple(
+        zip(ranges_m.tolist(), port_error(rig, ranges_m).range_error.tolist(), strict=True)
+    )

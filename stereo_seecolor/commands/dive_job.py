@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 class Meter:
-    """Measures a run from its beginning: processor time of this process and of its workers, elapsed time, memory, disk."""
+    """Measures a run from its beginning: processor time of this process and of its workers, elapsed
+    time, memory, disk.
+    """
 
     def __init__(self, compute: Compute) -> None:
         self._compute = compute
@@ -32,17 +34,22 @@ class Meter:
     def _used_s(self) -> float:
         return core_seconds() + self._compute.usage.core_seconds
 
-    def compared(self, summary: RunSummary, root: Path, pairs: int, config: RunConfig) -> RunSummary:
+    def compared(
+        self, summary: RunSummary, root: Path, pairs: int, config: RunConfig
+    ) -> RunSummary:
         """The summary with the planned and the measured cost.
 
-        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had done a part.
+        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
+        done a part.
         """
         plan = KeptPlan.load(root, pairs, config)
         if plan is None or summary.kept or summary.stopped:
             return summary
         usage, wall_s = self._compute.usage, time.perf_counter() - self._began_s
         memory = usage.memory_bytes or peak_bytes()
-        measured = Cost((self._used_s() - self._core_s) / 3600, wall_s / 3600, used_bytes(root), memory)
+        measured = Cost(
+            (self._used_s() - self._core_s) / 3600, wall_s / 3600, used_bytes(root), memory
+        )
         return replace(summary, plan=Compared(usage.cores, plan.cost(usage.cores), measured))
 
 
@@ -51,25 +58,37 @@ class Meter:
 
 @dataclass(frozen=True, eq=False)
 class RunPage:
-    """Writes OUT/index.html of a run into ``folder``. options: say when. run: the command's description."""
+    """Writes OUT/index.html of a run into ``folder``. options: say when. run: the command's
+    description.
+    """
 
     options: RunOptions
     folder: RunFolder
     run: RunDescription
 
     def listening(self) -> RunOptions:
-        """The options of the run, with a listener that writes the page while the run works, if asked for."""
+        """The options of the run, with a listener that writes the page while the run works, if
+        asked for.
+        """
         if self.options.page != "live":
             return self.options
         from stereo_seecolor.report.live_page import LivePage  # loads the templates
         from stereo_seecolor.report.page import dive_name
 
-        live = LivePage(self.folder, dive_name(self.run.inputs, self.folder.root), self.run.config.input)
+        live = LivePage(
+            self.folder, dive_name(self.run.inputs, self.folder.root), self.run.config.input
+        )
         return replace(self.options, listener=Both(self.options.listener, live))
 
     def early_frames(self) -> "EarlyFrames | None":
-        """What makes the page's files of some frames while the run has their pixels; None where the run writes no page."""
-        if self.options.page == "none" or self.run.last != "corrected" or self.run.rectification is None:
+        """What makes the page's files of some frames while the run has their pixels; None where the
+        run writes no page.
+        """
+        if (
+            self.options.page == "none"
+            or self.run.last != "corrected"
+            or self.run.rectification is None
+        ):
             return None
         if not self.options.shard.whole:
             return None
@@ -78,18 +97,27 @@ class RunPage:
         return EarlyFrames(frozenset(frames_in_full(self.run.names)), self.run.rectification.pair)
 
     def keep(self) -> None:
-        """Keep the live page until the final one replaces it: a browser that finds no page stops reloading."""
+        """Keep the live page until the final one replaces it: a browser that finds no page stops
+        reloading.
+        """
         dive = self.folder.dive.record
         if self.options.page == "live" and INDEX in dive.files:
-            self.folder.dive.update(replace(dive, made_from={**dive.made_from, INDEX: self.folder.dive.digest("corrected")}))
+            self.folder.dive.update(
+                replace(
+                    dive, made_from={**dive.made_from, INDEX: self.folder.dive.digest("corrected")}
+                )
+            )
 
     def drop(self) -> None:
-        """Remove the live page of a run that ends by an error: it would say that the run is still in progress."""
+        """Remove the live page of a run that ends by an error: it would say that the run is still
+        in progress.
+        """
         if self.options.page == "live":
             self.folder.dive.remove(INDEX)
 
     def end(self, stopped: bool) -> None:
-        """Write the brief page of a run that has ended. A stopped run gets one only where a live page is to be replaced.
+        """Write the brief page of a run that has ended. A stopped run gets one only where a live
+        page is to be replaced.
 
         Raises OutputError; InputError if files that the page is made from are missing.
         """
@@ -100,4 +128,6 @@ class RunPage:
 
         finished = open_run(self.folder.root)
         listener.begin("page", len(finished.frames))
-        write_page(self.folder, finished, True, lambda done, _: listener.advance(FrameRow(f"{done}")))
+        write_page(
+            self.folder, finished, True, lambda done, _: listener.advance(FrameRow(f"{done}"))
+        )

@@ -1,4 +1,6 @@
-"""The rig of a dive: its calibration file read for the images of the dive, and refined with pairs of the dive."""
+"""The rig of a dive: its calibration file read for the images of the dive, and refined with pairs
+of the dive.
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -32,7 +34,9 @@ from stereo_seecolor.version import __version__
 DECIDING_PAIRS = 3
 """Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
 REFINING_PAIRS = 8
-"""Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as twelve, in half the time."""
+"""Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as
+twelve, in half the time.
+"""
 
 COUPLES = 5
 """Pairs whose motion to a following one tests a calibration: each gives some hundred points."""
@@ -41,7 +45,9 @@ FOLLOWING = (0, 1, 2, 4, 8, 16, 32)
 
 
 def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
-    """The pairs of two sides as ``run`` takes them, of which videos are paired anew each time. Raises InputError, DeviceError."""
+    """The pairs of two sides as ``run`` takes them, of which videos are paired anew each time.
+    Raises InputError, DeviceError.
+    """
     if not (is_video(left) and is_video(right)):
         return pair_sides(left, right, images)
     pairing: Pairing = load("inputs", "videos").paired_anew(left, right, images)
@@ -49,16 +55,20 @@ def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
 
 
 def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
-    """The rig of a calibration file. Where the file states no image size, it is that of the first image that can be read.
+    """The rig of a calibration file. Where the file states no image size, it is that of the first
+    image that can be read.
 
     A file that can be read in several ways is not settled: the rig keeps its alternatives.
-    Raises InputError; CalibrationError, also where the first images all have another size than the calibration's.
+    Raises InputError; CalibrationError, also where the first images all have another size than the
+    calibration's.
     """
     lefts = _left_images(pairs, images)
     image = next(lefts)
     first = _size(image)
     rig = behind_port(for_channels(load_rig_of_images(calib, first), is_monochrome(image)), images)
-    if rig.left.image_size != first and rig.left.image_size not in map(_size, islice(lefts, DECIDING_PAIRS - 1)):
+    if rig.left.image_size != first and rig.left.image_size not in map(
+        _size, islice(lefts, DECIDING_PAIRS - 1)
+    ):
         _refuse_one_side(pairs[0], first, rig)
         raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
     return rig
@@ -67,24 +77,33 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
 def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
     """Raise InputError where one side's folder was given twice.
 
-    Its images were then taken for side-by-side pairs and cut in two, while a whole one has the calibrated size.
+    Its images were then taken for side-by-side pairs and cut in two, while a whole one has the
+    calibrated size.
     """
     width, height = half
     if is_half(pair.left) and rig.left.image_size in ((2 * width, height), (width, 2 * height)):
         folder = pair.left.parents[2]
         raise InputError(
-            f"{folder}: is --left and --right, and its images show one side each: give the other side's folder as --right"
+            f"{folder}: is --left and --right, and its images show one side each: give the other "
+            "side's folder as --right"
         )
 
 
 def behind_port(rig: StereoRig, images: InputConfig) -> StereoRig:
-    """The rig, calibrated in air, behind the flat port of the settings; unchanged where they have none. Raises CalibrationError."""
+    """The rig, calibrated in air, behind the flat port of the settings; unchanged where they have
+    none. Raises CalibrationError.
+    """
     if images.flat_port is None:
         return rig
     if rig.port is not None:
-        raise CalibrationError("input.flat_port: the calibration describes a port already: leave one of them out")
+        raise CalibrationError(
+            "input.flat_port: the calibration describes a port already: leave one of them out"
+        )
     port = flat_port(images.flat_port)
-    readings = [replace(reading, medium="air", port=port, alternatives=()) for reading in (rig, *rig.alternatives)]
+    readings = [
+        replace(reading, medium="air", port=port, alternatives=())
+        for reading in (rig, *rig.alternatives)
+    ]
     return readings[0].with_alternatives(readings[1:])
 
 
@@ -99,7 +118,9 @@ def _left_images(pairs: Sequence[Pair], images: InputConfig) -> Iterator[Image]:
         else:
             yield image
     if len(problems) == len(pairs):
-        raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
+        raise InputError(
+            f"none of the {len(problems)} left images can be read; the first: {problems[0]}"
+        )
 
 
 def _size(image: Image) -> tuple[int, int]:
@@ -107,21 +128,31 @@ def _size(image: Image) -> tuple[int, int]:
 
 
 def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
-    """``load_unsettled``, and the reading of a file that can be read in several ways settled on pairs of the dive.
+    """``load_unsettled``, and the reading of a file that can be read in several ways settled on
+    pairs of the dive.
 
-    The first pairs decide, or pairs spread over the dive where the first show too little (a descent, black frames).
+    The first pairs decide, or pairs spread over the dive where the first show too little (a
+    descent, black frames).
     """
     rig = load_unsettled(calib, pairs, images)
     try:
         return settle_reading(rig, first_images(pairs, images))
     except CalibrationError:
-        return settle_reading(rig, first_images(spread(pairs, REFINING_PAIRS), images, REFINING_PAIRS))
+        return settle_reading(
+            rig, first_images(spread(pairs, REFINING_PAIRS), images, REFINING_PAIRS)
+        )
 
 
-def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions) -> StereoRig:
-    """The rig refined with pairs spread over the dive, those that can be read. Raises CalibrationError if it cannot be."""
+def refined_rig(
+    rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions
+) -> StereoRig:
+    """The rig refined with pairs spread over the dive, those that can be read. Raises
+    CalibrationError if it cannot be.
+    """
 
-    from calibration.refine import refine_matches  # scipy.optimize: half a second that other runs need not wait for
+    from calibration.refine import (
+        refine_matches,
+    )  # scipy.optimize: half a second that other runs need not wait for
 
     def matched(pair: Pair) -> tuple[Pair, Matches | None]:
         try:
@@ -139,11 +170,20 @@ def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, opti
 
 def spread(pairs: Sequence[Pair], most: int) -> list[Pair]:
     """At most ``most`` of the pairs, evenly over the dive."""
-    return [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int))]
+    return [
+        pairs[i]
+        for i in np.unique(
+            np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int)
+        )
+    ]
 
 
-def neighbors(pairs: Sequence[Pair], images: InputConfig) -> Iterator[Iterator[tuple[Image, Image]]]:
-    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow it, for ``find_motion``."""
+def neighbors(
+    pairs: Sequence[Pair], images: InputConfig
+) -> Iterator[Iterator[tuple[Image, Image]]]:
+    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow
+    it, for ``find_motion``.
+    """
     for pair in spread(pairs[:-1], COUPLES):
         place = pairs.index(pair)
         near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]
@@ -155,12 +195,16 @@ def read_both(pair: Pair, images: InputConfig) -> tuple[Image, Image]:
     return read_image(pair.left, images), read_image(pair.right, images)
 
 
-def first_images(pairs: Sequence[Pair], images: InputConfig, most: int = DECIDING_PAIRS) -> Iterator[tuple[Image, Image]]:
+def first_images(
+    pairs: Sequence[Pair], images: InputConfig, most: int = DECIDING_PAIRS
+) -> Iterator[tuple[Image, Image]]:
     """The images of the first pairs that can be read."""
     return (both for _, both in islice(readable(pairs, images), most))
 
 
-def readable(pairs: Sequence[Pair], images: InputConfig) -> Iterator[tuple[Pair, tuple[Image, Image]]]:
+def readable(
+    pairs: Sequence[Pair], images: InputConfig
+) -> Iterator[tuple[Pair, tuple[Image, Image]]]:
     """The pairs that can be read, with their images."""
     for pair in pairs:
         with suppress(InputError):  # the run names it
@@ -182,15 +226,18 @@ class DiveRefinement:
     def of(self, rig: StereoRig) -> tuple[StereoRig, str]:
         """The refined rig, or the rig itself where refining does not make it better; and a note.
 
-        An earlier run's rig is used as long as the calibration and the pairs that it was refined with are unchanged, even if the
-        dive has more pairs now: all frames of a folder have one rig. Raises OutputError, and CalibrationError for a wrong rig.
+        An earlier run's rig is used as long as the calibration and the pairs that it was refined
+        with are unchanged, even if the dive has more pairs now: all frames of a folder have one
+        rig. Raises OutputError, and CalibrationError for a wrong rig.
         """
         key = content_key(__version__, native.to_bytes(rig), self.images.model_dump())
         earlier = KeptRefinement.load(self.folder.root)
         if earlier and earlier[0].key == key and self._holds(earlier[0]):
             return earlier[1], earlier[0].note
         used, note = self._refined(rig)
-        pairs = {pair.name: self._hashes(pair) for pair in spread(self.pairing.pairs, REFINING_PAIRS)}
+        pairs = {
+            pair.name: self._hashes(pair) for pair in spread(self.pairing.pairs, REFINING_PAIRS)
+        }
         KeptRefinement(key, pairs, note).save(self.folder.root, used)
         return used, note
 
@@ -202,21 +249,35 @@ class DiveRefinement:
         found = refined.refinement
         assert found
         if not found.better:
-            return rig, f"calibration: used as it is, since refined it is no better: {found.summary}"
-        if found.before_px > LIMITS.wrong_px and (mistake := likely_mistake(rig, first_images(self.pairing.pairs, self.images))):
+            return (
+                rig,
+                f"calibration: used as it is, since refined it is no better: {found.summary}",
+            )
+        if found.before_px > LIMITS.wrong_px and (
+            mistake := likely_mistake(rig, first_images(self.pairing.pairs, self.images))
+        ):
             raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
         return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
 
     def _holds(self, kept: KeptRefinement) -> bool:
-        """True if the pairs it was refined with are unchanged, and are as many as a refinement now would use."""
+        """True if the pairs it was refined with are unchanged, and are as many as a refinement now
+        would use.
+        """
         pairs = {pair.name: pair for pair in self.pairing.pairs}
         enough = len(kept.pairs) >= len(spread(self.pairing.pairs, REFINING_PAIRS))
-        return enough and all(name in pairs and self._hashes(pairs[name]) == hashes for name, hashes in kept.pairs.items())
+        return enough and all(
+            name in pairs and self._hashes(pairs[name]) == hashes
+            for name, hashes in kept.pairs.items()
+        )
 
     def _hashes(self, pair: Pair) -> dict[str, str]:
-        """SHA-256 of a pair's files, by side; empty for a pair that cannot be read, which the run names."""
+        """SHA-256 of a pair's files, by side; empty for a pair that cannot be read, which the run
+        names.
+        """
         try:
-            files = self.folder.frames.inputs(pair.name, {"left": pair.left, "right": pair.right}, self.options.verify)
+            files = self.folder.frames.inputs(
+                pair.name, {"left": pair.left, "right": pair.right}, self.options.verify
+            )
         except InputError:
             return {}
         return {side: file.sha256 for side, file in files.items()}

@@ -1,4 +1,6 @@
-"""``doctor``: the libraries and hardware of this machine; for what is missing, its consequence and the command to install it."""
+"""``doctor``: the libraries and hardware of this machine; for what is missing, its consequence and
+the command to install it.
+"""
 
 import importlib
 import importlib.metadata
@@ -16,9 +18,11 @@ INSTALL = "pip install -c constraints.txt"
 
 @dataclass(frozen=True)
 class Library:
-    """A library that the program imports. extra: the extra of this package that installs it, "" for a core dependency.
+    """A library that the program imports. extra: the extra of this package that installs it, "" for
+    a core dependency.
 
-    distribution: its name on the package index. without: what cannot be done without it, "" if nothing can.
+    distribution: its name on the package index. without: what cannot be done without it, "" if
+    nothing can.
     """
 
     module: str
@@ -45,26 +49,58 @@ CORE = (
     Library("isal", "isal", without="nothing, but pictures are written in twice the time"),
 )
 EXTRAS = (
-    Library("gtsam", "gtsam", "slam", "no loop closure, no bundle adjustment, and no poses as a prior (mapping.poses=prior)"),
+    Library(
+        "gtsam",
+        "gtsam",
+        "slam",
+        "no loop closure, no bundle adjustment, and no poses as a prior (mapping.poses=prior)",
+    ),
     Library("rasterio", "rasterio", "geo", "no GeoTIFF of mosaic and terrain"),
     Library("pyproj", "pyproj", "geo", "no GeoTIFF and LAZ in map coordinates"),
     Library("laspy", "laspy", "geo", "no LAZ point cloud"),
     Library("lazrs", "lazrs", "geo", "no LAZ point cloud"),
-    Library("open3d", "open3d", "open3d", "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)"),
-    Library("skimage", "scikit-image", "evaluation", "no color differences (evaluate, water --chart, report --charts)"),
+    Library(
+        "open3d",
+        "open3d",
+        "open3d",
+        "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)",
+    ),
+    Library(
+        "skimage",
+        "scikit-image",
+        "evaluation",
+        "no color differences (evaluate, water --chart, report --charts)",
+    ),
     Library("OpenEXR", "openexr", "exr", "no range maps in OpenEXR files (correct --range)"),
     Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
     Library("rosbags", "rosbags", "bags", "no ROS bags in (run --bag)"),
     Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),
     Library("copclib", "copclib", "copc", "no point clouds as COPC (export --to copc)"),
-    Library("cyclonedds", "cyclonedds", "ros2", "no ROS 2 topics in and out (live --left ros2:/..., --publish)"),
+    Library(
+        "cyclonedds",
+        "cyclonedds",
+        "ros2",
+        "no ROS 2 topics in and out (live --left ros2:/..., --publish)",
+    ),
     Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
     Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),
     Library("av", "av", "video", "no videos (run, sync)"),
     Library("distributed", "dask", "cluster", "no runs on several machines (--cluster)"),
-    Library("cryptography", "cryptography", "cluster", "no keys of its own for a cluster's connections (--cluster)"),
-    Library("dask_jobqueue", "dask-jobqueue", "cluster", "no clusters of SLURM, PBS, LSF, SGE or HTCondor (--cluster)"),
-    Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),
+    Library(
+        "cryptography",
+        "cryptography",
+        "cluster",
+        "no keys of its own for a cluster's connections (--cluster)",
+    ),
+    Library(
+        "dask_jobqueue",
+        "dask-jobqueue",
+        "cluster",
+        "no clusters of SLURM, PBS, LSF, SGE or HTCondor (--cluster)",
+    ),
+    Library(
+        "onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"
+    ),
     Library("rerun", "rerun-sdk", "viewer", "view --window opens Open3D's plainer window"),
 )
 
@@ -73,7 +109,8 @@ EXTRAS = (
 class Finding:
     """One part of the installation.
 
-    ok: it is there and works. detail: version, or the error. needed: True if nothing runs without it.
+    ok: it is there and works. detail: version, or the error. needed: True if nothing runs without
+    it.
     without: what cannot be done without it. fix: the command that installs it, "" if there is none.
     """
 
@@ -101,7 +138,9 @@ def doctor() -> DoctorReport:
     """Look at all that the program can make use of."""
     return DoctorReport(
         (
-            Finding("python", sys.version_info >= OLDEST_PYTHON, platform.python_version(), needed=True),
+            Finding(
+                "python", sys.version_info >= OLDEST_PYTHON, platform.python_version(), needed=True
+            ),
             Finding("processor", True, f"{cores()} cores, {platform.machine()}"),
             *(examine(library) for library in CORE),
             _cuda(),
@@ -129,7 +168,9 @@ def examine(library: Library) -> Finding:
 def _version(library: Library) -> str:
     try:
         return importlib.metadata.version(library.distribution)
-    except importlib.metadata.PackageNotFoundError:  # installed under another name, as variants of OpenCV and Open3D are
+    except (
+        importlib.metadata.PackageNotFoundError
+    ):  # installed under another name, as variants of OpenCV and Open3D are
         return str(getattr(sys.modules[library.module], "__version__", "installed"))
 
 
@@ -144,7 +185,9 @@ def _cuda() -> Finding:
 
 
 def with_system_libraries(found: Finding) -> Finding:
-    """The finding; where Open3D is installed but lacks libraries of the system, with the command that installs them."""
+    """The finding; where Open3D is installed but lacks libraries of the system, with the command
+    that installs them.
+    """
     if found.ok or found.detail == "not installed" or not found.what.startswith("open3d"):
         return found
     fix = SYSTEM_LIBRARIES if getattr(os, "geteuid", int)() == 0 else f"sudo {SYSTEM_LIBRARIES}"

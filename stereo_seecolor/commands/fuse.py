@@ -22,7 +22,13 @@ from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_fil
 from stereo_seecolor.progress import Both, Listener, Silence
 from stereo_seecolor.records import FrameRow, GeoOrigin
 from stereo_seecolor.records import Image as RecordsImage
-from stereo_seecolor.run_folder.finished_run import FinishedRun, TrackPoint, open_map, open_run, track_points
+from stereo_seecolor.run_folder.finished_run import (
+    FinishedRun,
+    TrackPoint,
+    open_map,
+    open_run,
+    track_points,
+)
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
 from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
@@ -44,7 +50,9 @@ BELOW_SEA_LEVEL = b"\x01"
 
 
 def describe_frames(folder: RunFolder) -> None:
-    """Write the residuals of poses into frames.csv, and the position into each picture's EXIF. Raises InputError, OutputError."""
+    """Write the residuals of poses into frames.csv, and the position into each picture's EXIF.
+    Raises InputError, OutputError.
+    """
     renew_frames_table(folder)
     made = open_map(folder.root)
     if made is None or made.origin is None:
@@ -56,9 +64,17 @@ def describe_frames(folder: RunFolder) -> None:
         stage = folder.frames.finished("corrected", point.name, record.stages["corrected"].key)
         if stage is None:
             continue  # somebody changed a file of it
-        files = {path: (folder.root / path).read_bytes() for product, path in stage.outputs.items() if product in PICTURES}
-        changed = {path: located(content, gps_tags(point, made.origin)) for path, content in files.items()}
-        folder.frames.rewrite(record, {path: content for path, content in changed.items() if content != files[path]})
+        files = {
+            path: (folder.root / path).read_bytes()
+            for product, path in stage.outputs.items()
+            if product in PICTURES
+        }
+        changed = {
+            path: located(content, gps_tags(point, made.origin)) for path, content in files.items()
+        }
+        folder.frames.rewrite(
+            record, {path: content for path, content in changed.items() if content != files[path]}
+        )
 
 
 def located(content: bytes, gps: dict[int, object]) -> bytes:
@@ -73,7 +89,9 @@ def located(content: bytes, gps: dict[int, object]) -> bytes:
 
 
 def gps_tags(point: TrackPoint, origin: GeoOrigin) -> dict[int, object]:
-    """EXIF's GPS tags of a camera's position: WGS84, and its depth as an altitude below sea level."""
+    """EXIF's GPS tags of a camera's position: WGS84, and its depth as an altitude below sea
+    level.
+    """
     latitude_deg, longitude_deg = degrees_from_north_east(point.y_m, point.x_m, origin)
     tags = ExifTags.GPS
     return {
@@ -95,14 +113,19 @@ def _sexagesimal(degrees: float) -> tuple[IFDRational, IFDRational, IFDRational]
 
 
 def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
-    """Check libraries and trajectory before the first frame is measured. Returns the files that a fusion reads.
+    """Check libraries and trajectory before the first frame is measured. Returns the files that a
+    fusion reads.
 
-    Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for a bad trajectory.
+    Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for
+    a bad trajectory.
     """
     from stereo_seecolor.mapping.survey_map import check
 
     check(config.mapping, given_trajectory(poses, config.mapping, np.eye(4)))
-    return (*config.files, *(trajectory_file(path) for path in (poses, config.mapping.fixes) if path))
+    return (
+        *config.files,
+        *(trajectory_file(path) for path in (poses, config.mapping.fixes) if path),
+    )
 
 
 def fuse(
@@ -112,13 +135,17 @@ def fuse(
     listener: Listener | None = None,
     compute: Compute | None = None,
 ) -> "MapSummary":
-    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config
+    asks for.
 
-    poses: a trajectory of the left camera in any known format; without it the program finds the track itself.
-    config: the settings; the run's own if not given. compute: where the work runs; all cores of this machine if not given.
-    Raises DeviceError, before the first frame, if a library is missing; InputError; MappingError; OutputError, also where another
-    run or fusion writes into ``out`` now. A frame that is gone or damaged is named, and the rest fused. An earlier map is replaced
-    when the new one is complete, and stays as it is otherwise.
+    poses: a trajectory of the left camera in any known format; without it the program finds the
+    track itself.
+    config: the settings; the run's own if not given. compute: where the work runs; all cores of
+    this machine if not given.
+    Raises DeviceError, before the first frame, if a library is missing; InputError; MappingError;
+    OutputError, also where another run or fusion writes into ``out`` now. A frame that is gone or
+    damaged is named, and the rest fused. An earlier map is replaced when the new one is complete,
+    and stays as it is otherwise.
     """
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
@@ -129,15 +156,29 @@ def fuse(
     with RunFolder.existing(out, "fuse", read) as folder:
         run = open_run(out)
         stalled = set(run.stalled)
-        frames = SurveyFrames(run, frames=[frame for frame in run.frames if frame.name not in stalled])
+        frames = SurveyFrames(
+            run, frames=[frame for frame in run.frames if frame.name not in stalled]
+        )
         trajectory = given_trajectory(poses, config.mapping, frames.T_rectified_left)
         progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
-        with compute.sharing(state(out), ()), building_map(folder, folder.dive.digest("corrected")) as building:
+        with (
+            compute.sharing(state(out), ()),
+            building_map(folder, folder.dive.digest("corrected")) as building,
+        ):
             workspace = Workspace(fusion_folder(out), progress, compute)
-            summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
+            summary = build_map(
+                frames, frames.geometry, building, config.mapping, trajectory, workspace
+            )
         describe_frames(folder)
-    aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.owned.set_aside)
-    stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
+    aside = tuple(
+        f"{path}: was in the earlier map and is not of this program; it is kept here"
+        for path in folder.owned.set_aside
+    )
+    stopped = (
+        ()
+        if run.state == "complete"
+        else ("the run was stopped: pairs that it did not come to are not in the map",)
+    )
     warnings = (*summary.warnings, *_stall_warning(run.stalled), *aside, *stopped)
     return replace(summary.moved(building, out / MAP), warnings=warnings)
 
@@ -145,7 +186,10 @@ def fuse(
 def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
     if not stalled:
         return ()
-    what = f"{counted(len(stalled), 'frame')} with an image of the frame before, the first: {stalled[0]}"
+    what = (
+        f"{counted(len(stalled), 'frame')} with an image of the frame before, the first: "
+        f"{stalled[0]}"
+    )
     return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
 
 
@@ -173,6 +217,8 @@ class RawImages:
         self._run, self._rectification = run, Rectification.from_rig(run.rig)
 
     def rectified(self, name: str) -> RecordsImage:
-        """The rectified left image of a frame, upright, uncorrected. Raises InputError where its file is missing."""
+        """The rectified left image of a frame, upright, uncorrected. Raises InputError where its
+        file is missing.
+        """
         raw = read_image(self._run.frame(name).left, self._run.config.input)
         return self._rectification.upright(self._rectification.apply_left(raw))

@@ -1,4 +1,6 @@
-"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command that fits. Nothing is written."""
+"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command that fits.
+Nothing is written.
+"""
 
 import shlex
 from collections.abc import Collection, Sequence
@@ -49,12 +51,19 @@ NOT_KNOWN = (
 """Of errors that say no more than that a file is something else."""
 
 
-def unknown_files(places: Sequence[Path], known: Collection[Path], problems: Sequence[str]) -> tuple[str, ...]:
-    """A line for each file of the places that is not among the known ones, with what it is where that can be told.
+def unknown_files(
+    places: Sequence[Path], known: Collection[Path], problems: Sequence[str]
+) -> tuple[str, ...]:
+    """A line for each file of the places that is not among the known ones, with what it is where
+    that can be told.
 
     problems: lines that name files already.
     """
-    files = [place for place in places if place.is_file() and place not in known and not _is_images(place)]
+    files = [
+        place
+        for place in places
+        if place.is_file() and place not in known and not _is_images(place)
+    ]
     return tuple(_line(file) for file in files if not any(str(file) in line for line in problems))
 
 
@@ -71,22 +80,28 @@ def _line(file: Path) -> str:
         except (InputError, CalibrationError) as error:
             if not any(words in str(error) for words in NOT_KNOWN):
                 return f"not used: {error}"
-    return f"not used: {file}: is neither images, nor a calibration or trajectory of a format that is known here"
+    return (
+        f"not used: {file}: is neither images, nor a calibration or trajectory of a format "
+        "that is known here"
+    )
 
 
 # Problems of how files became pairs, as ``inspect`` names them.
 
 
 def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[str, ...]:
-    """One line for each problem: notes of the pairing, sides that no name tells, files without a partner, folders left out.
+    """One line for each problem: notes of the pairing, sides that no name tells, files without a
+    partner, folders left out.
 
     doubtful: sample pairs do not tell either which side is left.
     """
     problems = list(pairing.notes)
     if doubtful:
         problems.append(
-            f"no name says which images are left and which right, and {sides.left} and {sides.right} show too little in common to "
-            "be the two sides: give them by hand, a folder for each or a pattern ('*/im0.png' and '*/im1.png')"
+            f"no name says which images are left and which right, and {sides.left} and "
+            f"{sides.right} show too little in common to "
+            "be the two sides: give them by hand, a folder for each or a pattern ('*/im0.png' and "
+            "'*/im1.png')"
         )
     elif sides.guessed:
         problems.append("no name says which side is left and which right: they were taken in order")
@@ -95,8 +110,10 @@ def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[
         problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
     if sides.others:
         problems.append(
-            f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: {sides.others[0]}: each pair of "
-            f"them is a run of its own, which stereo-seecolor campaign does one after the other{_together(sides)}"
+            f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: "
+            f"{sides.others[0]}: each pair of "
+            "them is a run of its own, which stereo-seecolor campaign does one after the "
+            f"other{_together(sides)}"
         )
     return tuple(problems)
 
@@ -105,7 +122,9 @@ def _together(sides: Sides) -> str:
     """The options that run folders of the same names as one dive; "" where none do."""
     if not (patterns := sides.together):
         return ""
-    return "; all of them as one dive: " + shlex.join(["--left", str(patterns[0]), "--right", str(patterns[1])])
+    return "; all of them as one dive: " + shlex.join(
+        ["--left", str(patterns[0]), "--right", str(patterns[1])]
+    )
 
 
 SAMPLE_PAIRS = 6
@@ -119,12 +138,16 @@ FLOAT_BITS = 32
 class Inspection:
     """The files of a dive, and what sample pairs of it show.
 
-    sides: folders or videos of both sides. left, right: facts of the first images, None for videos. pairs, unpaired: numbers of
-    pairs and of images without a partner; 0 for videos, which ``run`` pairs.
-    interval_s: median time between pairs, None where names hold no time. exposure_recorded: EXIF holds exposure or gain.
-    calibrations: all that were found; calibration: the one that was tested. poses: all trajectories.
-    misfits: sample pairs that do not show one scene. agrees: False where no pair does, or where the images cannot be those of the
-    calibration. problems: lines on what prevents a run or should be examined before.
+    sides: folders or videos of both sides. left, right: facts of the first images, None for videos.
+    pairs, unpaired: numbers of pairs and of images without a partner; 0 for videos, which ``run``
+    pairs.
+    interval_s: median time between pairs, None where names hold no time. exposure_recorded: EXIF
+    holds exposure or gain.
+    calibrations: all that were found; calibration: the one that was tested. poses: all
+    trajectories.
+    misfits: sample pairs that do not show one scene. agrees: False where no pair does, or where the
+    images cannot be those of the calibration. problems: lines on what prevents a run or should be
+    examined before.
     run_command: the command line that fits.
     """
 
@@ -146,9 +169,11 @@ class Inspection:
 
 
 def inspect(places: Sequence[Path]) -> Inspection:
-    """Examine files and folders, with all folders below them, for images or videos of both sides, calibrations and trajectories.
+    """Examine files and folders, with all folders below them, for images or videos of both sides,
+    calibrations and trajectories.
 
-    Raises InputError for a place that does not exist, where no two sides are found, or where none of their images can be read.
+    Raises InputError for a place that does not exist, where no two sides are found, or where none
+    of their images can be read.
     """
     for place in places:
         if not folder_of(place).exists():
@@ -160,7 +185,9 @@ def inspect(places: Sequence[Path]) -> Inspection:
 
 
 def _searched(places: Sequence[Path]) -> list[Path]:
-    """Where the sides may be: folders, videos, and of single images and of patterns for them the folders."""
+    """Where the sides may be: folders, videos, and of single images and of patterns for them the
+    folders.
+    """
     found: dict[Path, None] = {}
     for path in places:
         if path.is_dir() or is_video(path):
@@ -171,12 +198,17 @@ def _searched(places: Sequence[Path]) -> list[Path]:
             found[path.parent] = None
     if not found:
         names = [str(path) for path in places]
-        raise InputError(f"{', '.join(names)}: no images and no videos: give the folders of the two sides{unread_hint(names)}")
+        raise InputError(
+            f"{', '.join(names)}: no images and no videos: give the folders of the two "
+            f"sides{unread_hint(names)}"
+        )
     return list(found)
 
 
 def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
-    """Inspect a dive of images: pair them, find and test a calibration on sample pairs, and find trajectories."""
+    """Inspect a dive of images: pair them, find and test a calibration on sample pairs, and find
+    trajectories.
+    """
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
     sample, unlike = alike(spread(pairing.pairs, SAMPLE_PAIRS), config)
@@ -219,16 +251,26 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
 
 
 def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
-    """Raise InputError where one side or both hold floating-point images, which are range maps or cannot be read."""
-    maps, images = (sides.left, sides.right) if left.bits == FLOAT_BITS else (sides.right, sides.left)
+    """Raise InputError where one side or both hold floating-point images, which are range maps or
+    cannot be read.
+    """
+    maps, images = (
+        (sides.left, sides.right) if left.bits == FLOAT_BITS else (sides.right, sides.left)
+    )
     if left.bits == right.bits == FLOAT_BITS:
         raise InputError(
-            f"{sides.left} and {sides.right}: hold floating-point numbers, images need 8 or 16 bits a channel: save them as "
+            f"{sides.left} and {sides.right}: hold floating-point numbers, images need 8 or 16 "
+            "bits a channel: save them as "
             "16-bit PNG or TIFF (values of 0 to 1 times 65535)"
         )
     if FLOAT_BITS in (left.bits, right.bits):
-        command = shlex.join(["stereo-seecolor", "correct", "--images", str(images), "--range", str(maps)])
-        raise InputError(f"{maps}: holds floating-point numbers, no images: if these are range maps in meters, run: {command}")
+        command = shlex.join(
+            ["stereo-seecolor", "correct", "--images", str(images), "--range", str(maps)]
+        )
+        raise InputError(
+            f"{maps}: holds floating-point numbers, no images: if these are range maps in meters, "
+            f"run: {command}"
+        )
 
 
 def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageFacts) -> None:
@@ -238,21 +280,43 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
 
 
 def _doubtful(sides: Sides, tested: Tested) -> bool:
-    """Whether the two folders may not be two sides: no name says so, and their sample pairs have too few points in common."""
-    return sides.guessed and tested.facts is not None and tested.rows is None and tested.mistake is None
+    """Whether the two folders may not be two sides: no name says so, and their sample pairs have
+    too few points in common.
+    """
+    return (
+        sides.guessed
+        and tested.facts is not None
+        and tested.rows is None
+        and tested.mistake is None
+    )
 
 
-def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED) -> str:
-    """The ``run`` command for the files found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand for missing ones.
+def command_line(
+    sides: Sides, found: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED
+) -> str:
+    """The ``run`` command for the files found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand
+    for missing ones.
 
-    It exchanges sides that are swapped, refines a rig of which a camera has moved, and sets limits of range.
+    It exchanges sides that are swapped, refines a rig of which a camera has moved, and sets limits
+    of range.
     """
     rows = tested.rows
     calib = "CALIBRATION" if not found or (rows and rows.refusal) else str(found[0].path)
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
     if _doubtful(sides, tested):
         first, second = Path("LEFT"), Path("RIGHT")
-    words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
+    words = [
+        "stereo-seecolor",
+        "run",
+        "--left",
+        str(first),
+        "--right",
+        str(second),
+        "--calib",
+        calib,
+        "--out",
+        "out",
+    ]
     if tested.exchanged and first == second:
         words += ["--set", "input.right_half_first=true"]
     if rows and rows.has_moved:
@@ -269,7 +333,11 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     found = find_calibration(places, size)
     paths = tuple(one.path for one in found)
     poses, unread = find_poses(places, (), paths)
-    problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED), *unread)
+    problems = (
+        *_missing_calibration(places, found, size),
+        *_problems_of_calibration(found, NOTHING_TESTED),
+        *unread,
+    )
     return Inspection(
         sides=sides,
         left=None,
@@ -284,14 +352,19 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         measured=None,
         misfits=(),
         agrees=True,
-        problems=(*problems, *unknown_files(places, {*paths, *(one.path for one in poses)}, problems)),
+        problems=(
+            *problems,
+            *unknown_files(places, {*paths, *(one.path for one in poses)}, problems),
+        ),
         run_command=command_line(sides, found),
     )
 
 
 def _video_size(sides: Sides) -> tuple[int, int]:
     image = gray(video_file(sides.left).frame(0))
-    height, width = (half_of(image, SIDES[0], sides.left) if sides.left == sides.right else image).shape
+    height, width = (
+        half_of(image, SIDES[0], sides.left) if sides.left == sides.right else image
+    ).shape
     return width, height
 
 
@@ -305,12 +378,19 @@ def _exposure_recorded(pair: Pair, config: RunConfig) -> bool:
     return frame.left_capture.relative_exposure is not None
 
 
-def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]) -> tuple[str, ...]:
-    """Where no calibration was found: why files that look like one were refused, or how to make one."""
+def _missing_calibration(
+    places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]
+) -> tuple[str, ...]:
+    """Where no calibration was found: why files that look like one were refused, or how to make
+    one.
+    """
     if found:
         return ()
     refused = refused_calibrations(places, size)
-    return refused or ("no calibration was found: make one with 'stereo-seecolor calibrate' from images of a target",)
+    return refused or (
+        "no calibration was found: make one with 'stereo-seecolor calibrate' from images of a "
+        "target",
+    )
 
 
 def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) -> tuple[str, ...]:
@@ -325,11 +405,15 @@ def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) 
             problems.append(tested.mistake.line)
         elif not tested.fitting:
             problems.append(
-                "no sample pair shows one scene with this calibration: bring left and right images of the same moments together "
+                "no sample pair shows one scene with this calibration: bring left and right "
+                "images of the same moments together "
                 "first, or give the calibration of this rig"
             )
         elif tested.rows is None:
-            problems.append("too few points were found in both images of the sample pairs to test the calibration")
+            problems.append(
+                "too few points were found in both images of the sample pairs to test the "
+                "calibration"
+            )
         else:
             problems += tested.rows.advice
         problems += ["the run line exchanges the sides"] if tested.exchanged else []

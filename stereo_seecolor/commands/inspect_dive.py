@@ -1,4 +1,6 @@
-"""Sample pairs of a dive, measured: whether they show one scene, distance of the bottom, light, disk space and time of a run."""
+"""Sample pairs of a dive, measured: whether they show one scene, distance of the bottom, light,
+disk space and time of a run.
+"""
 
 import time
 from collections import Counter
@@ -22,18 +24,24 @@ from stereo_seecolor.records import FrameResult, Image
 from stereo_seecolor.run_folder.frame_products import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
-"""Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on two sets in daylight."""
+"""Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on
+two sets in daylight.
+"""
 
 PASSES_THAT_READ = 2
 """A run reads every pair once to measure and once to correct."""
 
 PAGE_BYTES, PAGE_FRAMES, PAGE_FRACTION = 1_100_000, 30, 0.1
-"""Size of the page's scripts; frames it has pictures of; their size as a fraction of a frame's files (of the sample dive)."""
+"""Size of the page's scripts; frames it has pictures of; their size as a fraction of a frame's
+files (of the sample dive).
+"""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """A pair whose images do not show one scene. fits: the pair nearby whose right image fits this left one, None if none does."""
+    """A pair whose images do not show one scene. fits: the pair nearby whose right image fits this
+    left one, None if none does.
+    """
 
     pair: str
     fits: str | None
@@ -41,10 +49,12 @@ class Misfit:
 
 @dataclass(frozen=True)
 class SampleMeasures:
-    """Measures of sample pairs. coverage: fraction of pixels with a range. ground_resolution_m: a pixel's size at the median range.
+    """Measures of sample pairs. coverage: fraction of pixels with a range. ground_resolution_m: a
+    pixel's size at the median range.
 
-    center_to_corner: mean brightness of the middle over that of the corners (linear light). strobes: center_to_corner is that of
-    lamps. disk_bytes, seconds: estimated for a run of the whole dive with the default settings on this machine.
+    center_to_corner: mean brightness of the middle over that of the corners (linear light).
+    strobes: center_to_corner is that of lamps. disk_bytes, seconds: estimated for a run of the
+    whole dive with the default settings on this machine.
     """
 
     coverage: float
@@ -57,7 +67,8 @@ class SampleMeasures:
 
 
 def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tuple[str, ...]]:
-    """The sample pairs whose images can be read and have the most frequent sizes, and a line on each other one.
+    """The sample pairs whose images can be read and have the most frequent sizes, and a line on
+    each other one.
 
     All of them, without lines, where none can be read.
     """
@@ -82,14 +93,20 @@ def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tu
 
 def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
     text = f"is {size[0]}x{size[1]} px, and most images are {other[0]}x{other[1]} px"
-    return f"{text}: turned by a quarter, perhaps by its EXIF orientation alone" if size == other[::-1] else text
+    return (
+        f"{text}: turned by a quarter, perhaps by its EXIF orientation alone"
+        if size == other[::-1]
+        else text
+    )
 
 
-def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> tuple[Misfit, ...]:
+def misfits(
+    rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig
+) -> tuple[Misfit, ...]:
     """The sample pairs whose two images do not show one scene.
 
-    Empty where no pair shows one and no neighbor fits: then the rig is wrong. Pairs without texture (open water, even sand) are
-    left out.
+    Empty where no pair shows one and no neighbor fits: then the rig is wrong. Pairs without texture
+    (open water, even sand) are left out.
     """
     rectification, reader = Rectification.from_rig(rig), FrameReader(config.input)
     found, fitting = [], 0
@@ -104,7 +121,9 @@ def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: Ru
     return () if rig_is_wrong else tuple(found)
 
 
-def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfig) -> SampleMeasures | None:
+def measure(
+    rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfig
+) -> SampleMeasures | None:
     """Run the sample pairs in memory; None if none of them goes through."""
     pipeline, reader = Pipeline(rig, config), FrameReader(config.input)
     results: list[FrameResult] = []
@@ -117,7 +136,11 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
     if not results:
         return None
     known = [np.isfinite(result.range_map.range_m) for result in results]
-    medians_m = [float(np.median(one.range_map.range_m[of])) for one, of in zip(results, known, strict=True) if of.any()]
+    medians_m = [
+        float(np.median(one.range_map.range_m[of]))
+        for one, of in zip(results, known, strict=True)
+        if of.any()
+    ]
     median_range_m = float(np.median(medians_m)) if medians_m else float("nan")
     frame_bytes = int(np.mean([_bytes_written(result, pipeline) for result in results]))
     page_bytes = PAGE_BYTES + int(PAGE_FRACTION * min(pairs, PAGE_FRAMES) * frame_bytes)
@@ -133,8 +156,12 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
     )
 
 
-def _processed(pipeline: Pipeline, reader: FrameReader, pair: Pair) -> tuple[FrameResult, float] | None:
-    """The result of a pair through all stages, and the seconds that a run spends on it; None if it fails."""
+def _processed(
+    pipeline: Pipeline, reader: FrameReader, pair: Pair
+) -> tuple[FrameResult, float] | None:
+    """The result of a pair through all stages, and the seconds that a run spends on it; None if it
+    fails.
+    """
     start = time.perf_counter()
     frame = reader.read(pair)
     read_s = time.perf_counter() - start
@@ -149,14 +176,23 @@ def _processed(pipeline: Pipeline, reader: FrameReader, pair: Pair) -> tuple[Fra
 def _bytes_written(result: FrameResult, pipeline: Pipeline) -> int:
     output = pipeline.config.output
     files = range_files("", result.range_map, output)
-    files |= correction_files("", result.correction, result.range_map, pipeline.geometry, output, b"")
-    return sum(len(b"".join(content)) for _, content in files.values() if isinstance(content, Iterator))
+    files |= correction_files(
+        "", result.correction, result.range_map, pipeline.geometry, output, b""
+    )
+    return sum(
+        len(b"".join(content)) for _, content in files.values() if isinstance(content, Iterator)
+    )
 
 
 def _center_to_corner(images: Sequence[Image]) -> float:
     mean = np.mean([_small(image) for image in images], axis=0)
     rows, columns = mean.shape[0] // 6, mean.shape[1] // 6
-    corners = [mean[:rows, :columns], mean[:rows, -columns:], mean[-rows:, :columns], mean[-rows:, -columns:]]
+    corners = [
+        mean[:rows, :columns],
+        mean[:rows, -columns:],
+        mean[-rows:, :columns],
+        mean[-rows:, -columns:],
+    ]
     middle = mean[2 * rows : -2 * rows, 2 * columns : -2 * columns]
     return float(middle.mean() / max(float(np.mean([corner.mean() for corner in corners])), 1e-6))
 

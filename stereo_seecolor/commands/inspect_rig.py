@@ -1,4 +1,6 @@
-"""Find the calibration and trajectories among the files of a dive, and test the calibration on sample pairs."""
+"""Find the calibration and trajectories among the files of a dive, and test the calibration on
+sample pairs.
+"""
 
 import os
 from collections.abc import Collection, Iterator, Sequence
@@ -10,7 +12,12 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
-from calibration.field_checks.hypotheses import Mistake, likely_mistake, may_be_mistaken, settle_reading
+from calibration.field_checks.hypotheses import (
+    Mistake,
+    likely_mistake,
+    may_be_mistaken,
+    settle_reading,
+)
 from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_look
 from calibration.formats import format_name, load_rig_of_images
@@ -32,7 +39,23 @@ from stereo_seecolor.records import Image, Trajectory, is_monochrome
 # Find the calibration among the files of a dive.
 
 INSPECT_RIG_EXTENSIONS = frozenset(
-    {".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".calib", ".txt", ".cfg", ".conf", ".toml", ".krtd", ".npy", ".csv"}
+    {
+        ".yaml",
+        ".yml",
+        ".json",
+        ".xml",
+        ".mat",
+        ".npz",
+        ".cam",
+        ".calib",
+        ".txt",
+        ".cfg",
+        ".conf",
+        ".toml",
+        ".krtd",
+        ".npy",
+        ".csv",
+    }
 )
 
 ARCHIVES = frozenset({".zip", ".gz", ".tgz", ".7z", ".rar"})
@@ -51,7 +74,9 @@ class FoundCalibration:
 
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
-    """All calibrations in the places. Those for images of ``size`` (width, height) come first, each group in natural order."""
+    """All calibrations in the places. Those for images of ``size`` (width, height) come first, each
+    group in natural order.
+    """
     paths = _all_candidates(places)
     found = [one for path in paths if (one := _try_load(path, size))]
     folders = sorted({path.parent for path in paths} - {one.path.parent for one in found})
@@ -63,7 +88,9 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
 
 
 def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple[str, ...]:
-    """A line for each file that is a calibration by its content but cannot be used, with the reason."""
+    """A line for each file that is a calibration by its content but cannot be used, with the
+    reason.
+    """
     refused = [
         f"{path}: is an archive: unpack it, if it holds the calibration"
         for path in sorted(candidates(places, ARCHIVES, INSPECT_RIG_LARGEST_BYTES))
@@ -80,11 +107,18 @@ def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple
 
 
 def _all_candidates(places: Sequence[Path]) -> list[Path]:
-    return sorted(candidates(places, INSPECT_RIG_EXTENSIONS, INSPECT_RIG_LARGEST_BYTES), key=lambda path: natural_key(str(path)))
+    return sorted(
+        candidates(places, INSPECT_RIG_EXTENSIONS, INSPECT_RIG_LARGEST_BYTES),
+        key=lambda path: natural_key(str(path)),
+    )
 
 
-def candidates(places: Sequence[Path], extensions: Collection[str], largest_bytes: int) -> set[Path]:
-    """Files that may be of a kind: places that are files, and files of these extensions up to DEEPEST folders below the others."""
+def candidates(
+    places: Sequence[Path], extensions: Collection[str], largest_bytes: int
+) -> set[Path]:
+    """Files that may be of a kind: places that are files, and files of these extensions up to
+    DEEPEST folders below the others.
+    """
     return {path for place in places for path in _in_place(place, extensions, largest_bytes)}
 
 
@@ -94,7 +128,11 @@ def _in_place(place: Path, extensions: Collection[str], largest_bytes: int) -> I
         return
     for folder, below, names in os.walk(place):
         here = Path(folder)
-        below[:] = [name for name in below if name[0] != "." and len(here.relative_to(place).parts) < DEEPEST]
+        below[:] = [
+            name
+            for name in below
+            if name[0] != "." and len(here.relative_to(place).parts) < DEEPEST
+        ]
         for path in (here / name for name in names if Path(name).suffix.lower() in extensions):
             if path.is_file() and 0 < path.stat().st_size < largest_bytes:
                 yield path
@@ -112,7 +150,8 @@ def _try_load(path: Path, size: tuple[int, int]) -> FoundCalibration | None:
 
 @dataclass(frozen=True)
 class CalibrationFacts:
-    """A calibration that was found, tested on the dive. vertical: the right camera is above or below the left one.
+    """A calibration that was found, tested on the dive. vertical: the right camera is above or
+    below the left one.
 
     rows: vertical disparity on sample pairs, None where too few points were found in both images.
     """
@@ -129,7 +168,8 @@ class CalibrationFacts:
 class Tested:
     """A calibration tested on sample pairs.
 
-    misfits: pairs that do not show one scene. fitting: at least one pair shows one. limits: limits of range to be set.
+    misfits: pairs that do not show one scene. fitting: at least one pair shows one. limits: limits
+    of range to be set.
     mistake: the likely mistake where pairs do not fit the calibration.
     """
 
@@ -142,12 +182,16 @@ class Tested:
 
     @property
     def rows(self) -> RowCheck | None:
-        """Vertical disparity on sample pairs, None where too few points were found in both images."""
+        """Vertical disparity on sample pairs, None where too few points were found in both
+        images.
+        """
         return self.facts.rows if self.facts else None
 
     @property
     def agrees(self) -> bool:
-        """True unless sample pairs show that no ranges can be had from these images with this calibration."""
+        """True unless sample pairs show that no ranges can be had from these images with this
+        calibration.
+        """
         return self.fitting and not (self.rows and self.rows.refusal)
 
     @property
@@ -159,8 +203,12 @@ class Tested:
 NOTHING_TESTED = Tested()
 
 
-def tested_calibration(found: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> Tested:
-    """Test a calibration on sample pairs: one scene, rows, mistakes, limits of range; and measure pairs unless it is unusable."""
+def tested_calibration(
+    found: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig
+) -> Tested:
+    """Test a calibration on sample pairs: one scene, rows, mistakes, limits of range; and measure
+    pairs unless it is unusable.
+    """
     rig = _settled_rig(found.rig, sample[:DECIDING_PAIRS], config)
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
@@ -168,19 +216,31 @@ def tested_calibration(found: FoundCalibration, pairing: Pairing, sample: Sequen
     images = _images(fitting, config)
     with suppress(CalibrationError):
         rows = vertical_disparity(rig, images)
-    mistake = likely_mistake(rig, images[:DECIDING_PAIRS]) if rows is None or may_be_mistaken(rows) else None
+    mistake = (
+        likely_mistake(rig, images[:DECIDING_PAIRS])
+        if rows is None or may_be_mistaken(rows)
+        else None
+    )
     if rows:
-        motion = NO_MOTION if mistake else find_motion(Rectification.from_rig(rig), neighbors(pairing.pairs, config.input))
+        motion = (
+            NO_MOTION
+            if mistake
+            else find_motion(Rectification.from_rig(rig), neighbors(pairing.pairs, config.input))
+        )
         rows = replace(rows, mistake=mistake.line if mistake else "", motion=motion)
     limits = _range_limits(rig, images, config)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
-    facts = CalibrationFacts(found.path, found.format, rig_facts(rig), vertical, rows, suspicions(rig))
+    facts = CalibrationFacts(
+        found.path, found.format, rig_facts(rig), vertical, rows, suspicions(rig)
+    )
     unrelated = rows is None and mistake is None and any(_have_texture(fitting, config))
     if not fitting or unrelated or mistake or (rows and (rows.swapped or rows.refusal)):
         return Tested(facts, wrong, fitting=bool(fitting) and not unrelated, mistake=mistake)
     matching = config.matching.model_copy(update={limit.key: limit.fits_m for limit in limits})
-    measured = measure(rig, fitting, len(pairing.pairs), config.model_copy(update={"matching": matching}))
+    measured = measure(
+        rig, fitting, len(pairing.pairs), config.model_copy(update={"matching": matching})
+    )
     return Tested(facts, wrong, measured, limits=limits)
 
 
@@ -192,14 +252,18 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
     return rig
 
 
-def _range_limits(rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig) -> tuple[RangeLimits, ...]:
+def _range_limits(
+    rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig
+) -> tuple[RangeLimits, ...]:
     rectification = Rectification.from_rig(rig)
     ranges_m = [quick_look(rectification, both).range_m for both in images]
     return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
 
 
 def _have_texture(sample: Sequence[Pair], config: RunConfig) -> list[bool]:
-    return [not sides_without_texture(frame) for frame in map(FrameReader(config.input).read, sample)]
+    return [
+        not sides_without_texture(frame) for frame in map(FrameReader(config.input).read, sample)
+    ]
 
 
 def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:
@@ -209,14 +273,18 @@ def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Imag
 
 # Find trajectories among the files of a dive.
 
-INSPECT_POSES_EXTENSIONS = frozenset({".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json", ".gpx", ".nmea", ".kml"})
+INSPECT_POSES_EXTENSIONS = frozenset(
+    {".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json", ".gpx", ".nmea", ".kml"}
+)
 INSPECT_POSES_LARGEST_BYTES = 100_000_000
 """A day of navigation at 10 Hz has some 80 MB."""
 
 
 @dataclass(frozen=True)
 class FoundPoses:
-    """A trajectory. poses: number of finite ones. pairs: number of pairs that have one of them; by: "name", "time" or "order"."""
+    """A trajectory. poses: number of finite ones. pairs: number of pairs that have one of them; by:
+    "name", "time" or "order".
+    """
 
     path: Path
     format: str
@@ -228,12 +296,15 @@ class FoundPoses:
 def find_poses(
     places: Sequence[Path], pairs: Sequence[Pair], others: Collection[Path]
 ) -> tuple[tuple[FoundPoses, ...], tuple[str, ...]]:
-    """Find all trajectories in the places, ordered by path, and say why the others of a known format cannot be read.
+    """Find all trajectories in the places, ordered by path, and say why the others of a known
+    format cannot be read.
 
     others: files that are known to be something else.
     """
     found, unread = [], []
-    for path in sorted(candidates(places, INSPECT_POSES_EXTENSIONS, INSPECT_POSES_LARGEST_BYTES) - set(others)):
+    for path in sorted(
+        candidates(places, INSPECT_POSES_EXTENSIONS, INSPECT_POSES_LARGEST_BYTES) - set(others)
+    ):
         with suppress(InputError):
             if (kind := trajectory_format(path)) is not None:
                 try:
@@ -245,7 +316,9 @@ def find_poses(
 
 def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]) -> FoundPoses:
     finite = np.isfinite(trajectory.T_world_camera).all(axis=(1, 2))
-    names = {key for name in trajectory.names if name for key in (stem_of_path(name), *folder_keys(name))}
+    names = {
+        key for name in trajectory.names if name for key in (stem_of_path(name), *folder_keys(name))
+    }
     times_s = trajectory.timestamps_s[finite & np.isfinite(trajectory.timestamps_s)]
     if names:
         number, by = sum(bool({pair.name, pair.left.stem} & names) for pair in pairs), "name"
@@ -257,4 +330,6 @@ def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair])
 
 
 def _is_within(pair: Pair, first_s: float, last_s: float) -> bool:
-    return pair.timestamp_s is not None and bool(first_s - 0.01 <= pair.timestamp_s <= last_s + 0.01)
+    return pair.timestamp_s is not None and bool(
+        first_s - 0.01 <= pair.timestamp_s <= last_s + 0.01
+    )

@@ -12,7 +12,13 @@ from calibration.checks import RowCheck, vertical_disparity
 from calibration.field_checks.hypotheses import likely_mistake, may_be_mistaken
 from calibration.field_checks.motion import Motion, find_motion
 from calibration.field_checks.vertical_disparity import quick_look
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, first_images, neighbors, readable, spread
+from stereo_seecolor.commands.dive_rig import (
+    DECIDING_PAIRS,
+    first_images,
+    neighbors,
+    readable,
+    spread,
+)
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.neighbors import constant_shift
@@ -29,8 +35,10 @@ Array = NDArray[np.float64]
 class RangeConstants:
     """Constants of the check.
 
-    lost: fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01 are, by mismatches.
-    ends: percentiles of range taken for the nearest and the farthest point, which leave out mismatches.
+    lost: fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01
+    are, by mismatches.
+    ends: percentiles of range taken for the nearest and the farthest point, which leave out
+    mismatches.
     margin: factor between these and the proposed limits.
     """
 
@@ -44,7 +52,8 @@ CONSTANTS = RangeConstants()
 
 @dataclass(frozen=True)
 class RangeLimits:
-    """A limit of range that cuts off features of a dive. key: its setting in ``matching``. now_m: its value. fits_m: one that fits.
+    """A limit of range that cuts off features of a dive. key: its setting in ``matching``. now_m:
+    its value. fits_m: one that fits.
 
     lost: fraction of the features outside it.
     """
@@ -64,11 +73,16 @@ class RangeLimits:
         """A line on what is lost, and what to do."""
         side = "beyond" if self.fits_m > self.now_m else "nearer than"
         limit = f"matching.{self.key} ({self.now_m:g} m)"
-        return f"{self.lost:.0%} of the features lie {side} {limit} and get no range: --set {self.option}"
+        return (
+            f"{self.lost:.0%} of the features lie {side} {limit} and get no range: --set "
+            f"{self.option}"
+        )
 
 
 def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, ...]:
-    """The limits that too many features lie outside of. range_m: (n,) ranges of features, meters."""
+    """The limits that too many features lie outside of. range_m: (n,) ranges of features,
+    meters.
+    """
     if range_m.size == 0:
         return ()
     near_m, far_m = np.percentile(range_m, CONSTANTS.ends)
@@ -79,7 +93,10 @@ def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, .
         float((range_m < config.min_range_m).mean()),
     )
     far = RangeLimits(
-        "max_range_m", config.max_range_m, _rounded(far_m * CONSTANTS.margin, np.ceil), float((range_m > config.max_range_m).mean())
+        "max_range_m",
+        config.max_range_m,
+        _rounded(far_m * CONSTANTS.margin, np.ceil),
+        float((range_m > config.max_range_m).mean()),
     )
     return tuple(limit for limit in (near, far) if limit.lost > CONSTANTS.lost)
 
@@ -94,16 +111,22 @@ def _rounded(value_m: float, towards: np.ufunc) -> float:
 # limits of range cut them off.
 
 LOOKED_AT = 4
-"""Pairs, spread over the dive, that have a quick look: a descent may last a quarter of a dive, and a camera may be knocked."""
+"""Pairs, spread over the dive, that have a quick look: a descent may last a quarter of a dive, and
+a camera may be knocked.
+"""
 
 
 def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Notes on rows that ``check`` would not accept, and on features outside the limits of range, from pairs spread over the dive.
+    """Notes on rows that ``check`` would not accept, and on features outside the limits of range,
+    from pairs spread over the dive.
 
-    A quick look is enough for most dives. A full check takes longer than matching a pair and is made only where rows of a pair
-    disagree or may hold a keystone. Raises InputError where no pair can be matched and the likely mistake is known.
+    A quick look is enough for most dives. A full check takes longer than matching a pair and is
+    made only where rows of a pair disagree or may hold a keystone. Raises InputError where no pair
+    can be matched and the likely mistake is known.
     """
-    with suppress(CalibrationError):  # of pairs that are not as large as calibrated: the run names them
+    with suppress(
+        CalibrationError
+    ):  # of pairs that are not as large as calibrated: the run names them
         seen = readable(spread(pairs, LOOKED_AT), pipeline.config.input)
         looks = [(pair, quick_look(pipeline.rectification, both)) for pair, both in seen]
         looks = [(pair, look) for pair, look in looks if look.range_m.size]
@@ -118,7 +141,9 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
 
 
 def _motion_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also that it shows nothing."""
+    """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also
+    that it shows nothing.
+    """
     motion = _motion(pipeline, pairs)
     if motion.is_found:
         return (f"calibration: {motion.advice}",)
@@ -143,8 +168,13 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     if check is None or may_be_mistaken(check):
         if mistake := likely_mistake(rig, first_images(chosen, images)):
             raise InputError(mistake.line)
-        if shift := constant_shift(spread(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images):
+        if shift := constant_shift(
+            spread(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images
+        ):
             raise InputError(shift)
     if check is None or check.acceptable:
         return ()
-    return (f"calibration: {'; '.join(check.advice)}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
+    return (
+        f"calibration: {'; '.join(check.advice)}"
+        + (" (stereo-seecolor run --refine)" if check.has_moved else ""),
+    )

@@ -1,4 +1,6 @@
-"""OUT taken for a command over the pairs of a dive, and the files that describe the run, written when it ends."""
+"""OUT taken for a command over the pairs of a dive, and the files that describe the run, written
+when it ends.
+"""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -26,7 +28,13 @@ from stereo_seecolor.run_folder.folder import Room, RunFolder, need_bytes
 from stereo_seecolor.run_folder.frames_csv import CurrentFrames, RunSummary
 from stereo_seecolor.run_folder.layout import RIG, RUN, WATER, Stage, state
 from stereo_seecolor.run_folder.ownership import Claim, Owner
-from stereo_seecolor.run_folder.reports import FinalRows, RunDescription, close_run, products, write_reports
+from stereo_seecolor.run_folder.reports import (
+    FinalRows,
+    RunDescription,
+    close_run,
+    products,
+    write_reports,
+)
 
 KIND = "stereo"
 """The kind of output folder that a command over stereo pairs writes, in its manifest."""
@@ -34,11 +42,18 @@ KIND = "stereo"
 
 @contextmanager
 def stereo_run(
-    inputs: DiveInputs, out: Path, config: RunConfig, options: RunOptions, last: Stage, passes: Sequence[str]
+    inputs: DiveInputs,
+    out: Path,
+    config: RunConfig,
+    options: RunOptions,
+    last: Stage,
+    passes: Sequence[str],
 ) -> Iterator[DiveRun]:
-    """Open the pairs and the calibration, take ``out``, and write the reports at the end. last: the last stage of each pair.
+    """Open the pairs and the calibration, take ``out``, and write the reports at the end. last: the
+    last stage of each pair.
 
-    Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which of their frames are pairs.
+    Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which
+    of their frames are pairs.
     """
     load_beside(config, options)
     shard = options.shard
@@ -51,20 +66,30 @@ def stereo_run(
         with options.compute.sharing(state(folder.root), inputs.paths):
             opened = _with_room(opened.for_dive(folder, options).part(shard), folder, options, last)
             compile_for(config, options)
-            with reported(opened.pipeline, opened.pairing, inputs.names, folder, options, last, passes) as run:
+            with reported(
+                opened.pipeline, opened.pairing, inputs.names, folder, options, last, passes
+            ) as run:
                 folder.dive.write(RIG, native.to_bytes(opened.pipeline.rig))
                 yield run
 
 
 def _with_room(opened: Opened, folder: RunFolder, options: RunOptions, last: Stage) -> Opened:
-    """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the disk may be too small."""
+    """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the
+    disk may be too small.
+    """
     known = set(folder.manifest.names())
     new = sum(name not in known for name in opened.pairing.names)
     output = opened.pipeline.config.output
-    room = Room.checked(folder.root, new, need_bytes(output, opened.pipeline.pixels, last == "corrected"))
+    room = Room.checked(
+        folder.root, new, need_bytes(output, opened.pipeline.pixels, last == "corrected")
+    )
     if new:
         options.notice(room.line)
-    return replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_tight else opened
+    return (
+        replace(opened, pairing=opened.pairing.with_notes((room.line,)))
+        if room.is_tight
+        else opened
+    )
 
 
 @contextmanager
@@ -77,7 +102,8 @@ def reported(
     last: Stage,
     passes: Sequence[str],
 ) -> Iterator[DiveRun]:
-    """A run over the pairs: Ctrl-C ends it early. run.json, frames.csv and the page are written at its end, the first two also
+    """A run over the pairs: Ctrl-C ends it early. run.json, frames.csv and the page are written at
+    its end, the first two also
     after an error. inputs: by name, for run.json.
     """
     description = _description(source, pairing, inputs, options, last)
@@ -98,47 +124,84 @@ def reported(
         run.frames.pixels.clear()
         page.keep()
         if last == "range" and "corrected" in folder.dive.record.settings and earlier:
-            description = replace(description, config=earlier)  # corrected frames of an earlier run are still current
+            description = replace(
+                description, config=earlier
+            )  # corrected frames of an earlier run are still current
         current = close_run(folder, description, complete, options.compute)
         seconds = time.perf_counter() - start
-        run.summary = replace(_summary(run, pairing, description, current), wall_seconds=seconds, stopped=not complete)
+        run.summary = replace(
+            _summary(run, pairing, description, current), wall_seconds=seconds, stopped=not complete
+        )
         write_reports(folder, description, run.summary)
     page.end(stopped=not complete)
     summary = meter.compared(run.summary, folder.root, len(pairing.pairs), description.config)
     run.summary = replace(summary, products=products(folder, current))
 
 
-def _description(source: Source, pairing: Pairing, inputs: dict[str, str], options: RunOptions, last: Stage) -> RunDescription:
+def _description(
+    source: Source, pairing: Pairing, inputs: dict[str, str], options: RunOptions, last: Stage
+) -> RunDescription:
     """What run.json says of the run."""
-    return RunDescription(inputs, source.config, Names(pairing.names), last, source.rectification, options.command_line)
+    return RunDescription(
+        inputs,
+        source.config,
+        Names(pairing.names),
+        last,
+        source.rectification,
+        options.command_line,
+    )
 
 
-def _summary(run: DiveRun, pairing: Pairing, description: RunDescription, current: CurrentFrames) -> RunSummary:
+def _summary(
+    run: DiveRun, pairing: Pairing, description: RunDescription, current: CurrentFrames
+) -> RunSummary:
     unpaired = [
-        FrameRow(file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
+        FrameRow(
+            file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}"
+        )
         for file in pairing.unpaired
     ]
-    aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in run.folder.owned.set_aside]
+    aside = [
+        f"{path}: was changed since the program wrote it, and is kept here"
+        for path in run.folder.owned.set_aside
+    ]
     failed = {name for name, error in run.table.failed.items() if NOT_ONE_SCENE in error}
     misfits: tuple[str, ...] = ()
     if failed and description.rectification:
-        misfits = misfit_notes(pairing.pairs, failed, description.rectification, description.config.input)
+        misfits = misfit_notes(
+            pairing.pairs, failed, description.rectification, description.config.input
+        )
     notes = (*pairing.notes, *run.notes, *aside, *run.folder.dive.removed, *misfits)
-    return RunSummary(FinalRows(run.table, current.done, unpaired), notes, missing_shards=pairing.missing_shards)
+    return RunSummary(
+        FinalRows(run.table, current.done, unpaired), notes, missing_shards=pairing.missing_shards
+    )
 
 
 def _earlier_config(folder: RunFolder) -> RunConfig | None:
     """The settings of the run that OUT already holds; None where it holds none."""
     try:
         return open_run(folder.root).config
-    except (InputError, OutputError):  # the second: a result that the user replaced by a link, which this run sets aside
+    except (
+        InputError,
+        OutputError,
+    ):  # the second: a result that the user replaced by a link, which this run sets aside
         return None
 
 
-def claim(owner: Owner, config: RunConfig, options: RunOptions, inputs: Sequence[Path], ranges: str = "") -> Claim:
-    """The claim of a command on OUT, in which all that it reads is protected from deletion: its inputs, and what its settings and
-    options name. ranges: as in Claim.
+def claim(
+    owner: Owner, config: RunConfig, options: RunOptions, inputs: Sequence[Path], ranges: str = ""
+) -> Claim:
+    """The claim of a command on OUT, in which all that it reads is protected from deletion: its
+    inputs, and what its settings and options name. ranges: as in Claim.
     """
     given = (*inputs, *config.files, options.config_file, options.water, *options.also_read)
-    unchanged = () if options.overwrite else (WATER, RUN) if config.input.refine else (WATER, RUN, RIG)
-    return Claim(owner, options.overwrite, tuple(path for path in given if path is not None), unchanged, ranges)
+    unchanged = (
+        () if options.overwrite else (WATER, RUN) if config.input.refine else (WATER, RUN, RIG)
+    )
+    return Claim(
+        owner,
+        options.overwrite,
+        tuple(path for path in given if path is not None),
+        unchanged,
+        ranges,
+    )

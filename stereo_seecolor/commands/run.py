@@ -1,4 +1,5 @@
-"""START HERE: ``run`` takes the stereo pairs of a dive to range maps, true-color frames, clouds and tables.
+"""START HERE: ``run`` takes the stereo pairs of a dive to range maps, true-color frames, clouds and
+tables.
 
 ``pipeline.py`` takes one pair through the same steps in memory; ``fuse.py`` makes the map.
 """
@@ -13,7 +14,15 @@ from stereo_seecolor.compute.process import one_thread_in_products
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
-from stereo_seecolor.dive.passes import NO_LIGHT, correct_frames, count_frames, find_light, fit_waters, make_pass, measure_ranges
+from stereo_seecolor.dive.passes import (
+    NO_LIGHT,
+    correct_frames,
+    count_frames,
+    find_light,
+    fit_waters,
+    make_pass,
+    measure_ranges,
+)
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import RangedImages
 from stereo_seecolor.files.keys import content_key
@@ -42,24 +51,34 @@ def run(
 ) -> RunSummary:
     """Stereo pairs in; range maps, true-color frames, clouds and tables out, in ``out``.
 
-    left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the same video that shows both.
-    calib: any calibration that load_rig reads. A shard without a water (``options.water``) stops before the fit: the water
-    of all shards is fitted by ``merge``.
-    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
+    left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the
+    same video that shows both.
+    calib: any calibration that load_rig reads. A shard without a water (``options.water``) stops
+    before the fit: the water of all shards is fitted by ``merge``.
+    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named
+    in the summary's rows.
     """
     return run_inputs(StereoInputs(left, right, calib), out, config, options)
 
 
 @one_thread_in_products()
-def run_inputs(inputs: DiveInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None) -> RunSummary:
-    """``run`` for two sides (images or videos) or for a ROS bag: .bag, .db3, .mcap, or the folder of a split one; without ROS.
+def run_inputs(
+    inputs: DiveInputs,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
+) -> RunSummary:
+    """``run`` for two sides (images or videos) or for a ROS bag: .bag, .db3, .mcap, or the folder
+    of a split one; without ROS.
 
     Raises as ``run``, and DeviceError if a library for bags or videos is missing.
     """
     config, options = config or RunConfig(), options or RunOptions()
     if not options.shard.whole and options.water is None:
         return _count_shard(inputs, out, config, options)
-    with stereo_run(inputs, out, config, options, "corrected", ("ranges", "light", "waters", "colors")) as run:
+    with stereo_run(
+        inputs, out, config, options, "corrected", ("ranges", "light", "waters", "colors")
+    ) as run:
         if options.shard.whole:
             color(run, options.water)
         elif options.water:
@@ -68,17 +87,24 @@ def run_inputs(inputs: DiveInputs, out: Path, config: RunConfig | None = None, o
 
 
 def color(run: DiveRun, water: Path | None = None) -> None:
-    """Take all pairs of a dive to true colors. water: a file of waters to remove; None: the water is fitted to the dive."""
+    """Take all pairs of a dive to true colors. water: a file of waters to remove; None: the water
+    is fitted to the dive.
+    """
     ranges = measure_ranges(run)
     light = find_light(run, ranges)
-    waters = read_waters(water, [pair.name for pair in run.pairs]) if water else fit_waters(run, ranges, light)
+    waters = (
+        read_waters(water, [pair.name for pair in run.pairs])
+        if water
+        else fit_waters(run, ranges, light)
+    )
     if waters and (water is None or water.resolve() != (run.folder.root / WATER).resolve()):
         run.folder.dive.write(WATER, waters_content(waters, light.content))
     correct_frames(run, light, waters)
 
 
 def color_with(run: DiveRun, water: Path) -> None:
-    """Take the pairs of a shard to true colors, with waters that were fitted to all shards and no light.
+    """Take the pairs of a shard to true colors, with waters that were fitted to all shards and no
+    light.
 
     A pair that has no water there failed before the fit, and its row says again why.
     """
@@ -88,7 +114,9 @@ def color_with(run: DiveRun, water: Path) -> None:
     correct_frames(run, NO_LIGHT, waters)
 
 
-def _count_shard(inputs: DiveInputs, out: Path, config: RunConfig, options: RunOptions) -> RunSummary:
+def _count_shard(
+    inputs: DiveInputs, out: Path, config: RunConfig, options: RunOptions
+) -> RunSummary:
     """Range maps and moment tables of a part of a dive, to which ``merge`` fits the water."""
     with stereo_run(inputs, out, config, options, "range", ("ranges", "waters")) as run:
         measure_ranges(run)
@@ -98,58 +126,100 @@ def _count_shard(inputs: DiveInputs, out: Path, config: RunConfig, options: RunO
 
 
 def range_maps(
-    left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+    left: Path,
+    right: Path,
+    calib: str | Path,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
 ) -> RunSummary:
     """Write range maps, without colors, into ``out``; arguments and errors as in ``run``."""
     inputs = StereoInputs(left, right, calib)
-    with stereo_run(inputs, out, config or RunConfig(), options or RunOptions(), "range", ("ranges",)) as run:
+    with stereo_run(
+        inputs, out, config or RunConfig(), options or RunOptions(), "range", ("ranges",)
+    ) as run:
         measure_ranges(run)
     return run.summary
 
 
 def correct(
-    images: Path, ranges: Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+    images: Path,
+    ranges: Path,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
 ) -> RunSummary:
     """Correct images that have range maps (see ``read_range_map``), into ``out``.
 
     The images may be unrelated, so that ``color.lock: auto`` means ``frame`` here.
-    Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's rows.
+    Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's
+    rows.
     """
     config, options = config or RunConfig(), options or RunOptions()
     if config.color.lock == "auto":
-        config = config.model_copy(update={"color": config.color.model_copy(update={"lock": "frame"})})
+        config = config.model_copy(
+            update={"color": config.color.model_copy(update={"lock": "frame"})}
+        )
     pairing = pair_by_stem(images, ranges)
-    pairing = pairing.with_notes((*compression_notes(pairing.pairs), *form_notes(pairing.pairs, config.color)))
+    pairing = pairing.with_notes(
+        (*compression_notes(pairing.pairs), *form_notes(pairing.pairs, config.color))
+    )
     paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
     owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
-    inputs, read = {"images": str(images), "range": str(ranges)}, [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)]
+    inputs, read = (
+        {"images": str(images), "range": str(ranges)},
+        [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)],
+    )
     with RunFolder(out, claim(owner, config, options, read)) as folder:
-        with reported(RangedImages(config), pairing, inputs, folder, options, "corrected", ("ranges", "waters", "colors")) as run:
+        with reported(
+            RangedImages(config),
+            pairing,
+            inputs,
+            folder,
+            options,
+            "corrected",
+            ("ranges", "waters", "colors"),
+        ) as run:
             color(run, options.water)
         return run.summary
 
 
 def rectify(
-    left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+    left: Path,
+    right: Path,
+    calib: str | Path,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
 ) -> RunSummary:
-    """Write rectified pairs as PNG into ``rectified_left`` and ``rectified_right``, and their calibration, ``rectified.yaml``.
+    """Write rectified pairs as PNG into ``rectified_left`` and ``rectified_right``, and their
+    calibration, ``rectified.yaml``.
 
-    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
+    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named
+    in the summary's rows.
     """
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)
     before = inputs.open_first(config)
-    with RunFolder(out, claim(inputs.owner("rectify", before), config, options, inputs.paths)) as folder:
+    with RunFolder(
+        out, claim(inputs.owner("rectify", before), config, options, inputs.paths)
+    ) as folder:
         opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pipeline = opened.pipeline
-        with reported(pipeline, opened.pairing, inputs.names, folder, options, "rectified", ["rectified"]) as run:
+        with reported(
+            pipeline, opened.pairing, inputs.names, folder, options, "rectified", ["rectified"]
+        ) as run:
             folder.dive.begin({"rectified": pipeline.settings})
-            folder.dive.write(RECTIFIED_RIG, native.to_bytes(pipeline.rectification.rectified_rig()))
+            folder.dive.write(
+                RECTIFIED_RIG, native.to_bytes(pipeline.rectification.rectified_rig())
+            )
             make_pass(run, "rectified", partial(_rectified, pipeline, folder), run.pairs)
         return run.summary
 
 
-def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) -> tuple[FrameRow, bool]:
+def _rectified(
+    pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock
+) -> tuple[FrameRow, bool]:
     """Rectify and write a pair, unless an earlier run has with the same inputs; returns its row."""
     inputs = folder.frames.inputs(pair.name, pipeline.inputs(pair), verify=False)
     key = content_key({side: file.sha256 for side, file in inputs.items()}, pipeline.settings)
@@ -163,5 +233,7 @@ def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) 
         files = rectified_files(pair.name, left, right, pipeline.config.output)
     with clock("write"):
         record = folder.frames.record(pair.name, pair.timestamp_s, inputs, pair.place)
-        folder.frames.save(record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files)
+        folder.frames.save(
+            record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files
+        )
     return FrameRow(pair.name), True

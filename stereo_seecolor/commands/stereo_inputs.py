@@ -15,7 +15,14 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes, special_kind
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.file_form import as_stored, compression_notes, encoding_notes, form_notes, stored_facts, stored_notes
+from stereo_seecolor.inputs.file_form import (
+    as_stored,
+    compression_notes,
+    encoding_notes,
+    form_notes,
+    stored_facts,
+    stored_notes,
+)
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.video_file import is_video
@@ -32,7 +39,9 @@ SAMPLE_BYTES = 1 << 20
 
 
 class DiveInputs(Protocol):
-    """What a command is given of a dive: two sides and a calibration (``StereoInputs``), or a recording of both."""
+    """What a command is given of a dive: two sides and a calibration (``StereoInputs``), or a
+    recording of both.
+    """
 
     @property
     def names(self) -> dict[str, str]:
@@ -43,10 +52,14 @@ class DiveInputs(Protocol):
         """Every file and folder that is read."""
 
     def owner(self, kind: str, opened: "Opened | None") -> Owner:
-        """The owner of an output folder with results of these inputs. opened: None where they are opened in the folder."""
+        """The owner of an output folder with results of these inputs. opened: None where they are
+        opened in the folder.
+        """
 
     def open_first(self, config: RunConfig) -> "Opened | None":
-        """The pairs and their pipeline; None for inputs of which OUT keeps how they were opened: ``open_in`` opens these."""
+        """The pairs and their pipeline; None for inputs of which OUT keeps how they were opened:
+        ``open_in`` opens these.
+        """
 
     def open_in(self, folder: RunFolder, config: RunConfig) -> "Opened":
         """``open_first`` once the output folder was taken."""
@@ -54,7 +67,9 @@ class DiveInputs(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StereoInputs:
-    """The two sides and the calibration of a dive. left, right: folders of images, patterns, or videos. calib: as for load_rig."""
+    """The two sides and the calibration of a dive. left, right: folders of images, patterns, or
+    videos. calib: as for load_rig.
+    """
 
     left: Path
     right: Path
@@ -76,7 +91,8 @@ class StereoInputs:
         return is_video(self.left) and is_video(self.right)
 
     def owner(self, kind: str, opened: "Opened | None") -> Owner:
-        """The owner of an output folder with results of these inputs: recognized by their paths, or by the first file's content.
+        """The owner of an output folder with results of these inputs: recognized by their paths, or
+        by the first file's content.
 
         opened: None for videos.
         """
@@ -85,11 +101,14 @@ class StereoInputs:
         return Owner(kind, paths, sample(pairs[0].left if pairs else self.left), pairs)
 
     def open_first(self, config: RunConfig) -> "Opened | None":
-        """``open`` for images, before the output folder is touched; None for videos, which ``open_in`` opens."""
+        """``open`` for images, before the output folder is touched; None for videos, which
+        ``open_in`` opens.
+        """
         return None if self.is_video else self.open(config)
 
     def open(self, config: RunConfig) -> "Opened":
-        """The pairs of two folders of images, and the pipeline for their rig. Raises InputError, CalibrationError.
+        """The pairs of two folders of images, and the pipeline for their rig. Raises InputError,
+        CalibrationError.
 
         Doubts about a rig that can be used are added to the pairing's notes.
         """
@@ -98,11 +117,14 @@ class StereoInputs:
         return self._opened(pairing.with_notes(notes), config)
 
     def open_in(self, folder: RunFolder, config: RunConfig) -> "Opened":
-        """The pairs of two videos, and the pipeline for their rig; OUT keeps which frames are pairs.
+        """The pairs of two videos, and the pipeline for their rig; OUT keeps which frames are
+        pairs.
 
         Raises as ``open``, and DeviceError if the library for videos is missing.
         """
-        pairing = load("inputs", "videos").video_pairing(self.left, self.right, self.calib, folder, config.input)
+        pairing = load("inputs", "videos").video_pairing(
+            self.left, self.right, self.calib, folder, config.input
+        )
         notes = encoding_notes(config.color, stored_facts(config.input, pairing.pairs[:1]))
         return self._opened(pairing.with_notes(notes), config)
 
@@ -117,15 +139,19 @@ class StereoInputs:
 def named_inputs(names: Mapping[str, str]) -> DiveInputs:
     """The inputs that the "inputs" of a run.json name."""
     if "bag" in names:
-        inputs: DiveInputs = load("inputs", "bag").BagInputs(Path(names["bag"]), names["calib"], names["topics"])
+        inputs: DiveInputs = load("inputs", "bag").BagInputs(
+            Path(names["bag"]), names["calib"], names["topics"]
+        )
         return inputs
     return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])
 
 
 def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
-    """Settle ``input.bayer`` and ``input.significant_bits`` where they are auto, from images spread over the dive.
+    """Settle ``input.bayer`` and ``input.significant_bits`` where they are auto, from images spread
+    over the dive.
 
-    Returns the settings, and notes on what was found and on how the images encode and compress light.
+    Returns the settings, and notes on what was found and on how the images encode and compress
+    light.
     """
     facts = stored_facts(config.input, spread(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
@@ -157,28 +183,38 @@ class Opened:
         return Opened(pairing, pipeline)
 
     def part(self, shard: Shard) -> "Opened":
-        """The inputs of one shard: its pairs, and, for the first shard, the files without a partner."""
+        """The inputs of one shard: its pairs, and, for the first shard, the files without a
+        partner.
+        """
         if shard.whole:
             return self
         pairs = tuple(shard.part(self.pairing.pairs))
-        note = f"shard {shard}: {len(pairs)} of {len(self.pairing.pairs)} pairs; when all shards are done: stereo-seecolor merge"
+        note = (
+            f"shard {shard}: {len(pairs)} of {len(self.pairing.pairs)} pairs; when all shards "
+            "are done: stereo-seecolor merge"
+        )
         unpaired = self.pairing.unpaired if shard.number == 1 else ()
         return replace(self, pairing=Pairing(pairs, unpaired, (*self.pairing.notes, note)))
 
 
 def _refuse_equal_names(pairing: Pairing) -> None:
-    """Raise InputError where two left images have one name: files in OUT/original are named after them."""
+    """Raise InputError where two left images have one name: files in OUT/original are named after
+    them.
+    """
     seen: dict[str, Path] = {}
     for pair in pairing.pairs:
         other = seen.setdefault(pair.left.stem.casefold(), pair.left)
         if other != pair.left:
             raise InputError(
-                f"{other} and {pair.left}: would both be {other.stem} in OUT/original: rename one, or set output.geometry=rectified"
+                f"{other} and {pair.left}: would both be {other.stem} in OUT/original: rename "
+                "one, or set output.geometry=rectified"
             )
 
 
 def calibration_files(calib: str | Path) -> Iterator[Path]:
-    """Every file that a calibration may be read from: those that it names, and those in a folder that it names."""
+    """Every file that a calibration may be read from: those that it names, and those in a folder
+    that it names.
+    """
     for place in (Path(part) for part in str(calib).split(",") if part):
         yield place
         if place.is_dir():
@@ -186,7 +222,8 @@ def calibration_files(calib: str | Path) -> Iterator[Path]:
 
 
 def sample(path: Path) -> str:
-    """Hash of a dive's first image, or of pieces of its video, by which a dive is recognized in another folder.
+    """Hash of a dive's first image, or of pieces of its video, by which a dive is recognized in
+    another folder.
 
     Raises InputError where the file cannot be read.
     """
@@ -197,7 +234,10 @@ def sample(path: Path) -> str:
             raise InputError(f"{path}: is {kind}, not a video")
         size = path.stat().st_size
         with path.open("rb") as file:
-            return content_key(size, *(_piece(file, place) for place in (0, size // 2, max(size - SAMPLE_BYTES, 0))))
+            return content_key(
+                size,
+                *(_piece(file, place) for place in (0, size // 2, max(size - SAMPLE_BYTES, 0))),
+            )
     except OSError as error:
         raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error
 

@@ -25,14 +25,17 @@ from stereo_seecolor.run_folder.layout import INDEX
 
 @dataclass(frozen=True)
 class ViewResult:
-    """The viewer that was opened: "browser", "rerun" or "open3d". mesh: the map that it shows, None for the page."""
+    """The viewer that was opened: "browser", "rerun" or "open3d". mesh: the map that it shows, None
+    for the page.
+    """
 
     mesh: Path | None
     viewer: str
 
 
 def view(out: Path) -> ViewResult:
-    """Show ``out``/index.html in the browser; where there is no page, the map in a window, as ``view_map``.
+    """Show ``out``/index.html in the browser; where there is no page, the map in a window, as
+    ``view_map``.
 
     Raises InputError if there is neither; DeviceError if there is no browser, viewer or screen.
     """
@@ -42,18 +45,26 @@ def view(out: Path) -> ViewResult:
     if not page.is_file():
         return view_map(out)
     if not (_has_screen() and webbrowser.open(page.resolve().as_uri())):
-        raise DeviceError(f"there is no browser to open: copy {out} to a computer with one, and open {INDEX} there")
+        raise DeviceError(
+            f"there is no browser to open: copy {out} to a computer with one, and open {INDEX} "
+            "there"
+        )
     return ViewResult(None, "browser")
 
 
 def view_map(out: Path) -> ViewResult:
     """Show ``out``/map/mesh.ply until the window is closed.
 
-    Raises InputError if there is no map; DeviceError if there is no viewer or no screen, or the viewer fails.
+    Raises InputError if there is no map; DeviceError if there is no viewer or no screen, or the
+    viewer fails.
     """
-    mesh = next((path for path in (out / "map" / "mesh.ply", out / "mesh.ply") if path.is_file()), None)
+    mesh = next(
+        (path for path in (out / "map" / "mesh.ply", out / "mesh.ply") if path.is_file()), None
+    )
     if mesh is None:
-        raise InputError(f"{out}: holds no map (map/mesh.ply): make it with stereo-seecolor fuse {out}")
+        raise InputError(
+            f"{out}: holds no map (map/mesh.ply): make it with stereo-seecolor fuse {out}"
+        )
     if not _has_screen():  # without one, Open3D does not return and rerun's viewer crashes
         raise _no_screen(mesh)
     program = _rerun_program()
@@ -65,22 +76,32 @@ def view_map(out: Path) -> ViewResult:
 
 
 def _has_screen() -> bool:
-    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return not sys.platform.startswith("linux") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 def _no_screen(mesh: Path) -> DeviceError:
-    return DeviceError(f"there is no screen to open a window on: look at {mesh.with_name('preview.png')} instead")
+    return DeviceError(
+        f"there is no screen to open a window on: look at {mesh.with_name('preview.png')} instead"
+    )
 
 
 def _rerun_program() -> str | None:
-    """The viewer's program: on the PATH, or in rerun's package; the package's own starter hides its exit code."""
+    """The viewer's program: on the PATH, or in rerun's package; the package's own starter hides its
+    exit code.
+    """
     package = importlib.util.find_spec("rerun_cli")
     inside = list(package.submodule_search_locations or []) if package else []
-    return shutil.which("rerun") or next((found for folder in inside if (found := shutil.which("rerun", path=folder))), None)
+    return shutil.which("rerun") or next(
+        (found for folder in inside if (found := shutil.which("rerun", path=folder))), None
+    )
 
 
 def _open_in_rerun(program: str, mesh: Path) -> None:
-    ended = subprocess.run([program, str(mesh)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+    ended = subprocess.run(
+        [program, str(mesh)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+    )
     if ended.returncode != 0:
         output = ended.stdout.decode(errors="replace").strip().splitlines() or ["it gave no reason"]
         raise DeviceError(
@@ -102,14 +123,18 @@ def _open_in_open3d(mesh: Path) -> None:
 # ``report``: write the page of a finished run, OUT/index.html.
 
 
-def report(out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False) -> PageSummary:
-    """Write ``out``/index.html and its files, ``out``/page. The page needs neither a network nor the program.
+def report(
+    out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False
+) -> PageSummary:
+    """Write ``out``/index.html and its files, ``out``/page. The page needs neither a network nor
+    the program.
 
-    Only what changed since an earlier page is made. brief: the quick page of run and fuse, on which only some frames of a long dive
-    are shown in full. charts: search all frames for color charts, which takes seconds a frame, and compare the views of the same
-    spots; later pages of the same frames show these results, too.
-    Raises InputError if ``out`` holds no run, or files of it are damaged; OutputError if the page cannot be written, or another run
-    writes into ``out`` now.
+    Only what changed since an earlier page is made. brief: the quick page of run and fuse, on which
+    only some frames of a long dive are shown in full. charts: search all frames for color charts,
+    which takes seconds a frame, and compare the views of the same spots; later pages of the same
+    frames show these results, too.
+    Raises InputError if ``out`` holds no run, or files of it are damaged; OutputError if the page
+    cannot be written, or another run writes into ``out`` now.
     """
     open_run(out)  # refuses another folder before anything is written into it
     listener = listener or Silence()

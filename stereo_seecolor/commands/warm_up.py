@@ -1,4 +1,6 @@
-"""Machine code for ``run``: compiled before the first run on a machine, by several processes; in later runs loaded."""
+"""Machine code for ``run``: compiled before the first run on a machine, by several processes; in
+later runs loaded.
+"""
 
 from functools import cache, partial
 from importlib import import_module
@@ -26,11 +28,15 @@ WORKS = (
     "stereo_seecolor.commands.warm_up:fit_noise",
     "stereo_seecolor.commands.warm_up:correct_noise",
 )
-"""Functions that compile the kernels by calling them. Assigned to cores in turn: 1 and 3 take as long as 2 and 4."""
+"""Functions that compile the kernels by calling them. Assigned to cores in turn: 1 and 3 take as
+long as 2 and 4.
+"""
 
 
 def load_beside(config: RunConfig, options: RunOptions) -> None:
-    """Begin to load machine code and modules for a run, in a thread, while the caller opens its inputs; not before a first run."""
+    """Begin to load machine code and modules for a run, in a thread, while the caller opens its
+    inputs; not before a first run.
+    """
     if _runs_here(config, options) and not is_first_run():
         Alongside().put(partial(_load, options.page != "none"))
 
@@ -60,7 +66,9 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
 
 
 def fit_noise() -> None:
-    """Compile the kernels of decoding, counting, fitting, exposure, the cloud, and the page's ranges."""
+    """Compile the kernels of decoding, counting, fitting, exposure, the cloud, and the page's
+    ranges.
+    """
     from stereo_seecolor.report.range_code import CodedRanges
 
     image, range_m = _noise()
@@ -69,7 +77,11 @@ def fit_noise() -> None:
     table = corrector.measure(image, range_m)
     choose(table, corrector.fit(table), corrector.config)
     height, width = range_m.shape
-    encode_cloud(range_m, RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays, image)
+    encode_cloud(
+        range_m,
+        RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays,
+        image,
+    )
     CodedRanges.of(range_m)
 
 
@@ -79,13 +91,19 @@ def correct_noise() -> None:
 
     image, range_m = _noise()
     some = np.full(3, 0.2)
-    Corrector().apply(image, range_m, Water(some, some, some, some, some, some, some, some), exposure=1.0)
+    Corrector().apply(
+        image, range_m, Water(some, some, some, some, some, some, some, some), exposure=1.0
+    )
     seen = Observed(np.random.default_rng(0).uniform(0.5, 1.0, (9, 3)), np.ones((9, 3)))
     fit_pose(np.eye(4), seen, seen)
 
 
 def _noise() -> tuple[np.ndarray, np.ndarray]:
-    """A random image (96, 128, 3) uint8 that gets darker and bluer with range, and its ranges (96, 128) float32, meters."""
+    """A random image (96, 128, 3) uint8 that gets darker and bluer with range, and its ranges (96,
+    128) float32, meters.
+    """
     range_m = np.linspace(0.5, 4, 96 * 128, dtype=np.float32).reshape(96, 128)
-    seen = np.exp(-range_m[..., None] * np.array([0.6, 0.2, 0.1])) * np.random.default_rng(0).uniform(60, 220, (96, 128, 3))
+    seen = np.exp(-range_m[..., None] * np.array([0.6, 0.2, 0.1])) * np.random.default_rng(
+        0
+    ).uniform(60, 220, (96, 128, 3))
     return (seen + 20 * (1 - np.exp(-range_m[..., None]))).astype(np.uint8), range_m

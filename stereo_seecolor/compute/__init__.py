@@ -1,1 +1,3 @@
-"""Runs work on threads of this machine or on a cluster, with compiled kernels and bounded memory."""
+"""Runs work on threads of this machine or on a cluster, with compiled kernels and bounded
+memory.
+"""

@@ -1,4 +1,6 @@
-"""Runs work beside the main thread, such as answering a browser, or writing a pair while the next is processed."""
+"""Runs work beside the main thread, such as answering a browser, or writing a pair while the next
+is processed.
+"""
 
 import os
 import threading
@@ -21,7 +23,9 @@ NICE = 10
 
 @contextmanager
 def in_background(work: Callable[[], None], stop: Callable[[], None]) -> Iterator[None]:
-    """Run ``work`` in a thread of its own while the block runs; ``stop`` makes it return. It never keeps the program alive."""
+    """Run ``work`` in a thread of its own while the block runs; ``stop`` makes it return. It never
+    keeps the program alive.
+    """
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
@@ -57,7 +61,9 @@ class WorkBehind:
 
 
 class Alongside:
-    """Does work that waits for a disk, each piece in a thread of its own, while the caller goes on."""
+    """Does work that waits for a disk, each piece in a thread of its own, while the caller
+    goes on.
+    """
 
     def __init__(self) -> None:
         self._under_way: list[Future[None]] = []
@@ -79,16 +85,22 @@ def _waiting_pool() -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_waiting_pool.cache_clear)  # a child has none of its parent's threads
+    os.register_at_fork(
+        after_in_child=_waiting_pool.cache_clear
+    )  # a child has none of its parent's threads
 
 
 def _yield_to_others() -> None:
     with suppress(AttributeError, OSError):  # systems without priorities of threads
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + NICE)
+        os.setpriority(
+            os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + NICE
+        )
 
 
 def pin(most: int) -> tuple[int, ...]:
-    """Restrict this process and all its threads to ``most`` processors; returns their numbers, () where the system cannot."""
+    """Restrict this process and all its threads to ``most`` processors; returns their numbers, ()
+    where the system cannot.
+    """
     if not hasattr(os, "sched_setaffinity"):
         return ()
     chosen = sorted(os.sched_getaffinity(0))[:most]

@@ -3,8 +3,8 @@
 >>> @compiled
 ... def total(values: NDArray[np.float32]) -> float: ...  # doctest: +SKIP
 
-numba is imported, and a function compiled, when a compiled function is first called. The machine code is kept on disk
-(``compute/kernel_cache.py``).
+numba is imported, and a function compiled, when a compiled function is first called. The machine
+code is kept on disk (``compute/kernel_cache.py``).
 """
 
 import functools
@@ -55,7 +55,9 @@ class Compiled(Generic[P, R]):
 
     @property
     def missing(self) -> bool:
-        """True if machine code of this function can be kept on disk, and none is for this machine and these sources."""
+        """True if machine code of this function can be kept on disk, and none is for this machine
+        and these sources.
+        """
         from stereo_seecolor.compute.kernel_cache import is_missing
 
         return is_missing(self.dispatcher)
@@ -91,7 +93,8 @@ def compiled(
 ) -> Any:
     """Compile a function with numba: ``@compiled``, or ``@compiled(fastmath=True)`` and so on.
 
-    fastmath: floating-point sums may be reordered. inline: put the code into the callers, even where LLVM finds it too long.
+    fastmath: floating-point sums may be reordered. inline: put the code into the callers, even
+    where LLVM finds it too long.
     shared: called from Python and from other compiled functions: it is compiled once for both.
     """
     options = {"fastmath": fastmath, "forceinline": inline}
@@ -105,7 +108,8 @@ def compiled(
 
 
 def call_in_processes(functions: Sequence[str]) -> Iterator[Sequence[str]]:
-    """Call each ``module:function``, in one process for each core; yields the functions of a process when it has ended.
+    """Call each ``module:function``, in one process for each core; yields the functions of a
+    process when it has ended.
 
     Compiled code is kept on disk. Errors are ignored: missing code is compiled when it is needed.
     """
@@ -119,10 +123,18 @@ def call_in_processes(functions: Sequence[str]) -> Iterator[Sequence[str]]:
 def _call(functions: Sequence[str]) -> None:
     """Call the functions in a new process, with the modules of this installation.
 
-    -P leaves the current folder out of the search path, which may be another copy of the package. Garbage collection is off: it
-    takes a tenth of numba's time.
+    -P leaves the current folder out of the search path, which may be another copy of the package.
+    Garbage collection is off: it takes a tenth of numba's time.
     """
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    calls = [f"from {module} import {function}; {function}()" for module, function in (name.split(":") for name in functions)]
+    calls = [
+        f"from {module} import {function}; {function}()"
+        for module, function in (name.split(":") for name in functions)
+    ]
     lines = "\n".join(["import gc; gc.disable()", *calls])
-    subprocess.run([sys.executable, "-P", "-c", lines], env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=False)
+    subprocess.run(
+        [sys.executable, "-P", "-c", lines],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        check=False,
+    )

@@ -1,4 +1,6 @@
-"""The interface through which commands run work on pairs and tiles, on this machine or on a cluster."""
+"""The interface through which commands run work on pairs and tiles, on this machine or on a
+cluster.
+"""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,8 +17,9 @@ Result = TypeVar("Result")
 class Usage:
     """The resources that worker processes have used so far.
 
-    cores: number of cores in use, also where this process works itself. core_seconds: processor time of other processes, and
-    memory_bytes: the largest memory of one of them; both 0 where this process works itself.
+    cores: number of cores in use, also where this process works itself. core_seconds: processor
+    time of other processes, and memory_bytes: the largest memory of one of them; both 0 where this
+    process works itself.
     """
 
     cores: int
@@ -25,9 +28,11 @@ class Usage:
 
 
 class Compute(Protocol):
-    """Runs work on many items. The results do not depend on where it runs, or on the number of workers.
+    """Runs work on many items. The results do not depend on where it runs, or on the number of
+    workers.
 
-    An exception of ``work`` ends the iteration and is raised in the caller; work under way is finished, and no more is begun.
+    An exception of ``work`` ends the iteration and is raised in the caller; work under way is
+    finished, and no more is begun.
     """
 
     @property
@@ -36,19 +41,26 @@ class Compute(Protocol):
 
     @property
     def parts(self) -> int:
-        """Number of parts into which to cut work that uses all cores of a machine: 1 here, one for each core of a cluster."""
+        """Number of parts into which to cut work that uses all cores of a machine: 1 here, one for
+        each core of a cluster.
+        """
 
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> AbstractContextManager[None]:
-        """Make sure, while the block runs, that workers see the ``folder`` that they write into and their ``inputs``.
+        """Make sure, while the block runs, that workers see the ``folder`` that they write into and
+        their ``inputs``.
 
         Where one does not, its work raises ClusterError.
         """
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every item, in order. A bounded number of items is under way; items are taken when they are needed."""
+        """``work`` of every item, in order. A bounded number of items is under way; items are taken
+        when they are needed.
+        """
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """``each`` for work that fills the memory and uses all cores of a machine, such as a tile of the map."""
+        """``each`` for work that fills the memory and uses all cores of a machine, such as a tile
+        of the map.
+        """
 
 
 # A part of a dive's pairs, for machines that divide the work without a connection.
@@ -56,7 +68,9 @@ class Compute(Protocol):
 
 @dataclass(frozen=True)
 class Shard:
-    """Part ``number`` (from 1) of ``of`` parts. A part holds neighbors in the dive's order; sizes differ by one item at most."""
+    """Part ``number`` (from 1) of ``of`` parts. A part holds neighbors in the dive's order; sizes
+    differ by one item at most.
+    """
 
     number: int = 1
     of: int = 1
@@ -77,7 +91,9 @@ class Shard:
 
     def part(self, items: Sequence[Item]) -> Sequence[Item]:
         """The items of this shard. items: all items, in the same order for every shard."""
-        return items[len(items) * (self.number - 1) // self.of : len(items) * self.number // self.of]
+        return items[
+            len(items) * (self.number - 1) // self.of : len(items) * self.number // self.of
+        ]
 
     def __str__(self) -> str:
         return f"{self.number}/{self.of}"

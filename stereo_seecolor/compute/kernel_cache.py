@@ -1,10 +1,11 @@
 """The cache of machine code between runs: numba's own, with another place and other checks.
 
-numba's cache depends on the file that holds a function. But constants and callees in other files are compiled in, too. So here a
-function's code is current as long as no source file has changed that its module imports, directly or through others. numba adds the
-processor and the argument types. Stale entries are overwritten. Loading an entry runs what it holds, and one wrong byte of machine
-code ends the process: only a folder that nobody else can write into is used, and each file's SHA-256 is checked first. Where there
-is no such folder, code is not kept.
+numba's cache depends on the file that holds a function. But constants and callees in other files
+are compiled in, too. So here a function's code is current as long as no source file has changed
+that its module imports, directly or through others. numba adds the processor and the argument
+types. Stale entries are overwritten. Loading an entry runs what it holds, and one wrong byte of
+machine code ends the process: only a folder that nobody else can write into is used, and each
+file's SHA-256 is checked first. Where there is no such folder, code is not kept.
 """
 
 import contextlib
@@ -27,30 +28,45 @@ from platformdirs import user_cache_path
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""numba's options for all functions. Without wrappers that nobody calls, compilation takes a seventh less time."""
+"""numba's options for all functions. Without wrappers that nobody calls, compilation takes a
+seventh less time.
+"""
 INSTALLATIONS_KEPT = 16
 """Folders kept, one for each installation of this user: some 10 MB each."""
-TAG, TAG_CONTENT = "CACHEDIR.TAG", b"Signature: 8a477f597d28d172789f06886806bc55\n# Machine code of stereo-seecolor.\n"
-"""Says to backup programs that a folder is a cache (https://bford.info/cachedir/), and to this program that it made the folder."""
+TAG, TAG_CONTENT = (
+    "CACHEDIR.TAG",
+    b"Signature: 8a477f597d28d172789f06886806bc55\n# Machine code of stereo-seecolor.\n",
+)
+"""Says to backup programs that a folder is a cache (https://bford.info/cachedir/), and to this
+program that it made the folder.
+"""
 OWN_FILES = re.compile(r"\.nb[ic](\.tmp\.[0-9a-f]+)?$")
 """Names of the files that numba's cache writes."""
 
 
 def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """numba's compiled form of a function; its machine code is kept on disk if it is of this package and a folder is private."""
+    """numba's compiled form of a function; its machine code is kept on disk if it is of this
+    package and a folder is private.
+    """
     found = njit(**OPTIONS, **options)(function)
-    if hasattr(found, "enable_caching") and _Locator.from_function(function, function.__code__.co_filename):
+    if hasattr(found, "enable_caching") and _Locator.from_function(
+        function, function.__code__.co_filename
+    ):
         found._cache = _KernelCache(function)  # as enable_caching() does, with our locator
     return found
 
 
 def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """``dispatcher`` for a function that only compiled code calls; its machine code is kept as a part of its callers'."""
+    """``dispatcher`` for a function that only compiled code calls; its machine code is kept as a
+    part of its callers'.
+    """
     return njit(**{**OPTIONS, **options, "no_cpython_wrapper": True})(function)
 
 
 def is_missing(found: Any) -> bool:
-    """True if the code of a function from ``dispatcher`` can be kept on disk, and is not there yet."""
+    """True if the code of a function from ``dispatcher`` can be kept on disk, and is not there
+    yet.
+    """
     try:
         file = found._cache._cache_file
         return not file._load_index() and os.access(file._cache_path, os.W_OK)
@@ -70,7 +86,11 @@ class _Locator:
     @classmethod
     def from_function(cls, function: Callable[..., Any], py_file: str) -> "_Locator | None":
         file = Path(py_file).resolve()
-        folder = _folder() if ROOT in file.parents and file.is_file() and function.__module__.startswith(PACKAGES) else None
+        folder = (
+            _folder()
+            if ROOT in file.parents and file.is_file() and function.__module__.startswith(PACKAGES)
+            else None
+        )
         return cls(function, file, folder) if folder else None
 
     def ensure_cache_path(self) -> None:
@@ -87,9 +107,11 @@ class _Locator:
 
 
 class _KernelFiles(IndexDataCacheFile):
-    """numba's files, each begun with a SHA-256: of numba's version, of the sources, and of what follows it.
+    """numba's files, each begun with a SHA-256: of numba's version, of the sources, and of what
+    follows it.
 
-    Each entry holds its key, too: two processes that write at once may give different entries one name.
+    Each entry holds its key, too: two processes that write at once may give different entries one
+    name.
     """
 
     def load(self, key: Any) -> Any:
@@ -112,7 +134,9 @@ class _KernelFiles(IndexDataCacheFile):
         self._write(self._data_path(name), data)  # type: ignore[no-untyped-call]
 
     def _read(self, path: Path) -> Any:
-        """The content of a file; None where it is missing, damaged, or of other sources or another numba."""
+        """The content of a file; None where it is missing, damaged, or of other sources or another
+        numba.
+        """
         try:
             content = path.read_bytes()
         except FileNotFoundError:
@@ -126,7 +150,9 @@ class _KernelFiles(IndexDataCacheFile):
             file.write(self._digest(content) + content)
 
     def _digest(self, content: bytes) -> bytes:
-        return hashlib.sha256(f"{numba.__version__} {self._source_stamp} ".encode() + content).digest()
+        return hashlib.sha256(
+            f"{numba.__version__} {self._source_stamp} ".encode() + content
+        ).digest()
 
 
 class _KernelCacheImpl(CompileResultCacheImpl):
@@ -144,12 +170,16 @@ class _KernelCache(FunctionCache):
         self._cache_file = _KernelFiles(locator.get_cache_path(), name, locator.get_source_stamp())  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load compiled code without the modules that only compilation needs, which numba's own method imports first."""
+        """Load compiled code without the modules that only compilation needs, which numba's own
+        method imports first.
+        """
         try:
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
                 return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except Exception:  # a file that cannot be read, or another version of a library that the entry needs
+        except (
+            Exception
+        ):  # a file that cannot be read, or another version of a library that the entry needs
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -161,8 +191,13 @@ class _KernelCache(FunctionCache):
 
 @cache
 def _folder() -> Path | None:
-    """The folder for this installation's machine code, in NUMBA_CACHE_DIR or the user's cache folder; None if neither serves."""
-    named, user = os.environ.get("NUMBA_CACHE_DIR"), user_cache_path("stereo-seecolor", appauthor=False)
+    """The folder for this installation's machine code, in NUMBA_CACHE_DIR or the user's cache
+    folder; None if neither serves.
+    """
+    named, user = (
+        os.environ.get("NUMBA_CACHE_DIR"),
+        user_cache_path("stereo-seecolor", appauthor=False),
+    )
     places = [Path(named).absolute() / f"stereo-seecolor-{_user()}"] if named else []
     installation = hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
     for place in [*places, user / "kernels"]:
@@ -177,7 +212,9 @@ def _user() -> int:
 
 
 def _private(folder: Path) -> bool:
-    """Make a folder where there is none. True for one of this user, no link, that nobody else may write into."""
+    """Make a folder where there is none. True for one of this user, no link, that nobody else may
+    write into.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
@@ -189,7 +226,9 @@ def _private(folder: Path) -> bool:
 
 
 def _make(folder: Path) -> bool:
-    """Make an installation's folder with its tag where there is none, and remove those that were not used for longest."""
+    """Make an installation's folder with its tag where there is none, and remove those that were
+    not used for longest.
+    """
     with contextlib.suppress(OSError):  # of a read-only disk: what is there can be loaded
         if not folder.is_dir():
             folder.mkdir()
@@ -200,8 +239,14 @@ def _make(folder: Path) -> bool:
 
 
 def _remove_oldest(place: Path) -> None:
-    """Keep INSTALLATIONS_KEPT folders. Of those that this program tagged, its own files go, and the folder if that empties it."""
-    tags = [tag for tag in place.glob(f"*/{TAG}") if not tag.parent.is_symlink() and tag.read_bytes() == TAG_CONTENT]
+    """Keep INSTALLATIONS_KEPT folders. Of those that this program tagged, its own files go, and the
+    folder if that empties it.
+    """
+    tags = [
+        tag
+        for tag in place.glob(f"*/{TAG}")
+        if not tag.parent.is_symlink() and tag.read_bytes() == TAG_CONTENT
+    ]
     for tag in sorted(tags, key=lambda tag: tag.stat().st_mtime)[:-INSTALLATIONS_KEPT]:
         for file in tag.parent.iterdir():
             if OWN_FILES.search(file.name):

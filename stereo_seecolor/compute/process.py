@@ -15,22 +15,29 @@ from pathlib import Path
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX, MMAP_MAX = -1, -3, -8, -4
 """Parameters of mallopt(3)."""
 LARGEST_KEPT, MOST_KEPT = 1 << 25, (1 << 31) - 1
-"""Bytes, the largest that the GNU C library takes. Larger blocks than 32 MiB come from the memory it keeps only where none at all
-(MMAP_MAX) may come from elsewhere: clearing them again was 40 % of the processor time of images of 21 megapixels.
+"""Bytes, the largest that the GNU C library takes. Larger blocks than 32 MiB come from the memory
+it keeps only where none at all (MMAP_MAX) may come from elsewhere: clearing them again was 40 % of
+the processor time of images of 21 megapixels.
 """
 
 
 def keep_freed_memory() -> None:
-    """Keep freed memory for the next image, in one arena for all threads; does nothing without the GNU C library.
+    """Keep freed memory for the next image, in one arena for all threads; does nothing without the
+    GNU C library.
 
-    By default each thread has an arena, whose end is returned to the system when it is free, and must be cleared by the system for
-    the next image.
+    By default each thread has an arena, whose end is returned to the system when it is free, and
+    must be cleared by the system for the next image.
     """
     if not sys.platform.startswith("linux"):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        for parameter, value in ((ARENA_MAX, 1), (MMAP_THRESHOLD, LARGEST_KEPT), (TRIM_THRESHOLD, MOST_KEPT), (MMAP_MAX, 0)):
+        for parameter, value in (
+            (ARENA_MAX, 1),
+            (MMAP_THRESHOLD, LARGEST_KEPT),
+            (TRIM_THRESHOLD, MOST_KEPT),
+            (MMAP_MAX, 0),
+        ):
             mallopt(parameter, value)
 
 
@@ -38,12 +45,16 @@ def keep_freed_memory() -> None:
 # on images.
 
 NEW_OBJECTS, ROUNDS = 50_000, 10
-"""New containers before the youngest generation is collected, 700 by default; and collections before older generations are. Images
-are freed at once by reference counting; only small objects in cycles wait for a collection."""
+"""New containers before the youngest generation is collected, 700 by default; and collections
+before older generations are. Images are freed at once by reference counting; only small objects in
+cycles wait for a collection.
+"""
 
 
 def collect_seldom() -> None:
-    """Collect garbage after many more new objects, and not when the process ends, which would take a third of a second."""
+    """Collect garbage after many more new objects, and not when the process ends, which would take
+    a third of a second.
+    """
     gc.set_threshold(NEW_OBJECTS, ROUNDS, ROUNDS)
     atexit.unregister(_end)
     atexit.register(_end)
@@ -57,20 +68,28 @@ def _end() -> None:
 # The memory that is free for work.
 
 USED_FRACTION = 0.75
-"""Fraction of the free memory that work is planned into: estimates are for typical images, and other programs use memory, too."""
+"""Fraction of the free memory that work is planned into: estimates are for typical images, and
+other programs use memory, too.
+"""
 _MEMINFO, _GROUPS = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 _LIMITS = ("memory.max", "memory/memory.limit_in_bytes")
-"""Files of the memory limit of a container or a batch job, in the two versions of Linux's control groups."""
+"""Files of the memory limit of a container or a batch job, in the two versions of Linux's control
+groups.
+"""
 
 
 def at_once(most: int, bytes_each: float) -> int:
-    """How many of ``most`` pieces of work fit into the free memory, at least 1; ``most`` where free memory is unknown."""
+    """How many of ``most`` pieces of work fit into the free memory, at least 1; ``most`` where free
+    memory is unknown.
+    """
     free = free_bytes()
     return most if free is None else max(1, min(most, int(USED_FRACTION * free / bytes_each)))
 
 
 def free_bytes() -> int | None:
-    """Free memory without swapping, of the machine or of this container if that has less; None where it is not known."""
+    """Free memory without swapping, of the machine or of this container if that has less; None
+    where it is not known.
+    """
     known = [_available(), *(_limit(_GROUPS / name) for name in _LIMITS)]
     return min((size for size in known if size is not None), default=None)
 
@@ -115,11 +134,12 @@ VARIABLES = {PRODUCTS: "numpy", "OPENCV_FOR_THREADS_NUM": "cv2"}
 
 
 def one_thread_in_libraries() -> None:
-    """Use one thread in OpenCV and in products of matrices, if these libraries are not imported yet and the environment sets no
-    other number.
+    """Use one thread in OpenCV and in products of matrices, if these libraries are not imported yet
+    and the environment sets no other number.
 
-    OpenBLAS starts a thread for each core for matrices of a few dozen rows, and these wait in busy loops: solving the light of a
-    dive took three times the processor time. OpenCV's threads cost a run 8 %.
+    OpenBLAS starts a thread for each core for matrices of a few dozen rows, and these wait in busy
+    loops: solving the light of a dive took three times the processor time. OpenCV's threads cost a
+    run 8 %.
     """
     for variable, module in VARIABLES.items():
         if module not in sys.modules:
@@ -128,7 +148,9 @@ def one_thread_in_libraries() -> None:
 
 @contextmanager
 def one_thread_in_products() -> Iterator[None]:
-    """Use one thread in products of matrices while the block runs, in a program that has imported numpy before."""
+    """Use one thread in products of matrices while the block runs, in a program that has imported
+    numpy before.
+    """
     if PRODUCTS in os.environ:
         yield
         return

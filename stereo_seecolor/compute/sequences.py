@@ -1,4 +1,6 @@
-"""Long sequences in little memory: names of frames, rows of a dive, and items made when asked for."""
+"""Long sequences in little memory: names of frames, rows of a dive, and items made when asked
+for.
+"""
 
 import pickle
 import tempfile
@@ -64,7 +66,9 @@ FREE = -1
 
 
 class Names(Lazy[str]):
-    """Different names in the order in which they were added: 40 bytes each, while a dict takes 200."""
+    """Different names in the order in which they were added: 40 bytes each, while a dict takes
+    200.
+    """
 
     def __init__(self, names: Iterable[str] = ()) -> None:
         self._text, self._ends = bytearray(), array("q", [0])
@@ -86,7 +90,9 @@ class Names(Lazy[str]):
 
     def item(self, number: int) -> str:
         """The name of this number."""
-        return self._text[self._ends[number] : self._ends[number + 1]].decode(errors="surrogateescape")
+        return self._text[self._ends[number] : self._ends[number + 1]].decode(
+            errors="surrogateescape"
+        )
 
     def number(self, name: str) -> int | None:
         """The number of this name; None where it was not added."""
@@ -120,7 +126,9 @@ class Names(Lazy[str]):
 
 
 def _unpickled(text: bytes, ends: bytes) -> Names:
-    """The names from a pickle; the hash table is made again, since another process has other hashes."""
+    """The names from a pickle; the hash table is made again, since another process has other
+    hashes.
+    """
     names = Names()
     names._text, names._ends = bytearray(text), array("q", ends)
     names._spread(max(SLOTS, 1 << (2 * len(names)).bit_length()))
@@ -146,7 +154,9 @@ class SomeNames(Collection[str]):
 
 
 class ByName(Mapping[str, NamesItem]):
-    """A mapping from names to items, with few different items, such as a water that many frames share."""
+    """A mapping from names to items, with few different items, such as a water that many frames
+    share.
+    """
 
     def __init__(self, pairs: Iterable[tuple[str, NamesItem]] = ()) -> None:
         self._names, self._which = Names(), array("i")
@@ -198,9 +208,13 @@ def _by_name(names: Names, which: bytes, items: list[NamesItem]) -> ByName[Names
 PackedItem = TypeVar("PackedItem")
 
 CHUNK = 500
-"""Items that are packed together: unpacking 500 rows takes some 10 ms. Shorter sequences are not packed."""
+"""Items that are packed together: unpacking 500 rows takes some 10 ms. Shorter sequences are not
+packed.
+"""
 IN_MEMORY = 1 << 22
-"""Bytes of packed chunks that stay in memory, 15,000 rows; more go to a temporary file, which is deleted with the process."""
+"""Bytes of packed chunks that stay in memory, 15,000 rows; more go to a temporary file, which is
+deleted with the process.
+"""
 
 
 @dataclass
@@ -213,7 +227,9 @@ class _Open(Generic[PackedItem]):
 
 
 class Packed(Lazy[PackedItem]):
-    """A sequence of picklable items: appended at the end, and read or replaced anywhere; fast if accessed in order."""
+    """A sequence of picklable items: appended at the end, and read or replaced anywhere; fast if
+    accessed in order.
+    """
 
     def __init__(self, items: Iterable[PackedItem] = ()) -> None:
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115  # the next line closes it
@@ -237,7 +253,9 @@ class Packed(Lazy[PackedItem]):
             return self._chunk(number // CHUNK).items[number % CHUNK]
 
     def append(self, item: PackedItem) -> None:
-        """Append an item. Raises OutputError where it fits neither into memory nor onto the disk."""
+        """Append an item. Raises OutputError where it fits neither into memory nor onto the
+        disk.
+        """
         with self._lock:
             chunk = self._chunk(self._length // CHUNK)
             chunk.items.append(item)
@@ -265,12 +283,15 @@ class Packed(Lazy[PackedItem]):
             self._file.write(content)
         except OSError as error:
             raise OutputError(
-                f"{tempfile.gettempdir()}: cannot be written: {error.strerror or error}: free the place, or name another in TMPDIR"
+                f"{tempfile.gettempdir()}: cannot be written: {error.strerror or error}: free the "
+                "place, or name another in TMPDIR"
             ) from error
         self._starts[which : which + 1] = array("q", [start])
         self._sizes[which : which + 1] = array("q", [len(content)])
 
     def _read(self, which: int) -> list[PackedItem]:
         self._file.seek(self._starts[which])
-        found: list[PackedItem] = pickle.loads(zlib.decompress(self._file.read(self._sizes[which])))  # our own
+        found: list[PackedItem] = pickle.loads(
+            zlib.decompress(self._file.read(self._sizes[which]))
+        )  # our own
         return found

@@ -1,4 +1,6 @@
-"""Runs work in threads of this process: on many pairs at once, with results in order; and on the parts of one image."""
+"""Runs work in threads of this process: on many pairs at once, with results in order; and on the
+parts of one image.
+"""
 
 import os
 import threading
@@ -17,7 +19,9 @@ Lock = threading.Lock
 
 
 class Threads:
-    """The ``Compute`` of one machine: ``workers`` threads, with at most two items for each under way."""
+    """The ``Compute`` of one machine: ``workers`` threads, with at most two items for each under
+    way.
+    """
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -33,7 +37,9 @@ class Threads:
         return 1
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every item, in order. Closing the iterator finishes work under way, and begins no more."""
+        """``work`` of every item, in order. Closing the iterator finishes work under way, and
+        begins no more.
+        """
         waiting: deque[Future[Result]] = deque()
         with ThreadPoolExecutor(self._workers) as pool:
             try:
@@ -52,7 +58,9 @@ class Threads:
         yield
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every tile, one after the other: each fills the memory, and uses all cores."""
+        """``work`` of every tile, one after the other: each fills the memory, and uses all
+        cores.
+        """
         return map(work, tiles)
 
 
@@ -61,7 +69,9 @@ _limit: list[int] = []
 
 def cores() -> int:
     """Number of cores that this process may use."""
-    found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    found = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     return min([found, *_limit])
 
 
@@ -73,7 +83,8 @@ def limit_cores(most: int) -> None:
 
 @cache
 def core_pool() -> ThreadPoolExecutor:
-    """A pool with a thread for each core, for the parts of one image; one pool for all pairs, so that they share the cores.
+    """A pool with a thread for each core, for the parts of one image; one pool for all pairs, so
+    that they share the cores.
 
     Work in it must not wait for other work in it.
     """
@@ -91,7 +102,9 @@ def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
 
 
 def in_parts(work: Callable[[int, int], None], count: int, least: int = 1) -> None:
-    """Call ``work(a, b)`` for parts of ``count`` items, from a to before b: one for each core, with at least ``least`` items."""
+    """Call ``work(a, b)`` for parts of ``count`` items, from a to before b: one for each core, with
+    at least ``least`` items.
+    """
     parts = max(1, min(cores(), count // least))
     bounds = list(pairwise(count * i // parts for i in range(parts + 1)))
     others = [core_pool().submit(work, *part) for part in bounds[1:]]
@@ -101,7 +114,9 @@ def in_parts(work: Callable[[int, int], None], count: int, least: int = 1) -> No
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=core_pool.cache_clear)  # a child has none of its parent's threads
+    os.register_at_fork(
+        after_in_child=core_pool.cache_clear
+    )  # a child has none of its parent's threads
 
 
 class Clock:

@@ -1,4 +1,6 @@
-"""All settings: a frozen model for each stage, with the reason for each default in its description."""
+"""All settings: a frozen model for each stage, with the reason for each default in its
+description.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -16,23 +16,29 @@ class RobustConfig(StageConfig):
 
     attenuation: Literal["varying", "constant"] = Field(
         default="varying",
-        description="varying: attenuation may fall or rise with range, as wide bands and light from above do. "
+        description="varying: attenuation may fall or rise with range, as wide bands and light "
+        "from above do. "
         "constant: one coefficient a channel.",
     )
     white_point: Literal["scene", "none"] | Rgb = Field(
         default="scene",
-        description="The color of the light that arrives at the reef. scene: fitted with the water. none: white, as in the paper's "
-        "model. Or R, G, B as known, from a white card for example, in linear light, each from 0.0001 to 10000; only their ratios "
+        description="The color of the light that arrives at the reef. scene: fitted with the "
+        "water. none: white, as in the paper's "
+        "model. Or R, G, B as known, from a white card for example, in linear light, each from "
+        "0.0001 to 10000; only their ratios "
         "count.",
     )
     scene_colors: Literal["natural", "gray"] = Field(
-        default="natural", description="What a reef's colors are on average: natural, warm as sand and rock are; or gray."
+        default="natural",
+        description="What a reef's colors are on average: natural, warm as sand and rock are; or "
+        "gray.",
     )
     water_depth_m: float | None = Field(
         default=None,
         ge=0,
         le=200,
-        description="How far below the surface the reef lies, meters, where known: the light that arrives then follows from the "
+        description="How far below the surface the reef lies, meters, where known: the light that "
+        "arrives then follows from the "
         "water. At most 200, the depth that daylight reaches.",
     )
 
@@ -42,27 +48,41 @@ class RobustConfig(StageConfig):
         try:
             return handler(value)
         except ValidationError as error:
-            raise ValueError("must be scene, none, or [R, G, B], each from 0.0001 to 10000") from error
+            raise ValueError(
+                "must be scene, none, or [R, G, B], each from 0.0001 to 10000"
+            ) from error
 
 
 class PaperConfig(StageConfig):
-    """The paper's method (DeepSeeColor): two networks over range, trained by Adam on a moment table."""
+    """The paper's method (DeepSeeColor): two networks over range, trained by Adam on a moment
+    table.
+    """
 
-    iterations: int = Field(default=500, ge=1, description="Steps of both networks on a frame, or on frames that share a water.")
+    iterations: int = Field(
+        default=500,
+        ge=1,
+        description="Steps of both networks on a frame, or on frames that share a water.",
+    )
     iterations_per_frame: int = Field(
         default=20,
         ge=1,
-        description="Steps on a frame of a stream, from the water of the frame before: in live, with lock sliding, and with lock "
-        "frame where run finds that it shows the same spots. live takes fewer where --budget-ms leaves no time for them.",
+        description="Steps on a frame of a stream, from the water of the frame before: in live, "
+        "with lock sliding, and with lock "
+        "frame where run finds that it shows the same spots. live takes fewer where --budget-ms "
+        "leaves no time for them.",
     )
     learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate.")
     final_sigmoid: bool = Field(
         default=False,
-        description="true: the backscatter network ends in a sigmoid, as printed. false: its two intensities pass through one "
+        description="true: the backscatter network ends in a sigmoid, as printed. false: its two "
+        "intensities pass through one "
         "each.",
     )
     penalty: float = Field(
-        default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
+        default=1000.0,
+        gt=1,
+        description="k of the backscatter loss: what a negative direct signal costs against a "
+        "positive one.",
     )
 
 
@@ -71,7 +91,8 @@ class ColorConfig(StageConfig):
 
     method: Literal["robust", "paper"] = Field(
         default="robust",
-        description="robust: physics with a white point, from quantiles of color over range. paper: DeepSeeColor as published, its "
+        description="robust: physics with a white point, from quantiles of color over range. "
+        "paper: DeepSeeColor as published, its "
         "two networks trained by Adam.",
     )
 
@@ -86,60 +107,78 @@ class ColorConfig(StageConfig):
     paper: PaperConfig = PaperConfig()
     lock: Literal["auto", "frame", "sliding", "survey"] = Field(
         default="auto",
-        description="auto: one water for all frames that share it; where they do not (several sites, a change of depth), one for "
-        "each stretch of the dive. correct, whose pictures may be unrelated, takes auto as frame. frame: each frame its own water. "
+        description="auto: one water for all frames that share it; where they do not (several "
+        "sites, a change of depth), one for "
+        "each stretch of the dive. correct, whose pictures may be unrelated, takes auto as frame. "
+        "frame: each frame its own water. "
         "sliding: the water of the last frames. survey: one water for all frames.",
     )
-    sliding_frames: int = Field(default=20, ge=1, description="Frames that share a water where lock is sliding.")
+    sliding_frames: int = Field(
+        default=20, ge=1, description="Frames that share a water where lock is sliding."
+    )
     camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
         default="auto",
-        description="auto: a gain for each frame, from spots that several frames of run show, where that makes them agree better. "
-        "fixed: the camera held its exposure through the survey. brightness: each frame is brought to one exposure by its "
+        description="auto: a gain for each frame, from spots that several frames of run show, "
+        "where that makes them agree better. "
+        "fixed: the camera held its exposure through the survey. brightness: each frame is "
+        "brought to one exposure by its "
         "brightness at equal ranges.",
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
-        description="Where pixels are counted and corrected; waters are fitted on the processor. auto: a GPU where there is one.",
+        description="Where pixels are counted and corrected; waters are fitted on the processor. "
+        "auto: a GPU where there is one.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
-        description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light, and "
+        description="srgb: decoded to linear light, corrected there, encoded again. linear: the "
+        "values are linear light, and "
         "the output is encoded. as-is: the values are corrected as they are.",
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",
-        description="auto: the pattern of lamps and lens over picture and range, and sunlight and shadows that move, are solved "
-        "from spots that several frames of run show, and divided out where that makes them agree better. "
+        description="auto: the pattern of lamps and lens over picture and range, and sunlight and "
+        "shadows that move, are solved "
+        "from spots that several frames of run show, and divided out where that makes them agree "
+        "better. "
         "none: nothing is divided out.",
     )
     median_luminance: float = Field(
         default=0.18,
         gt=0,
         le=0.5,
-        description="How bright frames are shown: the median luminance of all frames that share a water, in linear light, as a "
+        description="How bright frames are shown: the median luminance of all frames that share a "
+        "water, in linear light, as a "
         "fraction of full scale. 0.18 is mid-gray. Not for images read as as-is.",
     )
     highlights: Literal["roll-off", "clip"] = Field(
         default="roll-off",
-        description="roll-off: light above mid-gray is compressed where the brightest would clip, all channels of a pixel alike. "
-        "clip: light is shown in proportion, and darker where more than 0.05 % of the pixels would clip; it always is where "
+        description="roll-off: light above mid-gray is compressed where the brightest would clip, "
+        "all channels of a pixel alike. "
+        "clip: light is shown in proportion, and darker where more than 0.05 % of the pixels "
+        "would clip; it always is where "
         "input_encoding is as-is.",
     )
     input_noise: float = Field(
         default=0.006,
         gt=0,
         lt=1,
-        description="Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255; of linear images as if they "
+        description="Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of "
+        "255; of linear images as if they "
         "were encoded in sRGB.",
     )
     output_noise: float = Field(
         default=0.06,
         gt=0,
-        description="A channel's gain stops where its noise would pass this fraction of full scale (linear light): a third of "
-        "mid-gray, the limit of detection. What is missing comes from the other channels, and is marked.",
+        description="A channel's gain stops where its noise would pass this fraction of full "
+        "scale (linear light): a third of "
+        "mid-gray, the limit of detection. What is missing comes from the other channels, and is "
+        "marked.",
     )
     unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
         default="interpolate",
-        description="What is painted where no range was measured. interpolate: corrected with a range carried over from measured "
-        "neighbors of the same color (mask 2; range/ stays as measured). black: black. raw: the pixel as the camera saw it.",
+        description="What is painted where no range was measured. interpolate: corrected with a "
+        "range carried over from measured "
+        "neighbors of the same color (mask 2; range/ stays as measured). black: black. raw: the "
+        "pixel as the camera saw it.",
     )

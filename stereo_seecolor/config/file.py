@@ -1,4 +1,6 @@
-"""Reads settings from a file and from ``--set``, merges them in that order, and checks them; with the origin of every value."""
+"""Reads settings from a file and from ``--set``, merges them in that order, and checks them; with
+the origin of every value.
+"""
 
 import difflib
 import re
@@ -23,15 +25,21 @@ RUN_FORMAT = "stereo-seecolor/run"
 _Content = dict[str, Any]
 
 RENAMED = {
-    "color.objective": "it is now color.method: objective=robust is method=robust, objective=paper is method=paper",
-    "color.solver": "it is now color.method: solver=dense is method=paper, solver=table is method=robust or paper",
-    **dict.fromkeys(("color.clipped_fraction", "color.clipped_share"), "brightness is now set by color.median_luminance"),
+    "color.objective": "it is now color.method: objective=robust is method=robust, "
+    "objective=paper is method=paper",
+    "color.solver": "it is now color.method: solver=dense is method=paper, solver=table is "
+    "method=robust or paper",
+    **dict.fromkeys(
+        ("color.clipped_fraction", "color.clipped_share"),
+        "brightness is now set by color.median_luminance",
+    ),
     "color.penalty": "it is now color.paper.penalty",
     **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
     "color.first_steps": "it is now color.paper.iterations",
     "color.next_steps": "it is now color.paper.iterations_per_frame",
     "color.learning_rate": "it is now color.paper.learning_rate",
-    "color.paper_adam": "its settings are now color.paper.iterations, iterations_per_frame, learning_rate and penalty",
+    "color.paper_adam": "its settings are now color.paper.iterations, iterations_per_frame, "
+    "learning_rate and penalty",
 }
 """Settings of earlier versions -> what has replaced them."""
 
@@ -41,7 +49,9 @@ class _Loader(yaml.SafeLoader):
 
 
 _Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
+    list("-+.0123456789"),
 )
 
 
@@ -62,17 +72,23 @@ class _Layer:
     content: _Content
 
 
-ENGINES = {"matching": ("matching_engines", ("sgm", "opencv", "onnx")), "mapping": ("engines", ("tiles",))}
+ENGINES = {
+    "matching": ("matching_engines", ("sgm", "opencv", "onnx")),
+    "mapping": ("engines", ("tiles",)),
+}
 """Section -> the group in which packages add its engines, and the program's own."""
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
-    """Defaults, then the file, then ``section.key=value`` overrides, of which the last wins; values are read as YAML.
+    """Defaults, then the file, then ``section.key=value`` overrides, of which the last wins; values
+    are read as YAML.
 
     path: a YAML file, or the run.json of an earlier run, whose configuration is taken.
-    A mapping sets the keys that it names and leaves the others: ``mapping.mount={surge_m: 0.4, yaw_deg: 90}``.
+    A mapping sets the keys that it names and leaves the others: ``mapping.mount={surge_m: 0.4,
+    yaw_deg: 90}``.
 
-    Raises ConfigError for an unreadable file, a key that does not exist (the nearest known one is suggested), a bad value.
+    Raises ConfigError for an unreadable file, a key that does not exist (the nearest known one is
+    suggested), a bad value.
     """
     return _validated(_layers(path, overrides))
 
@@ -82,7 +98,13 @@ def load_settings(path: Path | None = None, overrides: Sequence[str] = ()) -> tu
     layers = _layers(path, overrides)
     values, defaults = flat(_validated(layers).model_dump()), flat(RunConfig().model_dump())
     return tuple(
-        Setting(key, values[key], defaults[key], _origin(layers, key.split(".")) or "default", description)
+        Setting(
+            key,
+            values[key],
+            defaults[key],
+            _origin(layers, key.split(".")) or "default",
+            description,
+        )
         for key, description in descriptions().items()
     )
 
@@ -117,22 +139,36 @@ def _validated(layers: Sequence[_Layer]) -> RunConfig:
     except ValidationError as error:
         raise ConfigError(_first_problem(error, layers)) from error
     for section, (group, own) in ENGINES.items():
-        _check_engine(getattr(config, section).engine, group, own, f"{_origin(layers, [section, 'engine'])}: {section}.engine")
+        _check_engine(
+            getattr(config, section).engine,
+            group,
+            own,
+            f"{_origin(layers, [section, 'engine'])}: {section}.engine",
+        )
     return config
 
 
 def _check_engine(engine: str, group: str, own: Sequence[str], where: str) -> None:
-    """Raise ConfigError for an engine that is neither the program's own nor added by a package; a run of another machine that had
-    it can still be read.
+    """Raise ConfigError for an engine that is neither the program's own nor added by a package; a
+    run of another machine that had it can still be read.
     """
     if engine not in own and engine not in added(group):
         known = [*own, *sorted(added(group).keys() - set(own))]
-        raise ConfigError(f"{where}: no installed package adds this engine; known are {', '.join(known)} (got {engine!r})")
+        raise ConfigError(
+            f"{where}: no installed package adds this engine; known are {', '.join(known)} (got "
+            f"{engine!r})"
+        )
 
 
 def _merge(base: _Content, over: _Content) -> _Content:
-    """Two contents merged: mappings key by key; any other value of ``over`` replaces that of ``base``."""
-    both = {key: _merge(base[key], over[key]) for key in base.keys() & over.keys() if _are_mappings(base[key], over[key])}
+    """Two contents merged: mappings key by key; any other value of ``over`` replaces that of
+    ``base``.
+    """
+    both = {
+        key: _merge(base[key], over[key])
+        for key in base.keys() & over.keys()
+        if _are_mappings(base[key], over[key])
+    }
     return {**base, **over, **both}
 
 
@@ -152,12 +188,17 @@ def _read(path: Path) -> _Content:
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a {type(content).__name__}")
+        raise ConfigError(
+            f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a "
+            f"{type(content).__name__}"
+        )
     return content
 
 
 def _parsed(text: str) -> Any:
-    """The content of JSON or YAML text. JSON is tried first: the run.json of a long dive would take minutes as YAML."""
+    """The content of JSON or YAML text. JSON is tried first: the run.json of a long dive would take
+    minutes as YAML.
+    """
     try:
         return load_json(text)
     except TooMuchError:
@@ -170,13 +211,17 @@ def _override(text: str) -> _Content:
     key, equals, value = text.partition("=")
     key = key.strip()
     if not equals or (key not in RunConfig.model_fields and "." not in key):
-        raise ConfigError(f"--set {text}: write it as section.key=value, for example color.lock=survey")
+        raise ConfigError(
+            f"--set {text}: write it as section.key=value, for example color.lock=survey"
+        )
     if not any(known == key or known.startswith(f"{key}.") for known in known_keys()):
         raise ConfigError(f"--set {text}: there is no setting {key!r}{_suggestion(key)}")
     try:
         content = load_yaml(value, _Loader)
     except YAML_ERRORS as error:
-        raise ConfigError(f"--set {text}: the value cannot be read: {' '.join(str(error).split())}") from error
+        raise ConfigError(
+            f"--set {text}: the value cannot be read: {' '.join(str(error).split())}"
+        ) from error
     for name in reversed(key.split(".")):
         content = {name: content}
     return dict(content)
@@ -186,12 +231,16 @@ def flat(content: _Content, prefix: str = "") -> _Content:
     """Every ``section.key`` with its value."""
     found: _Content = {}
     for name, value in content.items():
-        found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        found |= (
+            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        )
     return found
 
 
 def _origin(layers: Sequence[_Layer], key: Sequence[str]) -> str | None:
-    """The origin of the last layer that holds the key, or a value in place of one of its sections; None for none."""
+    """The origin of the last layer that holds the key, or a value in place of one of its sections;
+    None for none.
+    """
     return next((layer.origin for layer in reversed(layers) if _holds(layer.content, key)), None)
 
 
@@ -202,7 +251,9 @@ def _holds(content: object, key: Sequence[str]) -> bool:
 
 
 def _suggestion(key: str) -> str:
-    if renamed := next((RENAMED[old] for old in RENAMED if key == old or key.startswith(f"{old}.")), ""):
+    if renamed := next(
+        (RENAMED[old] for old in RENAMED if key == old or key.startswith(f"{old}.")), ""
+    ):
         return f"; {renamed}"
     near = difflib.get_close_matches(key, [*known_keys(), *RunConfig.model_fields], n=1, cutoff=0.5)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known_keys())}"
@@ -215,6 +266,11 @@ def _first_problem(error: ValidationError, layers: Sequence[_Layer]) -> str:
     if problem["type"] == "extra_forbidden":
         key = ".".join(parts)
         return f"{where}: there is no setting {key!r}{_suggestion(key)}"
-    key = next((known for known in known_keys() if known.split(".") == parts[: known.count(".") + 1]), ".".join(parts))
+    key = next(
+        (known for known in known_keys() if known.split(".") == parts[: known.count(".") + 1]),
+        ".".join(parts),
+    )
     message = problem["msg"].removeprefix("Value error, ")
-    return f"{where}: {key}: {message[0].lower()}{message[1:]} (got {reprlib.repr(problem['input'])})"
+    return (
+        f"{where}: {key}: {message[0].lower()}{message[1:]} (got {reprlib.repr(problem['input'])})"
+    )

@@ -8,32 +8,46 @@ from stereo_seecolor.config.stage import FilePath, StageConfig
 
 
 class MountConfig(StageConfig):
-    """How the left camera sits on the vehicle, for navigation that gives the vehicle's pose and not the camera's.
+    """How the left camera sits on the vehicle, for navigation that gives the vehicle's pose and not
+    the camera's.
 
-    Vehicle axes: x forward, y starboard, z down. The camera (x right, y down, z along the optical axis) is turned by
+    Vehicle axes: x forward, y starboard, z down. The camera (x right, y down, z along the optical
+    axis) is turned by
     Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right towards the bow.
     """
 
-    surge_m: float = Field(default=0.0, description="Camera forward of the vehicle's reference point, meters.")
+    surge_m: float = Field(
+        default=0.0, description="Camera forward of the vehicle's reference point, meters."
+    )
     sway_m: float = Field(default=0.0, description="Camera to starboard of it, meters.")
     heave_m: float = Field(default=0.0, description="Camera below it, meters.")
     roll_deg: float = Field(default=0.0, description="Turn about the vehicle's x axis, degrees.")
     pitch_deg: float = Field(default=0.0, description="Turn about the vehicle's y axis, degrees.")
-    yaw_deg: float = Field(default=90.0, description="Turn about the vehicle's z axis; 90: the top of the image is the bow.")
+    yaw_deg: float = Field(
+        default=90.0,
+        description="Turn about the vehicle's z axis; 90: the top of the image is the bow.",
+    )
 
 
 class MarkersConfig(StageConfig):
-    """Square markers on the bottom of which something is known: they hold the map's scale, shape and place (docs/markers.md)."""
+    """Square markers on the bottom of which something is known: they hold the map's scale, shape
+    and place (docs/markers.md).
+    """
 
-    edge_m: float | None = Field(default=None, gt=0, description="Edge of the black border of all markers, meters.")
-    family: Literal["36h11", "25h9", "16h5", "aruco-4x4", "aruco-5x5", "aruco-6x6", "aruco-original"] = Field(
-        default="36h11", description="Family of the markers: of AprilTag, or ArUco."
+    edge_m: float | None = Field(
+        default=None, gt=0, description="Edge of the black border of all markers, meters."
     )
+    family: Literal[
+        "36h11", "25h9", "16h5", "aruco-4x4", "aruco-5x5", "aruco-6x6", "aruco-original"
+    ] = Field(default="36h11", description="Family of the markers: of AprilTag, or ArUco.")
     bars: FilePath | None = Field(
-        default=None, description="Scale bars, a CSV with first, second, length_m: middles of two markers."
+        default=None,
+        description="Scale bars, a CSV with first, second, length_m: middles of two markers.",
     )
     points: FilePath | None = Field(
-        default=None, description="Surveyed places of markers, a CSV with marker, x_m, y_m, z_m and, if known, std_m (1 cm)."
+        default=None,
+        description="Surveyed places of markers, a CSV with marker, x_m, y_m, z_m and, if known, "
+        "std_m (1 cm).",
     )
 
     @property
@@ -47,76 +61,108 @@ class MappingConfig(StageConfig):
 
     engine: str = Field(
         default="tiles",
-        description="What fuses the frames. tiles: weighs each measurement by its standard error. open3d: Open3D's VoxelBlockGrid, "
-        "equal weights (needs the open3d extra). Or one that another package adds (docs/extending.md).",
+        description="What fuses the frames. tiles: weighs each measurement by its standard error. "
+        "open3d: Open3D's VoxelBlockGrid, "
+        "equal weights (needs the open3d extra). Or one that another package adds "
+        "(docs/extending.md).",
     )
     voxel_m: float | None = Field(
         default=0.01,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a fusion voxel, meters. auto: five pixels of the images at their median range.",
+        description="Edge of a fusion voxel, meters. auto: five pixels of the images at their "
+        "median range.",
     )
     tile_m: float | None = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a tile of the map, meters; memory grows with its square. auto: 600 voxels.",
+        description="Edge of a tile of the map, meters; memory grows with its square. auto: 600 "
+        "voxels.",
     )
     crs: Literal["auto", "utm", "local"] = Field(
         default="auto",
-        description="Coordinates of all products. auto: meters around the survey's origin on Earth, where the poses say it, by "
-        "transverse Mercator at scale 1. utm: of its UTM zone (needs the geo extra). local: meters without a place on Earth.",
+        description="Coordinates of all products. auto: meters around the survey's origin on "
+        "Earth, where the poses say it, by "
+        "transverse Mercator at scale 1. utm: of its UTM zone (needs the geo extra). local: "
+        "meters without a place on Earth.",
     )
     fixes: FilePath | None = Field(
         default=None,
-        description="Positions on Earth beside --poses, such as a buoy's: they place a track that has none (docs/mapping.md).",
+        description="Positions on Earth beside --poses, such as a buoy's: they place a track "
+        "that has none (docs/mapping.md).",
     )
     mount: MountConfig = MountConfig()
     markers: MarkersConfig = MarkersConfig()
-    max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
-    max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
+    max_speed_m_s: float = Field(
+        default=3.0,
+        gt=0,
+        description="A pose that would need more is a jump: the map breaks there.",
+    )
+    max_gap_s: float = Field(
+        default=5.0,
+        gt=0,
+        description="Poses are interpolated across gaps up to this long, seconds.",
+    )
     loop_closure: bool = Field(
-        default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
+        default=True,
+        description="Own odometry: recognize places seen before (needs the slam extra, GTSAM).",
     )
     bundle_adjustment: bool = Field(
         default=True,
-        description="Adjust poses and all points that frames share together: more exact poses, with standard errors "
+        description="Adjust poses and all points that frames share together: more exact poses, "
+        "with standard errors "
         "(needs the slam extra, GTSAM).",
     )
     poses: Literal["given", "prior"] = Field(
         default="prior",
-        description="How a trajectory is used. prior: frames are placed by its poses and by the pictures, each weighted by its "
-        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are taken as they are, for exact poses.",
+        description="How a trajectory is used. prior: frames are placed by its poses and by the "
+        "pictures, each weighted by its "
+        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are taken "
+        "as they are, for exact poses.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",
-        description="A trajectory's poses are the left camera's as calibrated (raw), or the rectified one's; format: its own way.",
+        description="A trajectory's poses are the left camera's as calibrated (raw), or the "
+        "rectified one's; format: its own way.",
     )
     prior_position_std_m: float | None = Field(
-        default=None, gt=0, description="Standard error of a prior's position, east and north. Not set: estimated from the dive."
+        default=None,
+        gt=0,
+        description="Standard error of a prior's position, east and north. Not set: estimated "
+        "from the dive.",
     )
     prior_depth_std_m: float | None = Field(
         default=None,
         gt=0,
-        description="Standard error of a prior's depth, its pressure sensor's. Not set: estimated from the dive.",
+        description="Standard error of a prior's depth, its pressure sensor's. Not set: "
+        "estimated from the dive.",
     )
     prior_attitude_std_deg: float | None = Field(
-        default=None, gt=0, description="Standard error of a prior's roll, pitch and heading. Not set: estimated from the dive."
+        default=None,
+        gt=0,
+        description="Standard error of a prior's roll, pitch and heading. Not set: estimated "
+        "from the dive.",
     )
     mosaic_m: float | None = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the bottom; half a voxel on large areas.",
+        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the "
+        "bottom; half a voxel on large areas.",
     )
     dem_m: float | None = Field(
-        default=None, gt=0, allow_inf_nan=False, description="Pixel of the terrain model, meters. auto: a voxel."
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="Pixel of the terrain model, meters. auto: a voxel.",
     )
     metrics_m: float | None = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a square of the structural metrics, meters. auto: 100 pixels of the terrain model.",
+        description="Edge of a square of the structural metrics, meters. auto: 100 pixels of the "
+        "terrain model.",
     )
 
     @property
@@ -150,12 +196,16 @@ class MappingConfig(StageConfig):
         sizes = ("voxel_m", "tile_m", "mosaic_m", "dem_m", "metrics_m")
         if not isinstance(values, dict):
             return values
-        return {key: None if key in sizes and value == "auto" else value for key, value in values.items()}
+        return {
+            key: None if key in sizes and value == "auto" else value
+            for key, value in values.items()
+        }
 
     @model_validator(mode="after")
     def _tile_holds_blocks(self) -> Self:
         if self.tile_m and self.voxel_m and self.tile_m < 16 * self.voxel_m:
             raise ValueError(
-                f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least {16 * self.voxel_m:g}, or leave it out"
+                f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least "
+                f"{16 * self.voxel_m:g}, or leave it out"
             )
         return self

@@ -10,7 +10,9 @@ FilePath = Annotated[Path, Strict(False)]
 
 
 class StageConfig(BaseModel):
-    """Frozen settings, strictly checked: true, "1", infinity and NaN are no numbers, and unknown keys are refused."""
+    """Frozen settings, strictly checked: true, "1", infinity and NaN are no numbers, and unknown
+    keys are refused.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -25,7 +27,8 @@ class MeasuringConfig(StageConfig):
         default=None,
         ge=0,
         lt=1,
-        description="Standard error of a length that comes from the calibration, as a fraction; a bar of known length shows it. "
+        description="Standard error of a length that comes from the calibration, as a fraction; a "
+        "bar of known length shows it. "
         "Not set: what the calibration itself states, or else 0.005.",
     )
 
@@ -37,25 +40,34 @@ class OutputConfig(StageConfig):
     """What is written, and how."""
 
     image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
-        default="png", description="Corrected images: png keeps the input's bit depth; tiff32 is linear and unclipped."
+        default="png",
+        description="Corrected images: png keeps the input's bit depth; tiff32 is linear and "
+        "unclipped.",
     )
     geometry: Literal["rectified", "original"] = Field(
         default="rectified",
-        description="original: corrected images, ranges and masks also in the left camera's own pixels, named and sized as its "
+        description="original: corrected images, ranges and masks also in the left camera's own "
+        "pixels, named and sized as its "
         "images are, in OUT/original, for photogrammetry with a calibration of its own.",
     )
     preset: Literal["full", "lean"] = Field(
         default="full",
-        description="lean: no clouds of single pairs, range maps deflated, their standard errors rounded to 0.2 %: "
+        description="lean: no clouds of single pairs, range maps deflated, their standard errors "
+        "rounded to 0.2 %: "
         "a quarter of the disk.",
     )
     compression: Literal["fast", "small"] = Field(
         default="fast",
-        description="small: pictures 5 to 8 % smaller and range maps deflated, for 130 ms a pair of 1.3 megapixels; "
+        description="small: pictures 5 to 8 % smaller and range maps deflated, for 130 ms a pair "
+        "of 1.3 megapixels; "
         "no pixel differs.",
     )
-    clouds: bool = Field(default=True, description="Write a colored cloud for each pair; preset lean writes none.")
-    range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
+    clouds: bool = Field(
+        default=True, description="Write a colored cloud for each pair; preset lean writes none."
+    )
+    range_std: bool = Field(
+        default=True, description="Write the standard error of each range beside the range maps."
+    )
 
     @property
     def with_clouds(self) -> bool:

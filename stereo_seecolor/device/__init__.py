@@ -1,4 +1,6 @@
-"""The stages of a frame on a GPU, in torch: the same numbers as the compiled loops give. torch is loaded where a GPU is chosen."""
+"""The stages of a frame on a GPU, in torch: the same numbers as the compiled loops give. torch is
+loaded where a GPU is chosen.
+"""
 
 from functools import cache, partial
 from pathlib import Path
@@ -15,7 +17,9 @@ if TYPE_CHECKING:
     from stereo_seecolor.device.memory import Memory
 
 DRIVERS = ("/dev/nvidiactl", "/dev/nvmap", "/dev/dxg", "C:/Windows/System32/nvcuda.dll")
-"""One of these is there where NVIDIA's driver is: of a card, of a Jetson, of a card in WSL, and in Windows."""
+"""One of these is there where NVIDIA's driver is: of a card, of a Jetson, of a card in WSL, and in
+Windows.
+"""
 
 
 class Rectifies(Protocol):
@@ -29,11 +33,14 @@ class Rectifies(Protocol):
 
 
 def memory_of(device: str) -> "Memory | None":
-    """The memory of the device that a setting names (auto, cpu, cuda); None where the compiled loops do the work.
+    """The memory of the device that a setting names (auto, cpu, cuda); None where the compiled
+    loops do the work.
 
     Raises DeviceError for cuda where torch finds no CUDA device.
     """
-    if device == "cpu" or (device == "auto" and not any(Path(driver).exists() for driver in DRIVERS)):
+    if device == "cpu" or (
+        device == "auto" and not any(Path(driver).exists() for driver in DRIVERS)
+    ):
         return None
     from stereo_seecolor.color.device import find_device
 

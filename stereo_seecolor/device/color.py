@@ -1,4 +1,5 @@
-"""The color stage on a device, as ``color.corrector`` does it on the processor: count, fill holes, remove the water, bound colors.
+"""The color stage on a device, as ``color.corrector`` does it on the processor: count, fill holes,
+remove the water, bound colors.
 
 The fit and the choice of the exposure take the moment table, 0.8 MB, on the processor.
 """
@@ -41,7 +42,11 @@ class DeviceCorrector(Corrector):
         if known.all() or not known.any():
             return range_m
         whole = carry_ranges(self._memory.tensor(image), self._memory.tensor(range_m))
-        return self._memory.array(whole if seen is None else whole.where(self._memory.tensor(seen), self._memory.tensor(range_m)))
+        return self._memory.array(
+            whole
+            if seen is None
+            else whole.where(self._memory.tensor(seen), self._memory.tensor(range_m))
+        )
 
     def within_measured(self, image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
         """As ``Corrector.within_measured``."""
@@ -50,12 +55,20 @@ class DeviceCorrector(Corrector):
         if bounds is None:
             return image
         limits = (torch.from_numpy(limit).to(self._memory.device) for limit in bounds)
-        return self._memory.array(within(self._memory.tensor(image), torch.from_numpy(carried).to(self._memory.device), *limits))
+        return self._memory.array(
+            within(
+                self._memory.tensor(image),
+                torch.from_numpy(carried).to(self._memory.device),
+                *limits,
+            )
+        )
 
     def _count(self, image: Image, range_m: Map, every: int = 1) -> MomentTable:
         check_pair(image, range_m)
         depth, rows = (8 if image.dtype == np.uint8 else 16), slice(every // 2, None, every)
-        counts, sums = count(self._memory.tensor(image)[rows], self._memory.tensor(range_m)[rows], VALUE_BINS[depth])
+        counts, sums = count(
+            self._memory.tensor(image)[rows], self._memory.tensor(range_m)[rows], VALUE_BINS[depth]
+        )
         return MomentTable(counts.cpu().numpy(), sums.cpu().numpy(), depth)
 
     def _correct(self, image: Image, range_m: Map, water: Water, tone: Tone) -> Correction:
@@ -63,7 +76,9 @@ class DeviceCorrector(Corrector):
         by_range = gains(water, self.config, tone.exposure)
         tables = display(8 * image.dtype.itemsize, self.config.input_encoding, tone.highlights)
         pixels, bits = _pixels(self._memory.tensor(image)), _bits(self._memory.tensor(range_m))
-        shown, unknown, unrecoverable, clipped = torch_apply.apply_on(pixels, bits, by_range, tables, image.dtype == np.uint8)
+        shown, unknown, unrecoverable, clipped = torch_apply.apply_on(
+            pixels, bits, by_range, tables, image.dtype == np.uint8
+        )
         shown = shown.to(torch.uint8 if image.dtype == np.uint8 else torch.uint16).view(image.shape)
         written_to = self.config.unknown_pixels == "raw"
         whole = shown.cpu().numpy() if written_to else self._memory.array(shown)
@@ -72,7 +87,9 @@ class DeviceCorrector(Corrector):
 
 
 def count(image: Tensor, range_m: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts and offset sums of a moment table, of an image (H, W, 3), 8 or 16 bits, and its ranges (H, W)."""
+    """Counts and offset sums of a moment table, of an image (H, W, 3), 8 or 16 bits, and its ranges
+    (H, W).
+    """
     pixels = _pixels(image)
     return count_pixels(pixels, _bits(range_m), values)
 
@@ -87,7 +104,9 @@ def _bits(range_m: Tensor) -> Tensor:
 
 
 def carry_ranges(image: Tensor, range_m: Tensor) -> Tensor:
-    """``carried_ranges.carry_ranges`` of an image (H, W, 3) and its ranges (H, W), some of them known."""
+    """``carried_ranges.carry_ranges`` of an image (H, W, 3) and its ranges (H, W), some of them
+    known.
+    """
     smoother = Smoother()
     known = range_m.isfinite()
     height, width = range_m.shape
@@ -102,7 +121,11 @@ def carry_ranges(image: Tensor, range_m: Tensor) -> Tensor:
     mean_m = torch.where(density > 0, total / density.clamp(min=1e-30), 0)
     sampled = mean_m[::SAMPLE, ::SAMPLE][density[::SAMPLE, ::SAMPLE] > 0]
     ends = torch.tensor([smoother.strays, 1 - smoother.strays], device=image.device)
-    near_m, far_m = torch.quantile(sampled, ends) if len(sampled) else torch.tensor([0.0, torch.inf], device=image.device)
+    near_m, far_m = (
+        torch.quantile(sampled, ends)
+        if len(sampled)
+        else torch.tensor([0.0, torch.inf], device=image.device)
+    )
     weight = density * mean_m**2 * ((mean_m >= near_m) & (mean_m <= far_m))
     farther = smoother.farther * weight.sum() / (density > 0).sum()
     carried = torch.quantile(mean_m[density > 0], 0.5).expand_as(weight)
@@ -117,9 +140,12 @@ def carry_ranges(image: Tensor, range_m: Tensor) -> Tensor:
 
 
 def _areas(images: Tensor, size: tuple[int, ...], step: tuple[float, ...]) -> Tensor:
-    """(N, H, W) reduced to (N, *size), each pixel the mean of a cell of ``step`` pixels (down, across), as cv2.INTER_AREA."""
+    """(N, H, W) reduced to (N, *size), each pixel the mean of a cell of ``step`` pixels (down,
+    across), as cv2.INTER_AREA.
+    """
     down, across = (
-        _cells(number, length, cell).to(images.device) for number, length, cell in zip(size, images.shape[1:], step, strict=True)
+        _cells(number, length, cell).to(images.device)
+        for number, length, cell in zip(size, images.shape[1:], step, strict=True)
     )
     return down @ images @ across.T
 
@@ -132,8 +158,12 @@ def _cells(number: int, length: int, step: float) -> Tensor:
 
 
 def smooth(guide: Tensor, values: Tensor, reach: float, color_sigma: float, passes: int) -> Tensor:
-    """The fast global smoother (Min et al. 2014) of (N, H, W) values along rows and columns, with edges of a guide (C, H, W)."""
-    across, down = (-(-(guide.diff(dim=axis).square().sum(0).sqrt()) / color_sigma).exp() for axis in (2, 1))
+    """The fast global smoother (Min et al. 2014) of (N, H, W) values along rows and columns, with
+    edges of a guide (C, H, W).
+    """
+    across, down = (
+        -(-(guide.diff(dim=axis).square().sum(0).sqrt()) / color_sigma).exp() for axis in (2, 1)
+    )
     for _ in range(passes):
         values = _solve(reach * across, values)
         values = _solve(reach * down.T, values.mT).mT
@@ -142,7 +172,9 @@ def smooth(guide: Tensor, values: Tensor, reach: float, color_sigma: float, pass
 
 
 def _solve(beside: Tensor, values: Tensor) -> Tensor:
-    """Solve the tridiagonal systems of all rows at once, by cyclic reduction. beside: (H, W - 1), values: (N, H, W)."""
+    """Solve the tridiagonal systems of all rows at once, by cyclic reduction. beside: (H, W - 1),
+    values: (N, H, W).
+    """
     a, c = F.pad(beside, (1, 0)), F.pad(beside, (0, 1))
     b = 1 - a - c
     step, width = 1, values.shape[-1]
@@ -153,7 +185,11 @@ def _solve(beside: Tensor, values: Tensor) -> Tensor:
         a_before, c_before = (F.pad(part, before)[:, :width] for part in (a, c))
         a_after, c_after = (F.pad(part, after)[:, step:] for part in (a, c))
         b = b + lower * c_before + upper * a_after
-        values = values + lower * F.pad(values, before)[..., :width] + upper * F.pad(values, after)[..., step:]
+        values = (
+            values
+            + lower * F.pad(values, before)[..., :width]
+            + upper * F.pad(values, after)[..., step:]
+        )
         a, c, step = lower * a_before, upper * c_after, 2 * step
     return values / b
 
@@ -162,7 +198,13 @@ def within(image: Tensor, carried: Tensor, most: Tensor, least: Tensor) -> Tenso
     """``carried_colors.within_measured`` of an image (H, W, 3), given its bounds (3,)."""
     pixels = image.to(torch.float32).clamp(min=0)
     others = torch.stack([pixels[..., [1, 2]], pixels[..., [0, 2]], pixels[..., [0, 1]]], dim=2)
-    full = 255.0 if image.dtype == torch.uint8 else 65535.0 if image.dtype == torch.uint16 else torch.inf
+    full = (
+        255.0
+        if image.dtype == torch.uint8
+        else 65535.0
+        if image.dtype == torch.uint16
+        else torch.inf
+    )
     limited = pixels.clamp(others.amin(3) * least, (others.amax(3) * most).clamp(max=full))
     changed = (limited != pixels).any(2, keepdim=True) & _wide(carried)[..., None]
     whole = image if image.dtype == torch.float32 else image.to(torch.int32)
@@ -170,7 +212,9 @@ def within(image: Tensor, carried: Tensor, most: Tensor, least: Tensor) -> Tenso
 
 
 def _wide(carried: Tensor) -> Tensor:
-    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that distance."""
+    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that
+    distance.
+    """
     side = SETTINGS.hole_px
     core = _largest(-_largest(-carried.to(torch.float32), side), side)
     return carried & (_largest(core, 2 * side + 1) > 0)

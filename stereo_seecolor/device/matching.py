@@ -1,4 +1,6 @@
-"""The matching stage on a device, as ``matching.matcher`` does it on the processor: from a rectified pair to its range map."""
+"""The matching stage on a device, as ``matching.matcher`` does it on the processor: from a
+rectified pair to its range map.
+"""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,7 +17,14 @@ from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.device import sgm
 from stereo_seecolor.device.memory import Memory
-from stereo_seecolor.device.surroundings import fattening, judge, log_odds, refine, remove_speckles, surroundings
+from stereo_seecolor.device.surroundings import (
+    fattening,
+    judge,
+    log_odds,
+    refine,
+    remove_speckles,
+    surroundings,
+)
 from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.confidence import least_odds
 from stereo_seecolor.matching.disparity import fill
@@ -37,34 +46,54 @@ class Ranges(NamedTuple):
 
 
 class DeviceMatcher(Matcher):
-    """A Matcher whose pixels stay on a device: gray images, search, refinement, confidence and ranges.
+    """A Matcher whose pixels stay on a device: gray images, search, refinement, confidence and
+    ranges.
 
-    The processor gets the reduced images, for the search's bands and for the warnings. Engines other than ``sgm`` run as usual.
+    The processor gets the reduced images, for the search's bands and for the warnings. Engines
+    other than ``sgm`` run as usual.
     """
 
-    def __init__(self, memory: Memory, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
+    def __init__(
+        self,
+        memory: Memory,
+        pair: RectifiedPair,
+        config: MatchingConfig,
+        seen_left: Mask | None = None,
+    ) -> None:
         super().__init__(pair, config, seen_left)
         self._memory = memory
         self._rays = torch.from_numpy(pair.ray_length).to(memory.device)
         self._seen = None if seen_left is None else torch.from_numpy(seen_left).to(memory.device)
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """As ``Matcher.matched``; the ranges also stay on the device, where the next stage finds them."""
+        """As ``Matcher.matched``; the ranges also stay on the device, where the next stage finds
+        them.
+        """
         if self._config.engine != "sgm":
             return super().matched(frame)
         left, right = (gray(self._memory.tensor(image)) for image in (frame.left, frame.right))
         small_left, small_right = (self._reduced(image) for image in (left, right))
         reason = diagnostics.unusable(small_left, small_right)
         if reason:
-            return RangeMap.unknown(self._pair.image_size[::-1], f"{reason}: no range is known"), 1.0
-        repeating = core_pool().submit(diagnostics.repeated, small_left, (self._highest - self._lowest) // self._scale)
+            return RangeMap.unknown(
+                self._pair.image_size[::-1], f"{reason}: no range is known"
+            ), 1.0
+        repeating = core_pool().submit(
+            diagnostics.repeated, small_left, (self._highest - self._lowest) // self._scale
+        )
         found, coarse_fraction = self._search(left, right)
         vertical_px = diagnostics.vertical_px_of(
-            _row_costs(left, right, found.disparity, diagnostics.DIAGNOSTICS_CONSTANTS.vertical_search_px)
+            _row_costs(
+                left, right, found.disparity, diagnostics.DIAGNOSTICS_CONSTANTS.vertical_search_px
+            )
         )
         repeated = repeating.result()
         found = self._kept(found, repeated | diagnostics.blank(small_left))
-        detail = float(found.disparity.isfinite().float().mean()) / coarse_fraction if coarse_fraction else 1.0
+        detail = (
+            float(found.disparity.isfinite().float().mean()) / coarse_fraction
+            if coarse_fraction
+            else 1.0
+        )
         range_map = self._on_processor(self.ranges(found, left, right))
         warnings = self._warnings(small_left, range_map, repeated, vertical_px)
         return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
@@ -73,30 +102,43 @@ class DeviceMatcher(Matcher):
         return shrink(image, self._scale).cpu().numpy().astype(np.uint16)
 
     def _search(self, left: Tensor, right: Tensor) -> tuple[sgm.Found, float]:
-        """The search at reduced size, then in bands around what it found; and the fraction known at reduced size."""
+        """The search at reduced size, then in bands around what it found; and the fraction known at
+        reduced size.
+        """
         lowest, highest = self._lowest // self._scale, -(-self._highest // self._scale)
         small_left, small_right = (shrink(image, self._scale) for image in (left, right))
         everywhere = Band.everywhere((small_left.shape[0], small_left.shape[1]), lowest, highest)
         coarse: Map = sgm.search(small_left, small_right, everywhere).disparity.cpu().numpy()
         shape = left.shape[0], left.shape[1]
-        return sgm.search(left, right, bands(coarse, self._scale, shape, self._lowest, self._highest)), float(
-            np.isfinite(coarse).mean()
-        )
+        return sgm.search(
+            left, right, bands(coarse, self._scale, shape, self._lowest, self._highest)
+        ), float(np.isfinite(coarse).mean())
 
     def _kept(self, found: sgm.Found, no_match: NDArray[np.bool_]) -> sgm.Found:
-        """What was found without what cannot be matched, speckles, and what the camera does not see."""
+        """What was found without what cannot be matched, speckles, and what the camera does not
+        see.
+        """
         height, width = found.disparity.shape
         forgotten = torch.from_numpy(no_match).to(found.disparity.device)
-        forgotten = forgotten.repeat_interleave(self._scale, 0).repeat_interleave(self._scale, 1)[:height, :width]
-        disparity = remove_speckles(found.disparity.masked_fill(forgotten, torch.nan), CONSTANTS.speckle_px)
+        forgotten = forgotten.repeat_interleave(self._scale, 0).repeat_interleave(self._scale, 1)[
+            :height, :width
+        ]
+        disparity = remove_speckles(
+            found.disparity.masked_fill(forgotten, torch.nan), CONSTANTS.speckle_px
+        )
         best = found.best.masked_fill(forgotten, torch.nan)
         if self._seen is None:
             return found._replace(disparity=disparity, best=best)
-        return found._replace(disparity=disparity.where(self._seen, torch.nan), best=best.where(self._seen, torch.nan))
+        return found._replace(
+            disparity=disparity.where(self._seen, torch.nan), best=best.where(self._seen, torch.nan)
+        )
 
     def ranges(self, found: sgm.Found, left: Tensor, right: Tensor) -> Ranges:
         """Refine disparities, judge and triangulate them, as ``Matcher.range_map``."""
-        refined, around = refine(left, right, found.disparity, found.best), surroundings(found.disparity, found.best, left)
+        refined, around = (
+            refine(left, right, found.disparity, found.best),
+            surroundings(found.disparity, found.best, left),
+        )
         odds = log_odds(found.uniqueness, refined, around)
         least = self._config.min_confidence
         fat = fattening(found.best, left, around, odds, least_odds(least))
@@ -108,29 +150,45 @@ class DeviceMatcher(Matcher):
             disparity, filled = whole, disparity.isnan() & whole.isfinite()
         return self._triangulated(disparity, confidence, refined.std, filled)
 
-    def _triangulated(self, disparity: Tensor, confidence: Tensor, std: Tensor, filled: Tensor) -> Ranges:
+    def _triangulated(
+        self, disparity: Tensor, confidence: Tensor, std: Tensor, filled: Tensor
+    ) -> Ranges:
         """As ``matching.triangulation``. std: standard error of the disparity, pixels."""
         pair, scale = self._pair, self._pair.focal_px * self._pair.baseline_m
         shifted = disparity - (pair.cx_left_px - pair.cx_right_px)
         depth_m = scale / shifted
         range_m = depth_m * self._rays
-        known = (shifted > 0) & (range_m >= self._config.min_range_m) & (range_m <= self._config.max_range_m)
-        depth_m, range_m, disparity = (part.where(known, torch.nan) for part in (depth_m, range_m, disparity))
+        known = (
+            (shifted > 0)
+            & (range_m >= self._config.min_range_m)
+            & (range_m <= self._config.max_range_m)
+        )
+        depth_m, range_m, disparity = (
+            part.where(known, torch.nan) for part in (depth_m, range_m, disparity)
+        )
         measured = known & ~filled
         std_m = range_m * depth_m * std.where(measured, torch.nan) / scale
-        return Ranges(disparity, depth_m, range_m, std_m, confidence.where(measured, 0), filled & known)
+        return Ranges(
+            disparity, depth_m, range_m, std_m, confidence.where(measured, 0), filled & known
+        )
 
     def _on_processor(self, maps: Ranges) -> RangeMap:
-        disparity, depth_m, range_m, range_std_m, confidence, filled = (self._memory.array(part) for part in maps)
+        disparity, depth_m, range_m, range_std_m, confidence, filled = (
+            self._memory.array(part) for part in maps
+        )
         return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled)
 
 
 def gray(image: Tensor) -> Tensor:
-    """(H, W) float32 blurred luma of an (H, W, 3) image of 8 or 16 bits, as ``matching.gray.gray``: whole numbers 0..65535."""
+    """(H, W) float32 blurred luma of an (H, W, 3) image of 8 or 16 bits, as ``matching.gray.gray``:
+    whole numbers 0..65535.
+    """
     full = 1 / 256 if image.dtype == torch.uint16 else 1.0
     red, green, blue = image.to(torch.float32).unbind(2)
     luma = 77 * full * red + 150 * full * green + 29 * full * blue
-    outer, near, center = (float(w) for w in cv2.getGaussianKernel(5, SMOOTHING_PX, cv2.CV_32F)[:3, 0])
+    outer, near, center = (
+        float(w) for w in cv2.getGaussianKernel(5, SMOOTHING_PX, cv2.CV_32F)[:3, 0]
+    )
     rows = F.pad(luma[None, None], (2, 2, 2, 2), mode="replicate")[0, 0]
     height, width = luma.shape
     a, b, c, d, e = (rows[:, k : k + width] for k in range(5))
@@ -154,5 +212,8 @@ def _row_costs(left: Tensor, right: Tensor, disparity: Tensor, most: int) -> NDA
     d = disparity[rows, columns]
     met = (columns - d.nan_to_num().round().to(torch.int64)).clamp(0, width - 1)
     here, there = sgm.census(left)[rows, columns], sgm.census(right)
-    costs = [sgm.bits_in(here ^ there[rows + by, met]).where(d.isfinite(), 0).sum() for by in range(-most, most + 1)]
+    costs = [
+        sgm.bits_in(here ^ there[rows + by, met]).where(d.isfinite(), 0).sum()
+        for by in range(-most, most + 1)
+    ]
     return torch.stack(costs).cpu().numpy().astype(np.float64)

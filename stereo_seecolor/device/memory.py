@@ -1,4 +1,6 @@
-"""Where a frame's stages run, and what lies there already: an array that a stage gave out is not uploaded again for the next."""
+"""Where a frame's stages run, and what lies there already: an array that a stage gave out is not
+uploaded again for the next.
+"""
 
 import weakref
 from typing import Any
@@ -21,8 +23,15 @@ class Memory:
         held = self._held.get(id(array))
         if held is not None and held[0]() is array:
             return held[1]
-        tensor = torch.from_numpy(np.ascontiguousarray(array) if array.flags.writeable else array.copy())
-        return self._hold(array, tensor.pin_memory().to(self.device, non_blocking=True) if self.device.type == "cuda" else tensor)
+        tensor = torch.from_numpy(
+            np.ascontiguousarray(array) if array.flags.writeable else array.copy()
+        )
+        return self._hold(
+            array,
+            tensor.pin_memory().to(self.device, non_blocking=True)
+            if self.device.type == "cuda"
+            else tensor,
+        )
 
     def array(self, tensor: Tensor) -> NDArray[Any]:
         """A tensor as an array, whose ``tensor`` then costs nothing."""

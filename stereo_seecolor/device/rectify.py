@@ -1,4 +1,6 @@
-"""Rectification on a device: the sums of ``cv2.remap`` with the same tables, to the bit for 8-bit images."""
+"""Rectification on a device: the sums of ``cv2.remap`` with the same tables, to the bit for 8-bit
+images.
+"""
 
 from typing import Any
 
@@ -16,7 +18,9 @@ FRACTIONS = 32
 
 
 class Rectifier:
-    """``Rectification.apply_left`` and ``apply_right`` on a device; what they return also stays there."""
+    """``Rectification.apply_left`` and ``apply_right`` on a device; what they return also stays
+    there.
+    """
 
     def __init__(self, memory: Memory, rectification: Rectification) -> None:
         self._memory, self._compiled = memory, rectification
@@ -37,7 +41,9 @@ class Rectifier:
 
 
 def remap(image: Tensor, places: Tensor, weights: Tensor) -> Tensor:
-    """An (..., H, W, C) image, or a batch, at the four pixels around each place, weighed; both (4, h, w) of ``_taps``."""
+    """An (..., H, W, C) image, or a batch, at the four pixels around each place, weighed; both (4,
+    h, w) of ``_taps``.
+    """
     flat = image.flatten(-3, -2).to(torch.int32)
     total = flat.new_full((*flat.shape[:-2], *places.shape[1:], flat.shape[-1]), FRACTIONS**2 // 2)
     for place, weight in zip(places, weights, strict=True):
@@ -45,13 +51,20 @@ def remap(image: Tensor, places: Tensor, weights: Tensor) -> Tensor:
     return (total // FRACTIONS**2).to(image.dtype)
 
 
-def _taps(maps: RemapTables | None, size: tuple[int, int], device: torch.device) -> tuple[Tensor, Tensor] | None:
-    """(4, h, w) int64 places of the pixels around, and their int32 weights, which add up to FRACTIONS**2; 0 beyond the image."""
+def _taps(
+    maps: RemapTables | None, size: tuple[int, int], device: torch.device
+) -> tuple[Tensor, Tensor] | None:
+    """(4, h, w) int64 places of the pixels around, and their int32 weights, which add up to
+    FRACTIONS**2; 0 beyond the image.
+    """
     if maps is None:
         return None
     table, fraction = maps
     width, height = size
-    fx, fy = (fraction % FRACTIONS).astype(np.int32), (fraction // FRACTIONS % FRACTIONS).astype(np.int32)
+    fx, fy = (
+        (fraction % FRACTIONS).astype(np.int32),
+        (fraction // FRACTIONS % FRACTIONS).astype(np.int32),
+    )
     places: list[Any] = []
     weights: list[Any] = []
     for dy, wy in ((0, FRACTIONS - fy), (1, fy)):
@@ -60,4 +73,6 @@ def _taps(maps: RemapTables | None, size: tuple[int, int], device: torch.device)
             inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
             places.append(np.where(inside, y * width + x, 0))
             weights.append(np.where(inside, wx * wy, 0).astype(np.int32))
-    return torch.from_numpy(np.stack(places)).to(device), torch.from_numpy(np.stack(weights)).to(device)
+    return torch.from_numpy(np.stack(places)).to(device), torch.from_numpy(np.stack(weights)).to(
+        device
+    )

@@ -1,5 +1,5 @@
-"""Sub-pixel refinement, confidence and speckles of disparities on a device: ``matching.refine``, ``context``, ``fattening``,
-``confidence`` and ``speckles`` in torch, map by map.
+"""Sub-pixel refinement, confidence and speckles of disparities on a device: ``matching.refine``,
+``context``, ``fattening``, ``confidence`` and ``speckles`` in torch, map by map.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,8 @@ class Refined(NamedTuple):
 
 
 def refine(left: Tensor, right: Tensor, disparity: Tensor, best: Tensor) -> Refined:
-    """One step of registration over a window (Lucas and Kanade 1981), as ``matching.refine.refine_rows``.
+    """One step of registration over a window (Lucas and Kanade 1981), as
+    ``matching.refine.refine_rows``.
 
     left, right: (H, W) gray, float32. disparity, best: (H, W) as in ``MatchedDisparity``.
     """
@@ -50,12 +51,16 @@ def refine(left: Tensor, right: Tensor, disparity: Tensor, best: Tensor) -> Refi
 
 def contrast_gain(left: Tensor, right: Tensor) -> Tensor:
     """As ``matching.refine.contrast_gain``."""
-    of_left, of_right = (image[::4, ::4].to(torch.float64).std(correction=0) for image in (left, right))
+    of_left, of_right = (
+        image[::4, ::4].to(torch.float64).std(correction=0) for image in (left, right)
+    )
     return (of_left / of_right.clamp(min=1e-6)).to(torch.float32)
 
 
 def _smoothed(disparity: Tensor) -> Tensor:
-    """The mean with neighbors within one pixel, of a row's five pixels, then of five rows; ends of rows are kept."""
+    """The mean with neighbors within one pixel, of a row's five pixels, then of five rows; ends of
+    rows are kept.
+    """
     reach = SMOOTHED // 2
     width = disparity.shape[1]
     inner = [disparity[:, reach + k : width - reach + k] for k in (-2, -1, 1, 2)]
@@ -74,7 +79,9 @@ def _mean_near(center: Tensor, neighbors: list[Tensor]) -> Tensor:
 
 
 def _residuals(left: Tensor, right: Tensor, disparity: Tensor, gain: Tensor) -> Tensor:
-    """(7, H, W) samples 1, g, e, g g, g e, e e, d, in gray levels of 8 bits; 0 where nothing is known."""
+    """(7, H, W) samples 1, g, e, g g, g e, e e, d, in gray levels of 8 bits; 0 where nothing is
+    known.
+    """
     width = disparity.shape[1]
     x = torch.arange(width, device=left.device, dtype=torch.float32)
     place = x - disparity
@@ -82,7 +89,11 @@ def _residuals(left: Tensor, right: Tensor, disparity: Tensor, gain: Tensor) -> 
     whole = place.where(inside, 1).to(torch.int64)
     t = (place - whole).where(inside, 0)
     a, b, c, f = (right.gather(1, whole + k) for k in (-1, 0, 1, 2))
-    c1, c2, c3 = 0.5 * (c - a), a - 2.5 * b + 2 * c - 0.5 * f, 0.5 * (f - a) + 1.5 * (b - c)  # Catmull-Rom through b and c
+    c1, c2, c3 = (
+        0.5 * (c - a),
+        a - 2.5 * b + 2 * c - 0.5 * f,
+        0.5 * (f - a) + 1.5 * (b - c),
+    )  # Catmull-Rom through b and c
     value = b + t * (c1 + t * (c2 + t * c3))
     slope = c1 + t * (2 * c2 + 3 * t * c3)
     own = F.pad(0.5 * (left[:, 2:] - left[:, :-2]), (1, 1))
@@ -110,7 +121,13 @@ def surroundings(disparity: Tensor, best: Tensor, left: Tensor) -> Surroundings:
     roughness = _blur(departure, CONTEXT.window) / _blur(there, CONTEXT.window).clamp(min=0.01)
     found = sampled.where(sampled.isfinite(), torch.inf)
     farthest = -F.max_pool2d(-found[None], 5, 1, 2)[0]
-    return Surroundings(_blur(checked.isfinite().to(torch.float32), CONTEXT.window), roughness, found, farthest, levels / 256)
+    return Surroundings(
+        _blur(checked.isfinite().to(torch.float32), CONTEXT.window),
+        roughness,
+        found,
+        farthest,
+        levels / 256,
+    )
 
 
 def _samples(image: Tensor) -> Tensor:
@@ -125,15 +142,29 @@ def _blur(image: Tensor, size: int) -> Tensor:
 
 def log_odds(uniqueness: Tensor, refined: Refined, around: Surroundings) -> Tensor:
     """(H, W) log odds, base 2, before fattening, as ``weigh_rows``."""
-    samples = WEIGHTS.known * around.known + WEIGHTS.roughness * (around.roughness + WEIGHTS.least_relief_px).log() + WEIGHTS.offset
+    samples = (
+        WEIGHTS.known * around.known
+        + WEIGHTS.roughness * (around.roughness + WEIGHTS.least_relief_px).log()
+        + WEIGHTS.offset
+    )
     wide = F.interpolate(samples[None, None], scale_factor=CONTEXT.every, mode="bilinear")[0, 0]
     height, width = uniqueness.shape
-    wide = F.pad(wide[None, None], (0, max(0, width - wide.shape[1]), 0, max(0, height - wide.shape[0])), mode="replicate")[0, 0]
-    nats = WEIGHTS.uniqueness * uniqueness.clamp(max=1).sqrt() + WEIGHTS.support * refined.support + wide[:height, :width]
+    wide = F.pad(
+        wide[None, None],
+        (0, max(0, width - wide.shape[1]), 0, max(0, height - wide.shape[0])),
+        mode="replicate",
+    )[0, 0]
+    nats = (
+        WEIGHTS.uniqueness * uniqueness.clamp(max=1).sqrt()
+        + WEIGHTS.support * refined.support
+        + wide[:height, :width]
+    )
     return nats * _BITS_PER_NAT + WEIGHTS.relief * (refined.relief + WEIGHTS.least_relief_px).log2()
 
 
-def fattening(best: Tensor, left: Tensor, around: Surroundings, odds: Tensor, least: float) -> Tensor:
+def fattening(
+    best: Tensor, left: Tensor, around: Surroundings, odds: Tensor, least: float
+) -> Tensor:
     """(H, W) as ``matching.fattening.fattening``."""
     height, width = best.shape
     rows, columns = (
@@ -141,7 +172,10 @@ def fattening(best: Tensor, left: Tensor, around: Surroundings, odds: Tensor, le
         for side, number in zip(best.shape, around.farthest.shape, strict=True)
     )
     reach, level = FATTENING.reach, left / 256
-    disparity, levels = F.pad(around.disparity, (reach,) * 4, value=torch.nan), F.pad(around.levels, (reach,) * 4)
+    disparity, levels = (
+        F.pad(around.disparity, (reach,) * 4, value=torch.nan),
+        F.pad(around.levels, (reach,) * 4),
+    )
     behind, n_behind, own, n_own = torch.zeros((4, height, width), device=best.device)
     for j in range(2 * reach + 1):
         for i in range(2 * reach + 1):
@@ -151,7 +185,9 @@ def fattening(best: Tensor, left: Tensor, around: Surroundings, odds: Tensor, le
             behind, n_behind = behind + gray * is_behind, n_behind + is_behind
             own, n_own = own + gray * is_own, n_own + is_own
     to_behind = (level - behind / n_behind.clamp(min=1)).abs() + FATTENING.noise_levels
-    to_own = (level - own / n_own).abs().where(n_own > 0, FATTENING.alone_levels) + FATTENING.noise_levels
+    to_own = (level - own / n_own).abs().where(
+        n_own > 0, FATTENING.alone_levels
+    ) + FATTENING.noise_levels
     looked_at = (odds >= least) & (best > around.farthest[rows][:, columns] + FATTENING.step_px)
     likeness: Tensor = (to_own / (to_behind + to_own)).where(looked_at, 0)
     return likeness
@@ -167,14 +203,19 @@ def judge(odds: Tensor, fat: Tensor, disparity: Tensor, least: float) -> tuple[T
 
 
 def remove_speckles(disparity: Tensor, pixels: int) -> Tensor:
-    """As ``matching.speckles.remove_speckles``, into a new map. Patches are found by FastSV (Zhang, Azad, Hu 2020)."""
+    """As ``matching.speckles.remove_speckles``, into a new map. Patches are found by FastSV (Zhang,
+    Azad, Hu 2020).
+    """
     every = 2 if disparity.numel() > LARGE_IMAGE_PX else 1
     thin = disparity[::every, ::every]
     fixed = (thin * PER_PX).nan_to_num(nan=-1e6).to(torch.int32)
     known = thin.isfinite()
     place = torch.arange(fixed.numel(), device=fixed.device).view(fixed.shape)
     pairs = []
-    for one, other in (((slice(None), slice(None, -1)), (slice(None), slice(1, None))), ((slice(None, -1),), (slice(1, None),))):
+    for one, other in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1),), (slice(1, None),)),
+    ):
         joined = known[one] & known[other] & ((fixed[one] - fixed[other]).abs() <= PER_PX)
         pairs += [(place[one][joined], place[other][joined])]
     ends = torch.cat([torch.stack(pair) for pair in pairs], dim=1)

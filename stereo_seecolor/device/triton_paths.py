@@ -1,6 +1,8 @@
-"""The paths of ``sgm.along`` as a Triton kernel: a program follows one line of pixels, all its disparities at once.
+"""The paths of ``sgm.along`` as a Triton kernel: a program follows one line of pixels, all its
+disparities at once.
 
-Imported only where Triton is installed and the device is a CUDA device; Triton's interpreter runs it on the processor for tests.
+Imported only where Triton is installed and the device is a CUDA device; Triton's interpreter runs
+it on the processor for tests.
 """
 
 import triton
@@ -13,12 +15,15 @@ _FAR, _P1_SHIFT = tl.constexpr(compiled.FAR), tl.constexpr(compiled.P1_SHIFT)
 
 
 def along(cost: Tensor, p2: Tensor, total: Tensor, kept: slice) -> None:
-    """``sgm.along`` with the same results; one direction after the other, since both add to the same sums."""
+    """``sgm.along`` with the same results; one direction after the other, since both add to the
+    same sums.
+    """
     strips, steps, lines, number = cost.shape
     block = triton.next_power_of_2(number)
     for forward in (True, False):
         _path[(strips * lines,)](
-            cost, p2, total, lines, steps, number, kept.start, kept.stop, *cost.stride()[:3], *p2.stride(), *total.stride()[:3],
+            cost, p2, total, lines, steps, number, kept.start, kept.stop, *cost.stride()[:3],
+            *p2.stride(), *total.stride()[:3],
             forward=forward, block=block, num_warps=min(max(block // 64, 1), 8),
         )  # fmt: skip
 
@@ -37,13 +42,19 @@ def _path(  # type: ignore[no-untyped-def]  # Triton reads annotations as types 
     before = tl.zeros([block], tl.int32)
     for i in range(steps):
         place = i if forward else steps - 1 - i
-        here = tl.load(cost + strip * cost_s + place * cost_l + line * cost_m + d, mask=held, other=_FAR).to(tl.int32)
-        penalty = tl.load(p2 + strip * p2_s + (place if forward else place + 1) * p2_l + line * p2_m).to(tl.int32)
+        here = tl.load(
+            cost + strip * cost_s + place * cost_l + line * cost_m + d, mask=held, other=_FAR
+        ).to(tl.int32)
+        penalty = tl.load(
+            p2 + strip * p2_s + (place if forward else place + 1) * p2_l + line * p2_m
+        ).to(tl.int32)
         before = tl.where(here == _FAR, _FAR, before)
         least = tl.min(before, axis=0)
         lower = tl.where(d > 0, tl.gather(before, below, axis=0), _FAR)
         upper = tl.where(d < block - 1, tl.gather(before, above, axis=0), _FAR)
-        best = tl.minimum(tl.minimum(before, tl.minimum(lower, upper) + (penalty >> _P1_SHIFT)), least + penalty)
+        best = tl.minimum(
+            tl.minimum(before, tl.minimum(lower, upper) + (penalty >> _P1_SHIFT)), least + penalty
+        )
         before = tl.minimum(best - least + here, _FAR)
         if (place >= first) & (place < end):
             sums = total + strip * total_s + place * total_l + line * total_m + d

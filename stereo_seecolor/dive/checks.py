@@ -1,4 +1,6 @@
-"""Checks of a dive's images against its water: channels exchanged, ranges that are no meters, images repeated."""
+"""Checks of a dive's images against its water: channels exchanged, ranges that are no meters,
+images repeated.
+"""
 
 from collections.abc import Mapping
 
@@ -10,13 +12,16 @@ from stereo_seecolor.records import FrameRow, Water
 # Detects images with red and blue exchanged, by the water that was fitted to them.
 
 REDDER = 1.1
-"""Red over green of the backscatter. Of three real dives, by day and by strobe: at most 0.92; exchanged: 1.3 to 3.9."""
+"""Red over green of the backscatter. Of three real dives, by day and by strobe: at most 0.92;
+exchanged: 1.3 to 3.9.
+"""
 
 
 def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
     """A note where backscatter is reddest and red is attenuated least; none otherwise.
 
-    Brown water, of peat or mud, has this order, too. In green water exchanged channels look like another green water: no note.
+    Brown water, of peat or mud, has this order, too. In green water exchanged channels look like
+    another green water: no note.
     """
     different = list({id(water): water for water in waters.values()}.values())
     if not different:
@@ -27,49 +32,75 @@ def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
     if not (reddest and beta[0] < beta[1] < beta[2]):
         return ()
     found = "the veiling light is reddest, and red is attenuated least, as in brown water alone"
-    return (f"water: {found}: if it was not brown, the files hold blue in the place of red: set input.channels=bgr",)
+    return (
+        f"water: {found}: if it was not brown, the files hold blue in the place of red: set "
+        "input.channels=bgr",
+    )
 
 
 # Detects ranges that are no meters, by the water that was fitted to images and ranges: water sets
 # bounds that no unit changes.
 
 LEAST_RED = 0.115
-"""1/m. What the clearest ocean takes from a camera's red: 0.11 at 25 m of depth and 7 m of range, more near the surface and
-near the camera. Fitted: at least 0.122 in rendered waters of 3 kinds, 2 depths, 3 sizes of the scene; 0.25 and more in real
-frames (FLSea, Sea-thru, a strobe-lit reef). With ranges 5 times too long: at most 0.099 in clear water.
+"""1/m. What the clearest ocean takes from a camera's red: 0.11 at 25 m of depth and 7 m of range,
+more near the surface and
+near the camera. Fitted: at least 0.122 in rendered waters of 3 kinds, 2 depths, 3 sizes of the
+scene; 0.25 and more in real frames (FLSea, Sea-thru, a strobe-lit reef). With ranges 5 times too
+long: at most 0.099 in clear water.
 """
 MOST_RED_OVER_GREEN = 0.45
-"""1/m, red less green: 0.3 in pure water, and what else is in water takes at least as much from green. Fitted, medians of dives: at
-most 0.28; with ranges 4 times too short in clear water, 0.3 to 0.85.
+"""1/m, red less green: 0.3 in pure water, and what else is in water takes at least as much from
+green. Fitted, medians of dives: at most 0.28; with ranges 4 times too short in clear water, 0.3 to
+0.85.
 """
 LEAST_RED_TO_GREEN = 0.8
-"""Of attenuation: 0.95 and more in rendered waters; with inverse ranges, medians of 0.07 to 0.70."""
+"""Of attenuation: 0.95 and more in rendered waters; with inverse ranges, medians of 0.07 to
+0.70.
+"""
 ALIKE = 0.25
-"""Of the mean: channels whose attenuations differ by less may be those of a monochrome camera, which tell nothing."""
+"""Of the mean: channels whose attenuations differ by less may be those of a monochrome camera,
+which tell nothing.
+"""
 
 
 def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ...]:
-    """A note where the ranges that the waters were fitted to are probably none in meters. given: they were not measured here."""
-    rates = np.array([_attenuation(water) for water in {id(water): water for water in waters.values()}.values()])
+    """A note where the ranges that the waters were fitted to are probably none in meters. given:
+    they were not measured here.
+    """
+    rates = np.array(
+        [_attenuation(water) for water in {id(water): water for water in waters.values()}.values()]
+    )
     if not len(rates) or np.isnan(rates).all():
         return ()
     red, green, _ = np.nanmedian(rates, axis=0)
     said = f"water: red is attenuated by {red:.2g}/m, green by {green:.2g}/m"
     if given and np.nanmedian(rates[:, 0] / rates[:, 1]) < LEAST_RED_TO_GREEN:
         return (
-            f"{said}: red less than green, as in brown water alone: if it was not brown, the maps hold near and far exchanged, as "
+            f"{said}: red less than green, as in brown water alone: if it was not brown, the maps "
+            "hold near and far exchanged, as "
             "disparities and inverse depth do",
         )
-    cause = "the unit of the maps (input.range_units_per_m)" if given else "the unit and the lengths of the calibration"
+    cause = (
+        "the unit of the maps (input.range_units_per_m)"
+        if given
+        else "the unit and the lengths of the calibration"
+    )
     if red < LEAST_RED:
-        return (f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red: ranges are probably too long: see {cause}",)
+        return (
+            f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red: ranges are probably too "
+            f"long: see {cause}",
+        )
     if np.nanmedian(rates[:, 0] - rates[:, 1]) > MOST_RED_OVER_GREEN:
-        return (f"{said}: further apart than in any water: ranges are probably too short: see {cause}",)
+        return (
+            f"{said}: further apart than in any water: ranges are probably too short: see {cause}",
+        )
     return ()
 
 
 def _attenuation(water: Water) -> NDArray[np.float64]:
-    """(3,) 1/m at the water's typical range; NaN where that is not known, and for gray images, whose channels are alike."""
+    """(3,) 1/m at the water's typical range; NaN where that is not known, and for gray images,
+    whose channels are alike.
+    """
     if not water.typical_range_m:
         return np.full(3, np.nan)
     rates = -np.log(water.attenuation(np.array(water.typical_range_m))) / water.typical_range_m
@@ -78,19 +109,31 @@ def _attenuation(water: Water) -> NDArray[np.float64]:
 
 # Images that a dive holds twice in a row, because a camera stalled or files were copied.
 
-BOTH = "both images are those of the pair before: the cameras stalled, or files were copied, and what they show counts twice"
-ONE = "the {} image is that of the pair before, and the other is not: a camera stalled, and ranges are wrong by the motion since"
+BOTH = (
+    "both images are those of the pair before: the cameras stalled, or files were copied, and "
+    "what they show counts twice"
+)
+ONE = (
+    "the {} image is that of the pair before, and the other is not: a camera stalled, and "
+    "ranges are wrong by the motion since"
+)
 
 
 class RepeatedImages:
-    """Compares each pair of a dive, by the hashes of its files, with the one before it whose files were read."""
+    """Compares each pair of a dive, by the hashes of its files, with the one before it whose files
+    were read.
+    """
 
     def __init__(self) -> None:
         self._before: Mapping[str, str] = {}
 
     def warning(self, row: FrameRow) -> str:
         """A warning if images of this pair are those of the pair before; else ""."""
-        again = [side for side in ("left", "right") if side in row.hashes and row.hashes[side] == self._before.get(side)]
+        again = [
+            side
+            for side in ("left", "right")
+            if side in row.hashes and row.hashes[side] == self._before.get(side)
+        ]
         self._before = row.hashes or self._before
         if not again:
             return ""

@@ -1,4 +1,6 @@
-"""A command at work on the pairs of a dive: passes of work over all pairs, and what is known of each so far."""
+"""A command at work on the pairs of a dive: passes of work over all pairs, and what is known of
+each so far.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +33,8 @@ Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
 class Outcome(Generic[Result]):
     """The outcome of a pair. result: None where it failed; failure: the error then, else None.
 
-    written: the stages whose files were written now. aside: files of the user that were moved to OUT/set_aside to make room.
+    written: the stages whose files were written now. aside: files of the user that were moved to
+    OUT/set_aside to make room.
     """
 
     row: FrameRow
@@ -52,17 +55,38 @@ def attempt(work: Work[Result], folder: RunFolder, pair: Pair) -> Outcome[Result
     except (OutputError, DeviceError, ClusterError):
         raise
     except (SeeColorError, CalibrationError) as error:
-        kept = f" (what an earlier run made of it is in {SET_ASIDE})" if folder.frames.retire(pair.name) else ""
-        row, failure = FrameRow(pair.name, status="failed", error=f"{error}{kept}"), error.with_traceback(None)
-    named = replace(row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
-    return Outcome(named, result, failure, folder.frames.written.stages(pair.name), tuple(folder.owned.set_aside))
+        kept = (
+            f" (what an earlier run made of it is in {SET_ASIDE})"
+            if folder.frames.retire(pair.name)
+            else ""
+        )
+        row, failure = (
+            FrameRow(pair.name, status="failed", error=f"{error}{kept}"),
+            error.with_traceback(None),
+        )
+    named = replace(
+        row,
+        left=str(pair.left),
+        right=str(pair.right),
+        timestamp_s=pair.timestamp_s,
+        seconds=clock.seconds,
+    )
+    return Outcome(
+        named,
+        result,
+        failure,
+        folder.frames.written.stages(pair.name),
+        tuple(folder.owned.set_aside),
+    )
 
 
 class DiveRun:
     """A command at work on the pairs of a dive.
 
-    pairs: of the dive. frames: what work on a pair needs. page: frames whose files for the page are made with their colors.
-    table: the outcome of each pair so far. notes: remarks on the dive as a whole. summary: of the run, once it has ended.
+    pairs: of the dive. frames: what work on a pair needs. page: frames whose files for the page are
+    made with their colors.
+    table: the outcome of each pair so far. notes: remarks on the dive as a whole. summary: of the
+    run, once it has ended.
     """
 
     def __init__(
@@ -74,20 +98,30 @@ class DiveRun:
         passes: Sequence[str],
         page: PageFrames | None = None,
     ) -> None:
-        """passes: that the command will make over the pairs. Pixels are kept from one to the next."""
+        """passes: that the command will make over the pairs. Pixels are kept from one to the
+        next.
+        """
         self.pairs: Sequence[Pair] = pairing.pairs
         self.folder, self.options, self.page = folder, options, page
-        self.frames = Frames(source, folder, KeptPixels(folder.root if len(passes) > 1 else None), options.verify)
+        self.frames = Frames(
+            source, folder, KeptPixels(folder.root if len(passes) > 1 else None), options.verify
+        )
         self.table, self.summary = FrameTable(), RunSummary(())
         self.notes: tuple[str, ...] = ()
         self._progress, self._repeated = ProgressFile(folder.root), RepeatedImages()
         plan = KeptPlan.load(folder.root, len(self.pairs), source.config)
-        self._progress.expect((Expected(plan.pass_seconds, planned=True) if plan else USUAL).of(*passes))
+        self._progress.expect(
+            (Expected(plan.pass_seconds, planned=True) if plan else USUAL).of(*passes)
+        )
 
     @property
     def good_pairs(self) -> Sequence[Pair]:
         """The pairs that have not failed so far."""
-        return chosen(self.pairs, lambda pair: pair.name not in self.table.failed) if self.table.failed else self.pairs
+        return (
+            chosen(self.pairs, lambda pair: pair.name not in self.table.failed)
+            if self.table.failed
+            else self.pairs
+        )
 
     def begin(self, stage: str, pairs: int) -> None:
         """Say that a pass over so many pairs begins."""
@@ -99,20 +133,30 @@ class DiveRun:
         self._progress.advance(row)
         self.options.listener.advance(row)
 
-    def map(self, stage: str, work: Work[Result], pairs: Sequence[Pair]) -> Iterator[tuple[FrameRow, Result]]:
-        """Do ``work`` on these pairs, in a pass of its own; yields row and result of those that did not fail, in order."""
+    def map(
+        self, stage: str, work: Work[Result], pairs: Sequence[Pair]
+    ) -> Iterator[tuple[FrameRow, Result]]:
+        """Do ``work`` on these pairs, in a pass of its own; yields row and result of those that did
+        not fail, in order.
+        """
         for outcome in self.outcomes(stage, partial(attempt, work, self.folder), pairs, len(pairs)):
             self.note(outcome)
             if outcome.result is not None:
                 yield outcome.row, outcome.result
 
-    def outcomes(self, stage: str, work: Callable[[Item], Result], items: Sequence[Item], pairs: int) -> Iterator[Result]:
-        """``work`` on each item, pairs or groups of pairs, where the run's work is done; ``pairs`` in all."""
+    def outcomes(
+        self, stage: str, work: Callable[[Item], Result], items: Sequence[Item], pairs: int
+    ) -> Iterator[Result]:
+        """``work`` on each item, pairs or groups of pairs, where the run's work is done; ``pairs``
+        in all.
+        """
         self.begin(stage, pairs)
         return self.options.compute.each(work, items)
 
     def note(self, outcome: Outcome[Any]) -> None:
-        """Note the outcome of a pair. Raises its error where the run is to stop at the first bad pair."""
+        """Note the outcome of a pair. Raises its error where the run is to stop at the first bad
+        pair.
+        """
         row = outcome.row
         self.folder.frames.note(row.name, outcome.written, outcome.aside)
         if self.table.row(row.name) is None and (again := self._repeated.warning(row)):

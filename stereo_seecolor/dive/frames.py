@@ -1,4 +1,5 @@
-"""What each pass over a dive does with one frame: measure its range, count its colors over range, correct it.
+"""What each pass over a dive does with one frame: measure its range, count its colors over range,
+correct it.
 
 Each is done once: an earlier run's result is found in OUT, or it is made now and written.
 """
@@ -29,7 +30,13 @@ from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder.cached import keep_table, kept_table
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frame_products import Files, correction_files, mask_codes, original_files, range_files
+from stereo_seecolor.run_folder.frame_products import (
+    Files,
+    correction_files,
+    mask_codes,
+    original_files,
+    range_files,
+)
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
@@ -38,9 +45,11 @@ from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 class Source(Protocol):
     """Reads and measures a pair: a Pipeline, or RangedImages.
 
-    geometry: of the rectified images, None without calibration. makes_ranges: whether its range maps are written to OUT.
-    seen: where rectified images show something, None = everywhere. original: the view of the unrectified left camera, None where
-    nothing is written in it. settings: hash of all that a range map depends on besides its files.
+    geometry: of the rectified images, None without calibration. makes_ranges: whether its range
+    maps are written to OUT.
+    seen: where rectified images show something, None = everywhere. original: the view of the
+    unrectified left camera, None where nothing is written in it. settings: hash of all that a range
+    map depends on besides its files.
     """
 
     config: RunConfig
@@ -70,24 +79,32 @@ class Source(Protocol):
 
 
 class PageFrames(Protocol):
-    """Frames whose files for the page are made while they are corrected, so that their images need not be decoded again."""
+    """Frames whose files for the page are made while they are corrected, so that their images need
+    not be decoded again.
+    """
 
     @property
     def names(self) -> frozenset[str]:
         """Their names."""
 
     def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's files on the page. corrected_key: key of the corrected frame that they are made from."""
+        """The record of a frame's files on the page. corrected_key: key of the corrected frame that
+        they are made from.
+        """
 
     def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame. before: its rectified image, uncorrected. products: product -> array, as it is stored."""
+        """The page's files of a frame. before: its rectified image, uncorrected. products: product
+        -> array, as it is stored.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """What the functions below need besides the pair: they may be called from many threads, and sent to another process.
+    """What the functions below need besides the pair: they may be called from many threads, and
+    sent to another process.
 
-    folder: OUT. pixels: kept for later passes of the run. verify: hash inputs again, also those that look unchanged.
+    folder: OUT. pixels: kept for later passes of the run. verify: hash inputs again, also those
+    that look unchanged.
     """
 
     source: Source
@@ -101,15 +118,19 @@ class Frames:
         return self.source.config
 
     def range_key(self, hashes: Mapping[str, str]) -> str:
-        """Hash of all that the range of a pair depends on. hashes: SHA-256 of its files, by side."""
+        """Hash of all that the range of a pair depends on. hashes: SHA-256 of its files, by
+        side.
+        """
         return content_key(hashes, self.source.settings)
 
 
 @dataclass(frozen=True, eq=False)
 class Ranged:
-    """A pair whose range is known. record: OUT's record of it. key: hash of all that its range depends on.
+    """A pair whose range is known. record: OUT's record of it. key: hash of all that its range
+    depends on.
 
-    kept: True where an earlier run had measured it. measured: its pixels, where they were measured just now.
+    kept: True where an earlier run had measured it. measured: its pixels, where they were measured
+    just now.
     """
 
     pair: Pair
@@ -123,11 +144,19 @@ class Ranged:
         """The frame's row after its range is known."""
         stage = self.record.stages["range"]
         hashes = {side: file.sha256 for side, file in self.record.inputs.items()}
-        return FrameRow(self.pair.name, kept=self.kept, warnings=stage.warnings, hashes=hashes, facts=dict(stage.facts))
+        return FrameRow(
+            self.pair.name,
+            kept=self.kept,
+            warnings=stage.warnings,
+            hashes=hashes,
+            facts=dict(stage.facts),
+        )
 
 
 def measure_range(frames: Frames, pair: Pair, clock: Clock) -> Ranged:
-    """The range of a pair: an earlier run's, or measured and written now. Raises InputError, MatchingError, CalibrationError."""
+    """The range of a pair: an earlier run's, or measured and written now. Raises InputError,
+    MatchingError, CalibrationError.
+    """
     products, source = frames.folder.frames, frames.source
     with clock("read"):
         inputs = products.inputs(pair.name, source.inputs(pair), frames.verify)
@@ -138,7 +167,9 @@ def measure_range(frames: Frames, pair: Pair, clock: Clock) -> Ranged:
         return Ranged(pair, record, key, kept="range" not in products.written.stages(pair.name))
     hashes = {file.sha256 for file in inputs.values()}
     if len(hashes) < len(inputs) and all(file.stamp.size for file in inputs.values()):
-        raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
+        raise MatchingError(
+            f"{pair.left} and {pair.right} are the same picture: no range can be had from it"
+        )
     ranged = _measured(frames, Ranged(pair, record, key, kept=False), clock)
     assert ranged.measured
     _keep_pixels(frames, ranged, *ranged.measured)
@@ -157,7 +188,9 @@ def _measured(frames: Frames, ranged: Ranged, clock: Clock) -> Ranged:
 
 
 def _keep_pixels(frames: Frames, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
-    frames.pixels.keep(ranged.pair.name, ranged.key, FramePixels(image, range_map.range_m, ~range_map.filled))
+    frames.pixels.keep(
+        ranged.pair.name, ranged.key, FramePixels(image, range_map.range_m, ~range_map.filled)
+    )
 
 
 def range_row(frames: Frames, pair: Pair, clock: Clock) -> tuple[FrameRow, bool]:
@@ -165,8 +198,11 @@ def range_row(frames: Frames, pair: Pair, clock: Clock) -> tuple[FrameRow, bool]
     return measure_range(frames, pair, clock).row, True
 
 
-def count_colors(frames: Frames, light: Light | None, pair: Pair, clock: Clock) -> tuple[FrameRow, MomentTable]:
-    """The row of a pair, and its moment table: its colors, without the light of the dive, counted over range.
+def count_colors(
+    frames: Frames, light: Light | None, pair: Pair, clock: Clock
+) -> tuple[FrameRow, MomentTable]:
+    """The row of a pair, and its moment table: its colors, without the light of the dive, counted
+    over range.
 
     The table is an earlier run's, or counted now and kept.
     """
@@ -187,25 +223,35 @@ def count_colors(frames: Frames, light: Light | None, pair: Pair, clock: Clock) 
 
 
 def read_frame(frames: Frames, pair: Pair) -> tuple[Image, Map]:
-    """The rectified image of a pair and its measured ranges, for the search for the dive's light."""
+    """The rectified image of a pair and its measured ranges, for the search for the dive's
+    light.
+    """
     clock = Clock()
     image, range_map = _pixels(frames, measure_range(frames, pair, clock), clock)
     return image, range_map.measured_m
 
 
 def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
-    """The (rectified) left image and the range map of a pair; measured again where its files were damaged since."""
+    """The (rectified) left image and the range map of a pair; measured again where its files were
+    damaged since.
+    """
     if ranged.measured:
         return ranged.measured
     source, pair = frames.source, ranged.pair
-    kept, warnings = frames.pixels.find(pair.name, ranged.key), ranged.record.stages["range"].warnings
+    kept, warnings = (
+        frames.pixels.find(pair.name, ranged.key),
+        ranged.record.stages["range"].warnings,
+    )
     if kept and kept.range_m is not None and kept.measured is not None:
         return kept.image, RangeMap.of_ranges(kept.range_m, kept.measured, warnings)
     if not source.makes_ranges:
         return source.measure(pair, clock)
     try:
         with clock("read"):
-            range_m, confidence = (frames.folder.frames.read(ranged.record, product) for product in ("range", "confidence"))
+            range_m, confidence = (
+                frames.folder.frames.read(ranged.record, product)
+                for product in ("range", "confidence")
+            )
     except InputError:
         again = _measured(frames, ranged, clock)
         assert again.measured
@@ -216,7 +262,9 @@ def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeM
     return image, range_map
 
 
-def _evened(frames: Frames, light: Light | None, name: str, image: Image, range_m: Map, clock: Clock) -> Image:
+def _evened(
+    frames: Frames, light: Light | None, name: str, image: Image, range_m: Map, clock: Clock
+) -> Image:
     """The rectified image without the dive's light."""
     if light is None:
         return image
@@ -244,7 +292,8 @@ def correct_frame(
     pair: Pair,
     clock: Clock,
 ) -> tuple[FrameRow, bool]:
-    """The row of a pair once its colors are corrected and written: by an earlier run with the same inputs, or now.
+    """The row of a pair once its colors are corrected and written: by an earlier run with the same
+    inputs, or now.
 
     usual: the water of all frames but ``others``.
     """
@@ -256,28 +305,38 @@ def correct_frame(
     if stage is None:
         frame = _corrected(frames, light, ranged, water, clock)
         facts = color_facts(frame.correction) | _light_gain(light, pair.name)
-        stage = StageRecord(key, settings, water_hash, facts=facts, warnings=frame.correction.warnings)
+        stage = StageRecord(
+            key, settings, water_hash, facts=facts, warnings=frame.correction.warnings
+        )
         with clock("write"):
             exif = frames.source.reader.capture(pair.left).exif
             output, geometry = frames.config.output, frames.source.geometry
-            files = correction_files(pair.name, frame.correction, frame.ranges, geometry, output, exif)
+            files = correction_files(
+                pair.name, frame.correction, frame.ranges, geometry, output, exif
+            )
         if frames.source.original:
-            files |= _original_files(frames, frames.source.original, light, pair, frame, exif, clock)
+            files |= _original_files(
+                frames, frames.source.original, light, pair, frame, exif, clock
+            )
         with clock("write"):
-            record = frames.folder.frames.save(ranged.record.with_stage("corrected", stage), "corrected", files)
+            record = frames.folder.frames.save(
+                ranged.record.with_stage("corrected", stage), "corrected", files
+            )
         if page and pair.name in page.names:
             with clock("page"):
                 _save_for_page(frames, page, record, frame)
     frames.pixels.drop(pair.name, ranged.key)
-    return ranged.row.then(FrameRow(pair.name, kept=kept, warnings=stage.warnings, facts=dict(stage.facts))), True
+    return ranged.row.then(
+        FrameRow(pair.name, kept=kept, warnings=stage.warnings, facts=dict(stage.facts))
+    ), True
 
 
 @dataclass(frozen=True, eq=False)
 class _Corrected:
     """A frame that was just corrected.
 
-    before: its rectified image, uncorrected. measured: its range map. ranges: the range map that it was corrected with, in which
-    ranges are carried over to pixels without a measured one.
+    before: its rectified image, uncorrected. measured: its range map. ranges: the range map that it
+    was corrected with, in which ranges are carried over to pixels without a measured one.
     """
 
     before: Image
@@ -286,7 +345,9 @@ class _Corrected:
     correction: Correction
 
 
-def _corrected(frames: Frames, light: Light | None, ranged: Ranged, water: Water, clock: Clock) -> _Corrected:
+def _corrected(
+    frames: Frames, light: Light | None, ranged: Ranged, water: Water, clock: Clock
+) -> _Corrected:
     source = frames.source
     before, measured = _pixels(frames, ranged, clock)
     with clock("color"):
@@ -295,20 +356,32 @@ def _corrected(frames: Frames, light: Light | None, ranged: Ranged, water: Water
     with clock("color"):
         exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)
         correction = correct(source.corrector, source.config, image, ranges, water)
-        return _Corrected(before, measured, ranges, replace(correction, warnings=(*correction.warnings, *exposed)))
+        return _Corrected(
+            before, measured, ranges, replace(correction, warnings=(*correction.warnings, *exposed))
+        )
 
 
 def _light_gain(light: Light | None, name: str) -> dict[str, float]:
-    """light_gain, for frames.csv: the factor by which the frame is brighter than usual; empty where it was not measured."""
+    """light_gain, for frames.csv: the factor by which the frame is brighter than usual; empty where
+    it was not measured.
+    """
     if light is None or name not in light.gains:
         return {}
     return {"light_gain": float(np.exp(light.gains[name].mean()))}
 
 
 def _original_files(
-    frames: Frames, view: OriginalView, light: Light | None, pair: Pair, frame: _Corrected, exif: bytes, clock: Clock
+    frames: Frames,
+    view: OriginalView,
+    light: Light | None,
+    pair: Pair,
+    frame: _Corrected,
+    exif: bytes,
+    clock: Clock,
 ) -> Files:
-    """The frame in the camera's own pixels. The raw image itself is corrected: the rectified one, warped back, is blurred."""
+    """The frame in the camera's own pixels. The raw image itself is corrected: the rectified one,
+    warped back, is blurred.
+    """
     source, shown, rectified = frames.source, frame.correction, frame.measured
     water = replace(shown.water, exposure=shown.exposure, highlights=shown.highlights)
     image = source.raw(pair, clock)
@@ -320,10 +393,14 @@ def _original_files(
             seen = light.on(pair.name, rectified.range_m.shape[::-1]).seen_through(view.smooth)
             image = even_light(image, for_color.range_m, seen, source.config.color.input_encoding)
         correction = correct(source.corrector, source.config, image, for_color, water)
-    return original_files(pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif)
+    return original_files(
+        pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif
+    )
 
 
-def _save_for_page(frames: Frames, page: PageFrames, record: FrameRecord, frame: _Corrected) -> None:
+def _save_for_page(
+    frames: Frames, page: PageFrames, record: FrameRecord, frame: _Corrected
+) -> None:
     """Write the page's files of a frame that was just corrected."""
     correction, folder = frame.correction, frames.folder
     written = record.stages["range"].outputs.keys() & {"confidence", "range_std"}
@@ -331,7 +408,9 @@ def _save_for_page(frames: Frames, page: PageFrames, record: FrameRecord, frame:
     products |= {"range": frame.ranges.measured_m, "mask": mask_codes(correction, frame.ranges)}
     products["corrected"] = correction.image if correction.linear is None else correction.linear
     stage = page.stage(record.stages["corrected"].key)
-    folder.frames.save(record.with_stage("page", stage), "page", page.files(record.name, frame.before, products))
+    folder.frames.save(
+        record.with_stage("page", stage), "page", page.files(record.name, frame.before, products)
+    )
 
 
 def water_key(water: Water) -> str:
@@ -341,7 +420,10 @@ def water_key(water: Water) -> str:
 
 def water_keys(waters: Mapping[str, Water]) -> dict[str, str]:
     """Hash of the water of each frame, by name; under "*" where all frames have the same."""
-    keys = {id(water): water_key(water) for water in {id(water): water for water in waters.values()}.values()}
+    keys = {
+        id(water): water_key(water)
+        for water in {id(water): water for water in waters.values()}.values()
+    }
     if len(set(keys.values())) == 1:
         return {"*": next(iter(keys.values()))}
     return {name: keys[id(water)] for name, water in waters.items()}

@@ -1,4 +1,6 @@
-"""Solves the light of a dive from spots that several frames show: features place the frames, range maps find the same spots."""
+"""Solves the light of a dive from spots that several frames show: features place the frames, range
+maps find the same spots.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +11,21 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_beside_water import beside_water
-from stereo_seecolor.color.photometry.exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
+from stereo_seecolor.color.photometry.exposure import (
+    explain,
+    log_exposures,
+    offsets_about,
+    solve_recorded,
+    worth_a_look,
+)
 from stereo_seecolor.color.photometry.frame_shading import Parts, solve_shading, without_shading
-from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, DifferenceTable, differences, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import (
+    DIFFERENCE,
+    Differences,
+    DifferenceTable,
+    differences,
+    solve_chain,
+)
 from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.observations import SeenWindow
@@ -43,13 +57,18 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """Frames that are examined together, as one piece of work. Results do not depend on where the dive is cut."""
+    """Frames that are examined together, as one piece of work. Results do not depend on where the
+    dive is cut.
+    """
 
     frames: int = 64
-    """A stretch begins with four frames of the one before, which are examined twice. Some five seconds of work for one core, so
-    that 10,000 frames are enough for a hundred workers."""
+    """A stretch begins with four frames of the one before, which are examined twice. Some five
+    seconds of work for one core, so that 10,000 frames are enough for a hundred workers.
+    """
     least: int = 15
-    """Frames of a stretch at least, also where there are fewer for each core: three stretches of a long dive's sample."""
+    """Frames of a stretch at least, also where there are fewer for each core: three stretches of a
+    long dive's sample.
+    """
 
     def length(self, frames: int, parts: int) -> int:
         """Frames in each stretch, if ``frames`` are cut into at least ``parts`` parts."""
@@ -58,13 +77,16 @@ class StretchSettings:
 
 STRETCH = StretchSettings()
 MOST_SHADED = 100_000
-"""Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again to solve it."""
+"""Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again
+to solve it.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The result of the search. light: None where no two frames show the same spots. linked: names of frames that show the same
-    spots as a frame before them, with all frames between the two: the dive is not cut before them.
+    """The result of the search. light: None where no two frames show the same spots. linked: names
+    of frames that show the same spots as a frame before them, with all frames between the two: the
+    dive is not cut before them.
     """
 
     light: SurveyLight | None
@@ -75,9 +97,10 @@ class Found:
 class LightSearch:
     """The search for the light of one dive.
 
-    frames: name of each frame, in order, and the key by which ``read`` finds its image and ranges. captures: what the camera
-    recorded of each. geometry: of the rectified images. compute: where frames are examined. examined:
-    called with the name of each frame, where all frames are examined.
+    frames: name of each frame, in order, and the key by which ``read`` finds its image and ranges.
+    captures: what the camera recorded of each. geometry: of the rectified images. compute: where
+    frames are examined. examined: called with the name of each frame, where all frames are
+    examined.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -95,25 +118,32 @@ class LightSearch:
     def solve(self, allowed: Use) -> Found:
         """Solve the light of the dive, with terms that are ``allowed``.
 
-        The pattern of a long dive is solved from a part of its frames. Then all frames are examined for their gains.
+        The pattern of a long dive is solved from a part of its frames. Then all frames are examined
+        for their gains.
         """
         names = Names(name for name, _ in self.frames)
         allowed = allowed._replace(shading=allowed.shading and len(names) <= MOST_SHADED)
         sample = sampled_frames(len(names))
         is_sampled = len(sample) < len(names)
-        parts = self.compute.parts if is_sampled else 1  # cutting a short dive would break its loops
+        parts = (
+            self.compute.parts if is_sampled else 1
+        )  # cutting a short dive would break its loops
         windows = list(self._looked(sample, _WindowLook(self._frame_look), parts))
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames)
         light, recorded = self._pattern(windows, names, allowed, is_sampled)
         if light and is_sampled and allowed.gains:
-            every = self._looked(range(len(names)), _DifferenceLook(self._frame_look, light), self.compute.parts)
+            every = self._looked(
+                range(len(names)), _DifferenceLook(self._frame_look, light), self.compute.parts
+            )
             light = self._with_gains(light, names, every, links, recorded, None)
         elif light and (allowed.gains or light.recorded):
             few = [(seen.frames, differences(seen, light, self._size)) for seen in windows]
             nothing = np.zeros(3 * SHADING)
-            shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(-1, SHADING, 3)
+            shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(
+                -1, SHADING, 3
+            )
             light = self._with_gains(light, names, few, links, recorded, shading)
         return Found(light, SomeNames(names, links.frames))
 
@@ -125,7 +155,9 @@ class LightSearch:
     def _pattern(
         self, windows: Sequence[SeenWindow], names: Names, allowed: Use, is_sampled: bool
     ) -> tuple[SurveyLight | None, Array | None]:
-        """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they explain differences of frames."""
+        """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they
+        explain differences of frames.
+        """
         light = solve_light(windows, names, self._size, allowed, is_sampled=is_sampled)
         if light is None:
             return None, None
@@ -139,9 +171,18 @@ class LightSearch:
                 light = replace(light, refused=offsets)
         return light and beside_water(light, windows, names, self._size, used), used
 
-    def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
-        """Differences between frames, without and with the (F,) records; None where no two frames show the same spots."""
-        found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, self._size)[0] for window in windows)])
+    def _offsets_about(
+        self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]
+    ) -> tuple[float, float] | None:
+        """Differences between frames, without and with the (F,) records; None where no two frames
+        show the same spots.
+        """
+        found = np.concatenate(
+            [
+                np.zeros(0, DIFFERENCE),
+                *(differences(window, light, self._size)[0] for window in windows),
+            ]
+        )
         return offsets_about(found, recorded) if len(found) else None
 
     @staticmethod
@@ -155,33 +196,54 @@ class LightSearch:
     ) -> SurveyLight:
         """The light with the gains and shading of all frames; without gains where they do not help.
 
-        shading: (F, SHADING, 3) of all frames; None to solve it from the windows. links: gets the frames of each window.
+        shading: (F, SHADING, 3) of all frames; None to solve it from the windows. links: gets the
+        frames of each window.
         """
         table = DifferenceTable()
         for frames, differing in windows:
             links.add(frames)
             table.add(*differing)
-        judged = shading is not None and light.luminance.judged  # a sample does not judge other frames
-        luminance, color = (True if one.use.gains else False if judged else None for one in (light.luminance, light.color))
+        judged = (
+            shading is not None and light.luminance.judged
+        )  # a sample does not judge other frames
+        luminance, color = (
+            True if one.use.gains else False if judged else None
+            for one in (light.luminance, light.color)
+        )
         if shading is None:
-            shading = solve_shading(table.parts, len(names), (light.luminance.use.shading, light.color.use.shading))
+            shading = solve_shading(
+                table.parts, len(names), (light.luminance.use.shading, light.color.use.shading)
+            )
         found, known = without_shading(table.whole, table.parts, shading), np.zeros(len(names))
         chosen = luminance, color
-        solved = solve_chain(found, known, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
+        solved = (
+            solve_chain(found, known, chosen)
+            if recorded is None
+            else solve_recorded(found, recorded, chosen)
+        )
         measured = solved.measured & solved.gains.any()
         gains = ByFrame(names, np.where(measured[:, None], solved.gains, np.nan))
         flat = shading.reshape(len(names), -1)
-        own = ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan)) if flat.any() else ByFrame()
+        own = (
+            ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan))
+            if flat.any()
+            else ByFrame()
+        )
         return light.of_frames(gains, own, solved.offsets)
 
-    def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
-        """The windows of the frames of these numbers, in order; none of a frame that shows no spot of frames before it.
+    def _looked(
+        self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int
+    ) -> Iterator[Shown]:
+        """The windows of the frames of these numbers, in order; none of a frame that shows no spot
+        of frames before it.
 
         parts: number of workers that share the work; 1: one worker, so that no loop is cut.
         """
         look_at_all = self.compute.tiles if parts == 1 else self.compute.each
         length = STRETCH.length(len(numbers), parts)
-        for stretch, shown in enumerate(look_at_all(look_at, _Stretches(numbers, self.frames, length))):
+        for stretch, shown in enumerate(
+            look_at_all(look_at, _Stretches(numbers, self.frames, length))
+        ):
             yield from shown
             if len(numbers) == len(self.frames):
                 for number in numbers[stretch * length : (stretch + 1) * length]:
@@ -190,7 +252,9 @@ class LightSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Stretches(Lazy[Stretch]):
-    """Frame numbers cut into stretches of ``length``; each begins with some frames of the stretch before, to be compared with."""
+    """Frame numbers cut into stretches of ``length``; each begins with some frames of the stretch
+    before, to be compared with.
+    """
 
     numbers: Sequence[int]
     frames: Sequence[tuple[str, Any]]
@@ -202,14 +266,20 @@ class _Stretches(Lazy[Stretch]):
     def item(self, number: int) -> Stretch:
         """The stretch of this number."""
         numbers, start, back = self.numbers, number * self.length, max(LOOK.back)
-        before = [number for number in numbers[max(start - back, 0) : start] if numbers[start] - number <= back]
+        before = [
+            number
+            for number in numbers[max(start - back, 0) : start]
+            if numbers[start] - number <= back
+        ]
         several = [*before, *numbers[start : start + self.length]]
         return Stretch(len(before), tuple((number, self.frames[number][1]) for number in several))
 
 
 @dataclass(frozen=True, eq=False)
 class _WindowLook:
-    """Makes windows with all their sightings (200 kB each) and with loops, for the pattern, which is solved from few frames."""
+    """Makes windows with all their sightings (200 kB each) and with loops, for the pattern, which
+    is solved from few frames.
+    """
 
     frames: FrameLook
 
@@ -219,8 +289,8 @@ class _WindowLook:
 
 @dataclass(frozen=True, eq=False)
 class _DifferenceLook:
-    """Makes the differences of a window's frames with the pattern removed: small, for every frame of a long dive. Without loops,
-    which are broken where a dive is cut.
+    """Makes the differences of a window's frames with the pattern removed: small, for every frame
+    of a long dive. Without loops, which are broken where a dive is cut.
     """
 
     frames: FrameLook
@@ -234,27 +304,35 @@ class _DifferenceLook:
 
 
 class _Links:
-    """Collects which frames show the same spots. frames: (F,) True for frames that show the same as a frame before them, and for
-    all between the two.
+    """Collects which frames show the same spots. frames: (F,) True for frames that show the same as
+    a frame before them, and for all between the two.
     """
 
     def __init__(self, frames: int) -> None:
         self.frames = np.zeros(frames, np.bool_)
 
     def add(self, frames: NDArray[np.int64]) -> None:
-        """Add the frames of a window, its own first. Frames of loops, which are farther back, are not linked."""
+        """Add the frames of a window, its own first. Frames of loops, which are farther back, are
+        not linked.
+        """
         near = frames[frames[0] - frames <= max(LOOK.back)]
         self.frames[near.min() + 1 : near.max() + 1] = True
 
 
 def is_short(frames: int) -> bool:
-    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all frames."""
+    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all
+    frames.
+    """
     return frames <= SAMPLE.most_frames
 
 
 def sampled_frames(frames: int) -> list[int]:
-    """Numbers of the frames from which the pattern is solved: all of a short dive, stretches spread over a long one."""
+    """Numbers of the frames from which the pattern is solved: all of a short dive, stretches spread
+    over a long one.
+    """
     if is_short(frames):
         return list(range(frames))
-    starts = np.linspace(0, frames - SAMPLE.stretch, SAMPLE.most_frames // SAMPLE.stretch).astype(int)
+    starts = np.linspace(0, frames - SAMPLE.stretch, SAMPLE.most_frames // SAMPLE.stretch).astype(
+        int
+    )
     return sorted({int(start) + k for start in starts for k in range(SAMPLE.stretch)})

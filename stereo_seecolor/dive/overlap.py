@@ -1,4 +1,6 @@
-"""Finds the spots that a frame of a dive and frames before it, or frames of other survey lines, show."""
+"""Finds the spots that a frame of a dive and frames before it, or frames of other survey lines,
+show.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,35 +30,47 @@ class Look:
     """Settings of the search for spots that several frames show."""
 
     width_px: int = 480
-    """Images are reduced to about this width: lamps and lenses are smooth. With 700, a real dive's pattern is the same to 0.01."""
+    """Images are reduced to about this width: lamps and lenses are smooth. With 700, a real dive's
+    pattern is the same to 0.01.
+    """
     back: tuple[int, ...] = (1, 2, 4)
-    """Frames back that each frame is compared with: the farther back, the more of the image a spot has crossed. Without the fourth
-    frame back, gains drift (offsets of 0.11 instead of 0.09 on a real dive)."""
+    """Frames back that each frame is compared with: the farther back, the more of the image a spot
+    has crossed. Without the fourth frame back, gains drift (offsets of 0.11 instead of 0.09 on a
+    real dive).
+    """
     patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
     loops: int = 3
-    """Frames farther back that each frame is compared with too, the nearest of those that by the chain of poses show the same:
-    another line of the survey, other altitudes. Along one line a slope of the pattern and a drift of the gains look alike: on a
-    drawn night dive 4.2 % of pattern and 10 % between frames are left without loops, 1.9 and 3.1 % with them. More leave no less:
-    eight left 0.5 and 1.0 % of a drawn night of four lines, three 0.35 and 0.7 %; by day both 1.2 and 1.9 %. Each takes 7 ms."""
+    """Frames farther back that each frame is compared with too, the nearest of those that by the
+    chain of poses show the same: another line of the survey, other altitudes. Along one line a
+    slope of the pattern and a drift of the gains look alike: on a drawn night dive 4.2 % of pattern
+    and 10 % between frames are left without loops, 1.9 and 3.1 % with them. More leave no less:
+    eight left 0.5 and 1.0 % of a drawn night of four lines, three 0.35 and 0.7 %; by day both 1.2
+    and 1.9 %. Each takes 7 ms.
+    """
     loop_reach: float = 1.0
-    """Distance of the middles of two pictures, in widths of what they show, up to which they may show the same."""
+    """Distance of the middles of two pictures, in widths of what they show, up to which they may
+    show the same.
+    """
     loop_detour: float = 1.5
-    """Length of the track between two frames of a loop, in distances between them, at least: on one line it is 1."""
+    """Length of the track between two frames of a loop, in distances between them, at least: on one
+    line it is 1.
+    """
 
 
 LOOK = Look()
 
 FEATURES = FeatureSettings(max_features=600, max_width_px=240)
-"""Features for relative poses. A pose among neighbors needs some 50 matches, a map's track many more: on a real dive
-the light (logarithm) is the same to 0.03 as with 800 features at 360 pixels, and how much it helps is the same to noise.
+"""Features for relative poses. A pose among neighbors needs some 50 matches, a map's track many
+more: on a real dive the light (logarithm) is the same to 0.03 as with 800 features at 360 pixels,
+and how much it helps is the same to noise.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Successive frames of a dive. frames: number in the dive and key of each. before: the first so many belong to the stretch
-    before, and are only compared with.
+    """Successive frames of a dive. frames: number in the dive and key of each. before: the first so
+    many belong to the stretch before, and are only compared with.
     """
 
     before: int
@@ -65,7 +79,9 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A frame at reduced size. number: in the dive. key: image and ranges, with the camera at the origin. features: for poses."""
+    """A frame at reduced size. number: in the dive. key: image and ranges, with the camera at the
+    origin. features: for poses.
+    """
 
     number: int
     key: KeyFrame
@@ -76,7 +92,8 @@ class _Seen:
 class _Placed:
     """A frame in the chain of poses that begins with frame ``chain``.
 
-    T_chain_camera: (4, 4). path_m: length of the chain up to it. middle_m: (3,) point in the middle of the
+    T_chain_camera: (4, 4). path_m: length of the chain up to it. middle_m: (3,) point in the middle
+    of the
     image. width_m: width of the field of view on the bottom. view: None once it is far back.
     """
 
@@ -100,7 +117,9 @@ _Near = tuple[_Seen, View, Sequence[tuple[int, RelativePose]]]
 
 @dataclass(frozen=True, eq=False)
 class FrameLook:
-    """Examines frames; it can be sent to another process. geometry: of images reduced ``every`` times."""
+    """Examines frames; it can be sent to another process. geometry: of images reduced ``every``
+    times.
+    """
 
     read: ReadFrame
     geometry: RectifiedPair
@@ -108,43 +127,74 @@ class FrameLook:
     encoding: InputEncoding
 
     def windows(self, stretch: Stretch, loops: int) -> Iterator[SeenWindow]:
-        """The windows of a stretch's own frames, each with at most ``loops`` frames of other survey lines."""
+        """The windows of a stretch's own frames, each with at most ``loops`` frames of other survey
+        lines.
+        """
         return self.of_windows(stretch, loops, lambda window: window)
 
-    def of_windows(self, stretch: Stretch, loops: int, work: Callable[[SeenWindow], Shown]) -> Iterator[Shown]:
-        """``work`` on each window of ``windows``. All but the chain of poses is done on all cores."""
+    def of_windows(
+        self, stretch: Stretch, loops: int, work: Callable[[SeenWindow], Shown]
+    ) -> Iterator[Shown]:
+        """``work`` on each window of ``windows``. All but the chain of poses is done on all
+        cores.
+        """
         on_cores = Threads(cores())
         seen = on_cores.each(self._seen, stretch.frames)
         chain = self._chain(on_cores.each(self._near, _with_before(seen)), stretch.before, loops)
         return on_cores.each(lambda placed: work(self._window(*placed)), chain)
 
-    def _chain(self, frames: Iterable[_Near], before: int, loops: int) -> Iterator[tuple[_Placed, _Others]]:
-        """Each frame after the first ``before``, with frames that show the same spots: near ones and at most ``loops`` loops."""
+    def _chain(
+        self, frames: Iterable[_Near], before: int, loops: int
+    ) -> Iterator[tuple[_Placed, _Others]]:
+        """Each frame after the first ``before``, with frames that show the same spots: near ones
+        and at most ``loops`` loops.
+        """
         past: dict[int, _Placed] = {}
         for place, (seen, view, poses) in enumerate(frames):
             near = [(past[number], pose) for number, pose in poses]
             placed = self._placed(seen, view, near)
             others = list(past.values())
             if place >= before:
-                far = [(other, pose) for other in _loops(placed, others)[:loops] if (pose := self._pose(seen, other.seen))]
+                far = [
+                    (other, pose)
+                    for other in _loops(placed, others)[:loops]
+                    if (pose := self._pose(seen, other.seen))
+                ]
                 if near or far:
                     yield placed, [*near, *far]
-            past = {other.number: _far_back(other, seen.number) for other in others} | {seen.number: placed}
+            past = {other.number: _far_back(other, seen.number) for other in others} | {
+                seen.number: placed
+            }
 
     def _near(self, frame: tuple[_Seen, View, Sequence[_Seen]]) -> _Near:
-        """The frame, and its relative poses to the frames before it that show the same spots, by their numbers."""
+        """The frame, and its relative poses to the frames before it that show the same spots, by
+        their numbers.
+        """
         seen, view, before = frame
-        return seen, view, [(other.number, pose) for other in before if (pose := self._pose(seen, other))]
+        return (
+            seen,
+            view,
+            [(other.number, pose) for other in before if (pose := self._pose(seen, other))],
+        )
 
     def _window(self, frame: _Placed, others: _Others) -> SeenWindow:
         """The sightings of spots that a frame and others, placed by features, show."""
         view = frame.view or self._view(frame.seen)
-        views = [replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b) for other, pose in others]
+        views = [
+            replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b)
+            for other, pose in others
+        ]
         seen_by = [frame.number, *(other.number for other, _ in others)]
-        return SeenWindow(np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views]))
+        return SeenWindow(
+            np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views])
+        )
 
-    def _placed(self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]) -> _Placed:
-        """The frame placed by the nearest of the frames before it; without one, it starts a new chain."""
+    def _placed(
+        self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]
+    ) -> _Placed:
+        """The frame placed by the nearest of the frames before it; without one, it starts a new
+        chain.
+        """
         chain, T, path_m = seen.number, np.eye(4), 0.0
         if near:
             other, pose = near[-1]
@@ -166,16 +216,26 @@ class FrameLook:
         image, range_m = self.read(source)
         every, geometry = self.every, self.geometry
         height, width = (side // every for side in range_m.shape)
-        small = cv2.resize(image[: height * every, : width * every], (width, height), interpolation=cv2.INTER_AREA)
-        ranges = np.ascontiguousarray(range_m[every // 2 :: every, every // 2 :: every][:height, :width])
+        small = cv2.resize(
+            image[: height * every, : width * every], (width, height), interpolation=cv2.INTER_AREA
+        )
+        ranges = np.ascontiguousarray(
+            range_m[every // 2 :: every, every // 2 :: every][:height, :width]
+        )
         shown = small if small.dtype == np.uint8 else (small >> 8).astype(np.uint8)
         known = np.isfinite(ranges).astype(np.uint8) * np.uint8(255)
-        shown_frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
-        seen = _Seen(number, KeyFrame(small, ranges, np.eye(4)), detect(shown_frame, geometry, FEATURES))
+        shown_frame = SurveyFrame(
+            "", None, shown, ranges, estimated_range_std_m(ranges, geometry), known
+        )
+        seen = _Seen(
+            number, KeyFrame(small, ranges, np.eye(4)), detect(shown_frame, geometry, FEATURES)
+        )
         return seen, self._view(seen)
 
 
-def _with_before(frames: Iterable[tuple[_Seen, View]]) -> Iterator[tuple[_Seen, View, Sequence[_Seen]]]:
+def _with_before(
+    frames: Iterable[tuple[_Seen, View]],
+) -> Iterator[tuple[_Seen, View, Sequence[_Seen]]]:
     """Each frame with the frames before it that it is compared with."""
     past: deque[_Seen] = deque(maxlen=max(LOOK.back))
     for seen, view in frames:
@@ -185,15 +245,25 @@ def _with_before(frames: Iterable[tuple[_Seen, View]]) -> Iterator[tuple[_Seen, 
 
 def _loops(frame: _Placed, past: Sequence[_Placed]) -> list[_Placed]:
     """Frames of other lines whose pictures overlap by the chain, the nearest first."""
-    found = [other for other in past if frame.number - other.number > max(LOOK.back) and _is_loop(frame, other)]
+    found = [
+        other
+        for other in past
+        if frame.number - other.number > max(LOOK.back) and _is_loop(frame, other)
+    ]
     return sorted(found, key=lambda other: _apart_m(frame, other))
 
 
 def _is_loop(frame: _Placed, other: _Placed) -> bool:
-    """Whether the frames' images overlap because the track came back, rather than went straight on."""
+    """Whether the frames' images overlap because the track came back, rather than went
+    straight on.
+    """
     distance_m = float(np.linalg.norm(frame.T_chain_camera[:3, 3] - other.T_chain_camera[:3, 3]))
-    came_back = frame.chain == other.chain and frame.path_m - other.path_m > LOOK.loop_detour * distance_m
-    return came_back and _apart_m(frame, other) < LOOK.loop_reach * min(frame.width_m, other.width_m)
+    came_back = (
+        frame.chain == other.chain and frame.path_m - other.path_m > LOOK.loop_detour * distance_m
+    )
+    return came_back and _apart_m(frame, other) < LOOK.loop_reach * min(
+        frame.width_m, other.width_m
+    )
 
 
 def _apart_m(frame: _Placed, other: _Placed) -> float:
@@ -202,7 +272,9 @@ def _apart_m(frame: _Placed, other: _Placed) -> float:
 
 
 def _far_back(frame: _Placed, number: int) -> _Placed:
-    """The frame without its view, which takes five times the memory of its image, once only loops come back to it."""
+    """The frame without its view, which takes five times the memory of its image, once only loops
+    come back to it.
+    """
     return frame if number - frame.number < max(LOOK.back) else replace(frame, view=None)
 
 
@@ -214,6 +286,8 @@ def reduction(geometry: RectifiedPair) -> int:
 def reduced(geometry: RectifiedPair, every: int | None = None) -> RectifiedPair:
     """The geometry of images reduced ``every`` times; None: by ``reduction``."""
     every = every or reduction(geometry)
-    cx, cx_right, cy = ((c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px))
+    cx, cx_right, cy = (
+        (c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px)
+    )
     size = geometry.image_size[0] // every, geometry.image_size[1] // every
     return RectifiedPair(geometry.focal_px / every, cx, cx_right, cy, geometry.baseline_m, size)

@@ -2,7 +2,8 @@
 
 1. ``measure_ranges``: each pair is read, rectified and matched to a range map.
 2. ``find_light``: lamps, lens and exposure are solved from spots that several frames show.
-3. ``fit_waters``: the water is fitted to the colors of all frames, without that light, counted over range.
+3. ``fit_waters``: the water is fitted to the colors of all frames, without that light, counted over
+  range.
 4. ``correct_frames``: light and water are removed from each frame.
 
 What an earlier run found with the same inputs and settings is kept.
@@ -23,7 +24,14 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.dive.checks import channel_order_notes, range_scale_notes
 from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt
 from stereo_seecolor.dive.frame_facts import recorded_capture
-from stereo_seecolor.dive.frames import color_settings, correct_frame, count_colors, range_row, read_frame, water_keys
+from stereo_seecolor.dive.frames import (
+    color_settings,
+    correct_frame,
+    count_colors,
+    range_row,
+    read_frame,
+    water_keys,
+)
 from stereo_seecolor.dive.source import Groups, Named, chosen
 from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
@@ -33,17 +41,26 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_records import KeptFit, KeptLight
 from stereo_seecolor.run_folder.layout import Stage
 
-NO_OVERLAP = "light: no two frames were found to show the same spots, so that lamps, lens and exposure stay in the images"
+NO_OVERLAP = (
+    "light: no two frames were found to show the same spots, so that lamps, lens and "
+    "exposure stay in the images"
+)
 LONG_DIVE = 10_000
-"""Pairs of a dive beyond which their moment tables are added up in groups, by the workers, before the fit."""
+"""Pairs of a dive beyond which their moment tables are added up in groups, by the workers, before
+the fit.
+"""
 
-FITTING = tuple(ROOT / "stereo_seecolor" / name for name in ("dive/light_search.py", "color/corrector.py"))
+FITTING = tuple(
+    ROOT / "stereo_seecolor" / name for name in ("dive/light_search.py", "color/corrector.py")
+)
 """The modules whose code, with all that they import, finds a dive's light and its waters."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """The ranges of a dive. key: hash of them; None where a pair has none. captures: what the camera recorded of each good pair."""
+    """The ranges of a dive. key: hash of them; None where a pair has none. captures: what the
+    camera recorded of each good pair.
+    """
 
     key: str | None
     captures: Sequence[Capture]
@@ -51,7 +68,8 @@ class Ranges:
 
 @dataclass(frozen=True, eq=False)
 class DiveLight:
-    """The light of a dive. light: None where none of it is used. content: for water.json; None with it.
+    """The light of a dive. light: None where none of it is used. content: for water.json; None with
+    it.
 
     linked: names of frames that show what the frame before them shows.
     """
@@ -65,10 +83,18 @@ NO_LIGHT = DiveLight()
 
 
 def measure_ranges(run: DiveRun) -> Ranges:
-    """Make the range maps. Corrected frames of an earlier run stay current if the settings of range maps are the same."""
+    """Make the range maps. Corrected frames of an earlier run stay current if the settings of range
+    maps are the same.
+    """
     settings, earlier = run.frames.source.settings, run.folder.dive.record.settings
-    run.folder.dive.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
-    key, captures, different = ContentKey(), list[Capture](), dict[Capture, Capture]()  # a dive has few different ones
+    run.folder.dive.begin(
+        {**(earlier if earlier.get("range") == settings else {}), "range": settings}
+    )
+    key, captures, different = (
+        ContentKey(),
+        list[Capture](),
+        dict[Capture, Capture](),
+    )  # a dive has few different ones
     for row, _ in run.map("ranges", partial(range_row, run.frames), run.pairs):
         key.add((row.name, run.frames.range_key(row.hashes)))
         capture = recorded_capture(row.facts)
@@ -77,9 +103,16 @@ def measure_ranges(run: DiveRun) -> Ranges:
 
 
 def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
-    """The light of the dive: an earlier run's if it was solved from the same inputs, else solved now; none for a single frame."""
+    """The light of the dive: an earlier run's if it was solved from the same inputs, else solved
+    now; none for a single frame.
+    """
     color, source = run.frames.config.color, run.frames.source
-    allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto", color.lights == "auto")
+    allowed = Use(
+        color.lights == "auto",
+        color.lights == "auto",
+        color.camera_exposure == "auto",
+        color.lights == "auto",
+    )
     if source.geometry is None or len(run.pairs) < 2 or not any(allowed):
         return NO_LIGHT
     key = _fit_key(run, ranges, None)
@@ -92,7 +125,11 @@ def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
     if not kept.light:
         return DiveLight(linked=kept.linked)
     light = Light.from_content(kept.light)
-    found = {name: value for name, value in kept.light.items() if name not in ("log_gains", "log_shading")}
+    found = {
+        name: value
+        for name, value in kept.light.items()
+        if name not in ("log_gains", "log_shading")
+    }
     return DiveLight(light, {**found, **light.content()}, kept.linked)
 
 
@@ -117,7 +154,9 @@ def _solve_light(run: DiveRun, ranges: Ranges, allowed: Use) -> KeptLight:
 
 
 def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, Water]:
-    """Each frame's water, by name: an earlier run's if it was fitted to the same inputs, else fitted now."""
+    """Each frame's water, by name: an earlier run's if it was fitted to the same inputs, else
+    fitted now.
+    """
     key = _fit_key(run, ranges, light.light)
     kept = KeptFit.load(run.folder.root)
     if key and kept and kept.key == key and not run.options.verify:
@@ -133,7 +172,9 @@ def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, W
             fitter.add(name, table)
     waters = fitter.waters()
     notes = fitter.notes()
-    if run.frames.config.color.method == "robust":  # the paper's water has no white point, so that its veil takes part in the cast
+    if (
+        run.frames.config.color.method == "robust"
+    ):  # the paper's water has no white point, so that its veil takes part in the cast
         notes += channel_order_notes(waters)
         notes += range_scale_notes(waters, given=not run.frames.source.makes_ranges)
     run.notes += notes
@@ -149,9 +190,13 @@ def count_frames(run: DiveRun, light: Light | None) -> Iterator[tuple[str, Momen
 
 
 def _join_groups(run: DiveRun, light: Light | None, fitter: Fitter) -> None:
-    """Count groups of neighboring frames, whose moment tables the workers add up: a long dive has too many for one process."""
+    """Count groups of neighboring frames, whose moment tables the workers add up: a long dive has
+    too many for one process.
+    """
     pairs = run.good_pairs
-    work = partial(_count_group, partial(count_colors, run.frames, light), run.folder, run.frames.config.color)
+    work = partial(
+        _count_group, partial(count_colors, run.frames, light), run.folder, run.frames.config.color
+    )
     for outcomes, counted in run.outcomes("waters", work, Groups(pairs), len(pairs)):
         for outcome in outcomes:
             run.note(outcome)
@@ -161,14 +206,22 @@ def _join_groups(run: DiveRun, light: Light | None, fitter: Fitter) -> None:
 def _count_group(
     work: Work[MomentTable], folder: RunFolder, config: ColorConfig, pairs: Sequence[Pair]
 ) -> tuple[list[Outcome[bool]], CountedFrames]:
-    """The outcome of each pair of a group, and the sum of the moment tables of those that did not fail."""
+    """The outcome of each pair of a group, and the sum of the moment tables of those that did not
+    fail.
+    """
     outcomes: list[Outcome[bool]] = []
 
     def tables() -> Iterator[tuple[str, MomentTable]]:
         for pair in pairs:
             outcome = attempt(work, folder, pair)
-            row = replace(outcome.row, hashes={}, facts={}, left="", right="")  # the first pass has noted these
-            outcomes.append(Outcome(row, outcome.result is not None, outcome.failure, outcome.written, outcome.aside))
+            row = replace(
+                outcome.row, hashes={}, facts={}, left="", right=""
+            )  # the first pass has noted these
+            outcomes.append(
+                Outcome(
+                    row, outcome.result is not None, outcome.failure, outcome.written, outcome.aside
+                )
+            )
             if outcome.result is not None:
                 yield pair.name, outcome.result
 
@@ -177,7 +230,10 @@ def _count_group(
 
 def correct_frames(run: DiveRun, light: DiveLight, waters: Mapping[str, Water]) -> None:
     """Correct each frame that has a water, and write it with its cloud."""
-    settings: dict[Stage, str] = {"range": run.frames.source.settings, "corrected": color_settings(run.frames.config, light.light)}
+    settings: dict[Stage, str] = {
+        "range": run.frames.source.settings,
+        "corrected": color_settings(run.frames.config, light.light),
+    }
     run.folder.dive.begin(settings)
     run.folder.dive.set_waters(water_keys(waters))
     if waters:
@@ -194,6 +250,10 @@ def make_pass(run: DiveRun, stage: str, work: Work[bool], pairs: Sequence[Pair])
 
 
 def _fit_key(run: DiveRun, ranges: Ranges, light: Light | None) -> str | None:
-    """Hash of the inputs of the fits of light and water, and of the code that fits them; None where a pair has no range."""
+    """Hash of the inputs of the fits of light and water, and of the code that fits them; None where
+    a pair has no range.
+    """
     settings = color_settings(run.frames.config, light)
-    return ranges.key and content_key(settings, ranges.key, [sources_digest(file) for file in FITTING])
+    return ranges.key and content_key(
+        settings, ranges.key, [sources_digest(file) for file in FITTING]
+    )

@@ -17,16 +17,21 @@ PageTime = Literal["none", "end", "live"]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a command does its work. What changes its results is in the configuration, but for ``shard`` and ``water``.
+    """How a command does its work. What changes its results is in the configuration, but for
+    ``shard`` and ``water``.
 
-    workers: pairs worked on at once. overwrite: start over in a used folder. strict: stop at the first bad pair.
-    verify: read and hash every input again, even those with the size and time that an earlier run noted.
+    workers: pairs worked on at once. overwrite: start over in a used folder. strict: stop at the
+    first bad pair.
+    verify: read and hash every input again, even those with the size and time that an earlier run
+    noted.
     config_file: the file of the settings, protected from deletion. command_line: for run.json.
-    listener: told of progress; by default the log. notice: called with each line that a user should read before the work begins;
+    listener: told of progress; by default the log. notice: called with each line that a user should
+    read before the work begins;
     by default it goes to the log. shard: the part of the dive's pairs to work on.
     cluster: runs the work in place of this machine's threads.
-    water: a water.json whose waters are used in place of a fit. also_read: files that a later step of the same command reads, such
-    as the poses for its map; no input may lie in what a run deletes or replaces.
+    water: a water.json whose waters are used in place of a fit. also_read: files that a later step
+    of the same command reads, such as the poses for its map; no input may lie in what a run deletes
+    or replaces.
     page: when OUT/index.html is written: never, at the end, or also while the run works.
     """
 
@@ -45,15 +50,19 @@ class RunOptions:
     notice: Callable[[str], None] = log.info
 
     def within_memory(self, pair_bytes: float) -> "RunOptions":
-        """The options with at most as many workers as free memory allows, with a notice if that is fewer.
+        """The options with at most as many workers as free memory allows, with a notice if that is
+        fewer.
 
-        pair_bytes: memory that a pair takes. Workers of a cluster are not limited: they have memory of their own.
+        pair_bytes: memory that a pair takes. Workers of a cluster are not limited: they have memory
+        of their own.
         """
         fitting = self.workers if self.cluster else at_once(self.workers, pair_bytes)
         if fitting == self.workers:
             return self
         size = f"a pair takes about {pair_bytes / 1e9:.1f} GB while it is worked on"
-        self.notice(f"memory: {size}: {fitting} at once instead of {self.workers}, for more are not free")
+        self.notice(
+            f"memory: {size}: {fitting} at once instead of {self.workers}, for more are not free"
+        )
         return replace(self, workers=fitting)
 
     @property

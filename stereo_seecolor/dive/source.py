@@ -1,4 +1,6 @@
-"""Lazy sequences over the pairs of a dive: some of them, with their names, or in groups; each item is made when asked for."""
+"""Lazy sequences over the pairs of a dive: some of them, with their names, or in groups; each item
+is made when asked for.
+"""
 
 from array import array
 from collections.abc import Callable, Sequence
@@ -22,7 +24,9 @@ from stereo_seecolor.records import Image, Mask, RangeMap
 from stereo_seecolor.version import __version__
 
 GROUP = 32
-"""Pairs of a group. A stretch with a water of its own begins with one, and has 256 frames or more in a dive that needs groups."""
+"""Pairs of a group. A stretch with a water of its own begins with one, and has 256 frames or more
+in a dive that needs groups.
+"""
 
 
 def chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pair]:
@@ -47,7 +51,9 @@ class Named(Lazy[tuple[str, Pair]]):
 
 @dataclass(frozen=True)
 class Groups(Lazy[Sequence[Pair]]):
-    """Groups of neighboring pairs, the same for any number of workers, so that sums are always added in the same order."""
+    """Groups of neighboring pairs, the same for any number of workers, so that sums are always
+    added in the same order.
+    """
 
     pairs: Sequence[Pair]
 
@@ -89,13 +95,16 @@ class RangedImages:
     image = raw
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """The image and its range map. Raises InputError if they differ in size or cannot be read."""
+        """The image and its range map. Raises InputError if they differ in size or cannot be
+        read.
+        """
         image = self.image(pair, clock)
         with clock("read"):
             range_m = read_range_map(pair.right, self.config.input.range_units_per_m)
         if range_m.shape != image.shape[:2]:
             raise InputError(
-                f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its image {pair.left.name} is "
+                f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its "
+                f"image {pair.left.name} is "
                 f"{image.shape[1]}x{image.shape[0]}: give the range map of this very image"
             )
         row = seam_row(image, read_image_bytes(pair.left))

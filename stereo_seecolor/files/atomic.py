@@ -1,6 +1,7 @@
 """Atomic writes: files are complete or not there at all, also after a kill or a loss of power.
 
-Content goes to a temporary file beside its destination, is flushed to disk, and is renamed into place; then the folder is flushed.
+Content goes to a temporary file beside its destination, is flushed to disk, and is renamed into
+place; then the folder is flushed.
 """
 
 import contextlib
@@ -18,8 +19,12 @@ from typing import Any
 from stereo_seecolor.errors import OutputError
 
 TEMPORARY_PREFIX = ".writing-"
-_OWN = re.compile(r"\.writing-(?:[0-9a-f]{6}\d+-\d+-.+|(?:probe|work)-[0-9a-f]{8,}|[0-9a-f]{32,}\.npy)", re.S)
-"""Names of temporary files: of ``temporary_path``, and of files that several processes find by their names. A user's differ."""
+_OWN = re.compile(
+    r"\.writing-(?:[0-9a-f]{6}\d+-\d+-.+|(?:probe|work)-[0-9a-f]{8,}|[0-9a-f]{32,}\.npy)", re.S
+)
+"""Names of temporary files: of ``temporary_path``, and of files that several processes find by
+their names. A user's differ.
+"""
 
 _numbers = itertools.count()
 _process = secrets.token_hex(3)
@@ -31,7 +36,8 @@ Content = bytes | memoryview | Iterable[bytes | memoryview]
 def write_atomic(path: Path, content: Content) -> None:
     """Write ``content``, in one piece or in several, to ``path``; makes the folder if need be.
 
-    Raises OutputError if the disk is full or the folder cannot be written; what was at ``path`` is then still there.
+    Raises OutputError if the disk is full or the folder cannot be written; what was at ``path`` is
+    then still there.
     """
     with output_errors(path):
         temporary = write_temporary(path, content)
@@ -41,8 +47,8 @@ def write_atomic(path: Path, content: Content) -> None:
 
 
 def write_replaceable(path: Path, content: Content) -> None:
-    """Write a file as ``write_atomic`` does, but without waiting for the disk: for files that show by themselves whether they are
-    complete, and can be made again.
+    """Write a file as ``write_atomic`` does, but without waiting for the disk: for files that show
+    by themselves whether they are complete, and can be made again.
     """
     with output_errors(path):
         move_into_place(write_temporary(path, content), path)
@@ -50,9 +56,11 @@ def write_replaceable(path: Path, content: Content) -> None:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path to write to, for libraries that write files themselves; it becomes ``path`` when the block ends well.
+    """A temporary path to write to, for libraries that write files themselves; it becomes ``path``
+    when the block ends well.
 
-    Raises OutputError where the file cannot be written; OSError raised inside the block becomes one.
+    Raises OutputError where the file cannot be written; OSError raised inside the block becomes
+    one.
     """
     temporary = temporary_path(path)
     with output_errors(path):
@@ -74,19 +82,24 @@ def output_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}: free the place and run again, what is done is kept"
+            f"{path}: cannot be written: {error.strerror or error}: free the place and run again, "
+            "what is done is kept"
         ) from error
 
 
 def holds(path: Path, content: Content) -> bool:
-    """Tell whether the file at ``path`` has this content. Raises OSError where it cannot be read."""
+    """Tell whether the file at ``path`` has this content. Raises OSError where it cannot be
+    read.
+    """
     pieces = [content] if isinstance(content, bytes | memoryview) else content
     with path.open("rb") as file:
         return all(file.read(len(piece)) == piece for piece in pieces) and not file.read(1)
 
 
 def write_temporary(path: Path, content: Content) -> Path:
-    """Write ``content`` beside ``path``, to be flushed, and return where; nothing is left there on an error. Raises OSError."""
+    """Write ``content`` beside ``path``, to be flushed, and return where; nothing is left there on
+    an error. Raises OSError.
+    """
     temporary = temporary_path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -99,7 +112,9 @@ def write_temporary(path: Path, content: Content) -> Path:
 
 
 def link_temporary(source: Path, path: Path) -> Path:
-    """A second name for a file, or a copy of it where the file system has none, beside ``path``. Raises OSError."""
+    """A second name for a file, or a copy of it where the file system has none, beside ``path``.
+    Raises OSError.
+    """
     temporary = temporary_path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -120,15 +135,25 @@ def move_into_place(temporary: Path, path: Path) -> None:
 
 
 def temporary_path(path: Path) -> Path:
-    """A name beside ``path`` that no other process or thread uses; short, whatever the length of the destination's name."""
-    return path.with_name(f"{TEMPORARY_PREFIX}{_process}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}")
+    """A name beside ``path`` that no other process or thread uses; short, whatever the length of
+    the destination's name.
+    """
+    return path.with_name(
+        f"{TEMPORARY_PREFIX}{_process}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}"
+    )
 
 
 def temporaries_of(path: Path) -> list[Path]:
-    """Temporary files and folders that were begun for ``path``, by this process or another; no links."""
+    """Temporary files and folders that were begun for ``path``, by this process or another; no
+    links.
+    """
     ending = f"-{path.name[-40:]}"
     found = path.parent.glob(f"{TEMPORARY_PREFIX}*") if path.parent.is_dir() else ()
-    return [one for one in found if one.name.endswith(ending) and _OWN.fullmatch(one.name) and not one.is_symlink()]
+    return [
+        one
+        for one in found
+        if one.name.endswith(ending) and _OWN.fullmatch(one.name) and not one.is_symlink()
+    ]
 
 
 def flush_file(temporary: Path) -> None:
@@ -157,7 +182,9 @@ def flush_folder(folder: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete the temporary files and folders that a killed run left in ``folder`` itself; links are never followed."""
+    """Delete the temporary files and folders that a killed run left in ``folder`` itself; links are
+    never followed.
+    """
     if not folder.is_dir() or folder.is_symlink():
         return
     for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
@@ -181,7 +208,9 @@ def files_below(folder: Path) -> Iterable[Path]:
 
 
 def remove(path: Path) -> None:
-    """Delete a temporary file or folder as far as it can be: an error here must not hide the one that led here."""
+    """Delete a temporary file or folder as far as it can be: an error here must not hide the one
+    that led here.
+    """
     with contextlib.suppress(OSError):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
@@ -199,18 +228,25 @@ def refuse_existing(*files: Path) -> None:
     """Raise OutputError if one of ``files`` exists: it may be the user's only calibration."""
     for file in files:
         if file.exists() or file.is_symlink():
-            raise OutputError(f"{file}: is there already, and is not written over: give another name; nothing was touched")
+            raise OutputError(
+                f"{file}: is there already, and is not written over: give another name; nothing "
+                "was touched"
+            )
 
 
 def refuse_filled(folder: Path) -> None:
     """Raise OutputError if ``folder`` holds anything, or is no folder."""
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
-        raise OutputError(f"{folder}: is there already: this goes into a new or an empty folder; nothing was touched")
+        raise OutputError(
+            f"{folder}: is there already: this goes into a new or an empty folder; nothing was "
+            "touched"
+        )
 
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder to write into, which becomes ``folder`` when the block ends well, and is removed otherwise.
+    """A folder to write into, which becomes ``folder`` when the block ends well, and is removed
+    otherwise.
 
     Raises OutputError if ``folder`` holds anything, or cannot be written.
     """
@@ -232,7 +268,9 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked(building: Path) -> Iterator[bool]:
-    """Lock a folder while it is written, where the system can; a killed process leaves no lock. False where another holds it."""
+    """Lock a folder while it is written, where the system can; a killed process leaves no lock.
+    False where another holds it.
+    """
     if fcntl is None:
         yield False
         return

@@ -1,4 +1,6 @@
-"""Files that lie inside others: ``dive.mcap/left/1700000000-100000000.png`` is read from the bag, and never written to disk."""
+"""Files that lie inside others: ``dive.mcap/left/1700000000-100000000.png`` is read from the bag,
+and never written to disk.
+"""
 
 import os
 import stat
@@ -43,7 +45,11 @@ def contained(path: Path) -> ContainedFile | None:
     if not _containers:
         return None
     outer = next((parent for parent in path.parents if parent in _containers), None)
-    return ContainedFile(outer, path.relative_to(outer).as_posix(), _containers[outer]) if outer else None
+    return (
+        ContainedFile(outer, path.relative_to(outer).as_posix(), _containers[outer])
+        if outer
+        else None
+    )
 
 
 def is_there(path: Path) -> bool:
@@ -55,7 +61,9 @@ def is_there(path: Path) -> bool:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file, or of one in a bag. Raises InputError if it is missing, or a named pipe, say."""
+    """The content of a regular file, or of one in a bag. Raises InputError if it is missing, or a
+    named pipe, say.
+    """
     if inner := contained(path):
         return inner.read()
     try:
@@ -67,7 +75,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def special_kind(path: Path) -> str:
-    """Name what ``path`` is where it is no regular file, "" where it is one: opening a named pipe or a device could wait forever.
+    """Name what ``path`` is where it is no regular file, "" where it is one: opening a named pipe
+    or a device could wait forever.
 
     Raises OSError if the path does not exist.
     """

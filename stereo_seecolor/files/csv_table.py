@@ -1,4 +1,6 @@
-"""Tables as CSV: unknown values are written as empty cells; reading names the line that cannot be used."""
+"""Tables as CSV: unknown values are written as empty cells; reading names the line that cannot be
+used.
+"""
 
 import csv
 import io
@@ -29,10 +31,13 @@ def _cell(value: Any) -> Any:
 def table_rows(content: bytes) -> Iterator[dict[str, str]]:
     """The rows of a table that this program wrote, by the names of its columns.
 
-    Raises ValueError where it is damaged: no text, a row of other cells than the header's, a cell of more than 131,072 characters.
+    Raises ValueError where it is damaged: no text, a row of other cells than the header's, a cell
+    of more than 131,072 characters.
     """
     try:
-        for number, row in enumerate(csv.DictReader(io.StringIO(content.decode(), newline="")), start=2):
+        for number, row in enumerate(
+            csv.DictReader(io.StringIO(content.decode(), newline="")), start=2
+        ):
             if None in row or None in row.values():
                 raise ValueError(f"row {number} has other cells than the header")
             yield row
@@ -49,10 +54,14 @@ def header(path: Path) -> Sequence[str]:
 
 
 def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Place (path and line) and cells of each row. Raises InputError, also where one of ``columns`` is missing."""
+    """Place (path and line) and cells of each row. Raises InputError, also where one of ``columns``
+    is missing.
+    """
     missing = [name for name in columns if name not in header(path)]
     if missing:
-        raise InputError(f"{path}: has no column {missing[0]!r}: give the columns {', '.join(columns)}")
+        raise InputError(
+            f"{path}: has no column {missing[0]!r}: give the columns {', '.join(columns)}"
+        )
     reader = _reader(path)
     try:
         yield from ((f"{path}: line {reader.line_num}", row) for row in reader)
@@ -61,4 +70,6 @@ def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, st
 
 
 def _reader(path: Path) -> "csv.DictReader[str]":
-    return csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")), restval="")
+    return csv.DictReader(
+        io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")), restval=""
+    )

@@ -42,14 +42,18 @@ _compiled: list[bool] = []
 
 
 def is_compiled() -> bool:
-    """False while machine code to decode PNG could be kept on disk and is not there yet: before a first run, OpenCV takes less."""
+    """False while machine code to decode PNG could be kept on disk and is not there yet: before a
+    first run, OpenCV takes less.
+    """
     if not _compiled and not _unfilter.missing:
         _compiled.append(True)
     return bool(_compiled)
 
 
 def quickly_decoded(content: bytes) -> NDArray[Any] | None:
-    """Decode to (H, W), or (H, W, 3) RGB; None for a file of any other form, and for one that is truncated or damaged."""
+    """Decode to (H, W), or (H, W, 3) RGB; None for a file of any other form, and for one that is
+    truncated or damaged.
+    """
     try:
         if content.startswith(SIGNATURE):
             return _png(content)
@@ -59,8 +63,8 @@ def quickly_decoded(content: bytes) -> NDArray[Any] | None:
 
 
 def has_exif(content: bytes) -> bool:
-    """Tell whether a PNG has a chunk of EXIF, by the headers of its chunks: a search through the content takes ten times as
-    long.
+    """Tell whether a PNG has a chunk of EXIF, by the headers of its chunks: a search through the
+    content takes ten times as long.
     """
     try:
         return any(kind == b"eXIf" for kind, _, _ in _chunks(content))
@@ -69,7 +73,9 @@ def has_exif(content: bytes) -> bool:
 
 
 def _chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file that is cut short."""
+    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
+    that is cut short.
+    """
     at = len(SIGNATURE)
     while at < len(content):
         length, kind = struct.unpack_from(">I4s", content, at)
@@ -83,11 +89,19 @@ def _png(content: bytes) -> NDArray[np.uint8] | None:
     for kind, start, end in _chunks(content):
         chunks.setdefault(kind, []).append(content[start:end])
     width, height, bits, kind, _, _, interlaced = struct.unpack(">2I5B", chunks[b"IHDR"][0])
-    if bits != 8 or kind not in (GRAY, PNG_RGB) or interlaced or b"IEND" not in chunks or b"tRNS" in chunks:
+    if (
+        bits != 8
+        or kind not in (GRAY, PNG_RGB)
+        or interlaced
+        or b"IEND" not in chunks
+        or b"tRNS" in chunks
+    ):
         return None
     channels = 1 if kind == GRAY else 3
     row = width * channels + 1
-    rows = np.frombuffer(inflated(b"".join(chunks[b"IDAT"]), height * row), np.uint8).reshape(height, row)
+    rows = np.frombuffer(inflated(b"".join(chunks[b"IDAT"]), height * row), np.uint8).reshape(
+        height, row
+    )
     if rows[:, 0].max() > PAETH:
         return None
     pixels = np.empty((height, width * channels), np.uint8)
@@ -100,7 +114,11 @@ def _tiff(content: bytes) -> NDArray[np.float32] | None:
     (at,) = struct.unpack_from("<I", content, 4)
     (count,) = struct.unpack_from("<H", content, at)
     entries = (struct.unpack_from("<HHII", content, at + 2 + 12 * i) for i in range(count))
-    tags = {tag: value & 0xFFFF if kind == SHORT else value for tag, kind, length, value in entries if length == 1}
+    tags = {
+        tag: value & 0xFFFF if kind == SHORT else value
+        for tag, kind, length, value in entries
+        if length == 1
+    }
     if any(tags[tag] != value for tag, value in FLOAT_GRAY.items()):
         return None
     strip = memoryview(content)[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
@@ -117,7 +135,9 @@ def _tiff(content: bytes) -> NDArray[np.float32] | None:
 
 @compiled
 def _unfilter(rows, step, pixels):  # type: ignore[no-untyped-def]
-    """Undo the filters of PNG (its specification, 9.2): ``rows`` begin with the filter's number, ``step`` bytes are a pixel."""
+    """Undo the filters of PNG (its specification, 9.2): ``rows`` begin with the filter's number,
+    ``step`` bytes are a pixel.
+    """
     height, width = pixels.shape
     for row in range(height):
         kind = rows[row, 0]
@@ -132,8 +152,14 @@ def _unfilter(rows, step, pixels):  # type: ignore[no-untyped-def]
             elif kind == UP:
                 value += upper
             elif kind == PAETH:
-                corner = np.int32(pixels[row - 1, i - step]) if row > 0 and i >= step else np.int32(0)
-                by_left, by_upper, by_corner = abs(upper - corner), abs(left - corner), abs(left + upper - 2 * corner)
+                corner = (
+                    np.int32(pixels[row - 1, i - step]) if row > 0 and i >= step else np.int32(0)
+                )
+                by_left, by_upper, by_corner = (
+                    abs(upper - corner),
+                    abs(left - corner),
+                    abs(left + upper - 2 * corner),
+                )
                 if by_left <= by_upper and by_left <= by_corner:
                     value += left
                 else:
@@ -155,7 +181,9 @@ def _add_differences(rows, values):  # type: ignore[no-untyped-def]
 
 JPEG_END = b"\xff\xd9"
 FEW_FILES = 16
-"""So many OpenCV decodes while numba is imported, a quarter of a second; more are decoded in half the time by our own kernels."""
+"""So many OpenCV decodes while numba is imported, a quarter of a second; more are decoded in half
+the time by our own kernels.
+"""
 _read = count(1)
 
 
@@ -168,18 +196,26 @@ def read_array(path: Path) -> NDArray[Any]:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):  # OpenCV fills the rest with gray
+    if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(
+        JPEG_END
+    ):  # OpenCV fills the rest with gray
         raise InputError(f"{path}: is cut short")
-    if ("numba" in sys.modules or next(_read) > FEW_FILES) and (quick := quickly_decoded(content)) is not None:
+    if ("numba" in sys.modules or next(_read) > FEW_FILES) and (
+        quick := quickly_decoded(content)
+    ) is not None:
         return quick
-    pixels: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    pixels: NDArray[Any] | None = (
+        cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    )
     if pixels is None:
         raise InputError(f"{path}: is damaged")
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels
 
 
 def eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """A corrected image of any output format, one channel for monochrome cameras, as (H, W, 3) 8-bit sRGB."""
+    """A corrected image of any output format, one channel for monochrome cameras, as (H, W, 3)
+    8-bit sRGB.
+    """
     if image.dtype == np.uint16:
         image = image >> 8
     elif image.dtype == np.float32:

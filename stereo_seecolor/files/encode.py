@@ -1,4 +1,6 @@
-"""Encoding of arrays to file contents. The settings were chosen by measurement: see docs/performance.md."""
+"""Encoding of arrays to file contents. The settings were chosen by measurement: see
+docs/performance.md.
+"""
 
 import struct
 import zlib
@@ -37,15 +39,19 @@ except ImportError:  # no wheel for this machine: the same content, in more time
 
 Compression = Literal["fast", "small", "repeats"]
 FAST_LEVEL = 1
-"""Of ISA-L: 12 ms for the 4 MB of a filtered picture of 1.3 megapixels. Level 0 gives 36 % more, 2 and 3 the same."""
+"""Of ISA-L: 12 ms for the 4 MB of a filtered picture of 1.3 megapixels. Level 0 gives 36 % more, 2
+and 3 the same.
+"""
 
 
 def deflated(content: bytes | memoryview, compression: Compression = "fast") -> bytes:
-    """A zlib stream. fast: by Intel's ISA-L, which runs on ARM too. small: run lengths and Huffman codes, by zlib.
+    """A zlib stream. fast: by Intel's ISA-L, which runs on ARM too. small: run lengths and Huffman
+    codes, by zlib.
 
-    On filtered pictures, which are mostly noise, small takes 40 ms where fast takes 12, and gives 5 to 8 % less: less than zlib's
-    levels 6 to 9, which find matches by chance in 260 ms. repeats: by zlib's level 6, for what does repeat: the triangles of a mesh
-    take a fifth less than by fast, at 0.2 s a million.
+    On filtered pictures, which are mostly noise, small takes 40 ms where fast takes 12, and gives 5
+    to 8 % less: less than zlib's levels 6 to 9, which find matches by chance in 260 ms. repeats: by
+    zlib's level 6, for what does repeat: the triangles of a mesh take a fifth less than by fast, at
+    0.2 s a million.
     """
     if compression == "fast" and fast_compress is not None:
         return bytes(fast_compress(content, FAST_LEVEL))
@@ -56,7 +62,9 @@ def deflated(content: bytes | memoryview, compression: Compression = "fast") -> 
 
 
 def inflated(content: bytes | memoryview, size: int) -> bytes:
-    """The ``size`` bytes of a zlib stream. Raises ValueError if it holds fewer or more, which are not inflated, or is damaged."""
+    """The ``size`` bytes of a zlib stream. Raises ValueError if it holds fewer or more, which are
+    not inflated, or is damaged.
+    """
     inflater = fast_inflater()
     try:
         found = bytes(inflater.decompress(content, size + 1))
@@ -76,20 +84,29 @@ Chunks = Mapping[bytes, bytes]
 """Kind -> data, in the order in which they are written."""
 
 
-def encode_png(pixels: NDArray[np.generic], compression: Compression = "fast", chunks: Chunks | None = None) -> bytes:
-    """Encode (H, W), or (H, W, 3) RGB, of uint8 or uint16. chunks: further ones, written before the pixels."""
+def encode_png(
+    pixels: NDArray[np.generic], compression: Compression = "fast", chunks: Chunks | None = None
+) -> bytes:
+    """Encode (H, W), or (H, W, 3) RGB, of uint8 or uint16. chunks: further ones, written before the
+    pixels.
+    """
     return _file(pixels, deflated(_averaged(pixels).data, compression), chunks or {})
 
 
 def encode_codes(codes: NDArray[np.uint8], compression: Compression) -> bytes:
-    """Encode an image (H, W) of few different values without a row filter: such rows deflate better as they are."""
-    rows = np.zeros((codes.shape[0], codes.shape[1] + 1), np.uint8)  # the first byte of a row: UNFILTERED
+    """Encode an image (H, W) of few different values without a row filter: such rows deflate better
+    as they are.
+    """
+    rows = np.zeros(
+        (codes.shape[0], codes.shape[1] + 1), np.uint8
+    )  # the first byte of a row: UNFILTERED
     rows[:, 1:] = codes
     return _file(codes, deflated(rows.data, compression), {})
 
 
 def _averaged(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Rows of bytes, each less the mean of its left and its upper neighbor (filter 3 of PNG), the filter's number before them.
+    """Rows of bytes, each less the mean of its left and its upper neighbor (filter 3 of PNG), the
+    filter's number before them.
 
     The mean of two bytes without a carry: what both have, and half of where they differ.
     """
@@ -111,13 +128,22 @@ def _averaged(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 def _file(pixels: NDArray[np.generic], data: bytes, chunks: Chunks) -> bytes:
     kind = GRAY if pixels.ndim == 2 else PNG_RGB
-    header = struct.pack(">2I5B", pixels.shape[1], pixels.shape[0], 8 * pixels.dtype.itemsize, kind, 0, 0, 0)
+    header = struct.pack(
+        ">2I5B", pixels.shape[1], pixels.shape[0], 8 * pixels.dtype.itemsize, kind, 0, 0, 0
+    )
     parts = {b"IHDR": header, **chunks, b"IDAT": data, b"IEND": b""}
     return b"".join([SIGNATURE, *(_chunk(kind, content) for kind, content in parts.items())])
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:
-    return b"".join([struct.pack(">I", len(content)), kind, content, struct.pack(">I", zlib.crc32(content, zlib.crc32(kind)))])
+    return b"".join(
+        [
+            struct.pack(">I", len(content)),
+            kind,
+            content,
+            struct.pack(">I", zlib.crc32(content, zlib.crc32(kind))),
+        ]
+    )
 
 
 # TIFF encoding: images with their camera's EXIF, which OpenCV does not write; maps deflated in an
@@ -131,7 +157,9 @@ UNSIGNED, FLOAT = 1, 3
 
 
 def encode_tiff(image: NDArray[np.generic], exif: bytes = b"") -> bytes:
-    """Encode (H, W), or (H, W, 3) RGB, of uint8, uint16 or float32, in one strip. exif: a Capture's block, or b""."""
+    """Encode (H, W), or (H, W, 3) RGB, of uint8, uint16 or float32, in one strip. exif: a Capture's
+    block, or b"".
+    """
     tags = Image.Exif()
     if exif:
         tags.load(EXIF_PREFIX + exif)
@@ -139,11 +167,15 @@ def encode_tiff(image: NDArray[np.generic], exif: bytes = b"") -> bytes:
     order: Literal["<", ">"] = "<" if tags.endian == "<" else ">"
     pixels = image.astype(image.dtype.newbyteorder(order), copy=False)
     tags.update(_tags(image, pixels.nbytes))
-    return b"".join([tags.tobytes().removeprefix(EXIF_PREFIX), np.ascontiguousarray(pixels).data.cast("B")])
+    return b"".join(
+        [tags.tobytes().removeprefix(EXIF_PREFIX), np.ascontiguousarray(pixels).data.cast("B")]
+    )
 
 
 def encode_deflated(values: NDArray[np.float32], compression: Compression) -> bytes:
-    """Encode a map (H, W) of float32 as a deflated TIFF: half the size of an uncompressed range map."""
+    """Encode a map (H, W) of float32 as a deflated TIFF: half the size of an uncompressed range
+    map.
+    """
     content = deflated(_differences(values).data, compression)
     tags = Image.Exif()
     tags.endian = "<"
@@ -152,9 +184,16 @@ def encode_deflated(values: NDArray[np.float32], compression: Compression) -> by
 
 
 def _differences(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Rows of first all highest bytes, then all second ones and so on, each byte less its left neighbor."""
+    """Rows of first all highest bytes, then all second ones and so on, each byte less its left
+    neighbor.
+    """
     height, width = values.shape
-    planes = np.ascontiguousarray(values.astype(">f4")).view(np.uint8).reshape(height, width, 4).transpose(0, 2, 1)
+    planes = (
+        np.ascontiguousarray(values.astype(">f4"))
+        .view(np.uint8)
+        .reshape(height, width, 4)
+        .transpose(0, 2, 1)
+    )
     rows = planes.reshape(height, 4 * width)
     differences = rows.copy()
     differences[:, 1:] -= rows[:, :-1]
@@ -183,11 +222,16 @@ JPEG_QUALITY = 95  # no blocks are seen; above, files grow fast
 
 
 def encode_image(
-    rgb: NDArray[np.generic], image_format: ImageFormat, exif: bytes = b"", compression: Compression = "fast"
+    rgb: NDArray[np.generic],
+    image_format: ImageFormat,
+    exif: bytes = b"",
+    compression: Compression = "fast",
 ) -> bytes:
-    """Encode an RGB image (H, W, 3); it is written as one channel where red, green and blue are equal everywhere.
+    """Encode an RGB image (H, W, 3); it is written as one channel where red, green and blue are
+    equal everywhere.
 
-    png and tiff keep 8 or 16 bits; png16 scales 8 bits up to 16; jpg takes 8 bits (16 are scaled down); tiff32 takes float32.
+    png and tiff keep 8 or 16 bits; png16 scales 8 bits up to 16; jpg takes 8 bits (16 are scaled
+    down); tiff32 takes float32.
     exif: a Capture's block. It is embedded, and in png and jpg the sRGB profile (of color images).
     """
     if image_format == "png16" and rgb.dtype == np.uint8:
@@ -199,32 +243,43 @@ def encode_image(
     if image_format in ("tiff", "tiff32"):
         return encode_tiff(pixels, exif)
     if image_format == "jpg":
-        return _encode_jpeg(pixels, {cv2.IMAGE_METADATA_EXIF: exif, cv2.IMAGE_METADATA_ICCP: b"" if mono else SRGB_PROFILE})
+        return _encode_jpeg(
+            pixels,
+            {cv2.IMAGE_METADATA_EXIF: exif, cv2.IMAGE_METADATA_ICCP: b"" if mono else SRGB_PROFILE},
+        )
     chunks = {} if mono else {b"iCCP": SRGB_CHUNK}
     return encode_png(pixels, compression, {**chunks, b"eXIf": exif} if exif else chunks)
 
 
 def encode_map(values: Map, compression: Compression | None = None) -> bytes:
-    """Encode a map (H, W) float32, NaN unknown, as a one-page float32 TIFF; uncompressed where no compression is named."""
+    """Encode a map (H, W) float32, NaN unknown, as a one-page float32 TIFF; uncompressed where no
+    compression is named.
+    """
     values = values.astype(np.float32, copy=False)
     return encode_deflated(values, compression) if compression else encode_tiff(values)
 
 
 def rounded(values: Map) -> Map:
-    """Round (H, W) float32 to 9 significant bits, which deflate to 40 % of the size: standard errors are not known to 0.2 %."""
+    """Round (H, W) float32 to 9 significant bits, which deflate to 40 % of the size: standard
+    errors are not known to 0.2 %.
+    """
     bits = values.astype(np.float32).view(np.uint32)
     nearest = ((bits + np.uint32(1 << 14)) & np.uint32(0xFFFF8000)).view(np.float32)
     return np.where(np.isfinite(values), nearest, values).astype(np.float32)
 
 
 def encode_depth_mm(depth_m: Map) -> bytes:
-    """Encode depths (H, W), meters, NaN unknown, as a 16-bit PNG in millimeters, 0 where unknown or beyond 65.535 m."""
+    """Encode depths (H, W), meters, NaN unknown, as a 16-bit PNG in millimeters, 0 where unknown or
+    beyond 65.535 m.
+    """
     depth_mm = np.round(1000 * np.nan_to_num(depth_m))
     return encode_png(np.where(depth_mm <= np.iinfo(np.uint16).max, depth_mm, 0).astype(np.uint16))
 
 
 def encode_confidence(confidence: Map, compression: Compression = "fast") -> bytes:
-    """Encode a confidence (H, W) in [0, 1] as an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept for what was not measured."""
+    """Encode a confidence (H, W) in [0, 1] as an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept
+    for what was not measured.
+    """
     return encode_codes(np.ceil(confidence * 255).astype(np.uint8), compression)
 
 
@@ -234,13 +289,17 @@ def encode_mask(mask: NDArray[np.uint8], compression: Compression = "fast") -> b
 
 
 def _srgb_profile() -> bytes:
-    """The ICC profile of sRGB, with a date of creation that never changes, so that equal images are equal files."""
+    """The ICC profile of sRGB, with a date of creation that never changes, so that equal images are
+    equal files.
+    """
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     return profile[:24] + struct.pack(">6H", 2000, 1, 1, 0, 0, 0) + profile[36:]
 
 
 SRGB_PROFILE = _srgb_profile()
-SRGB_CHUNK = b"sRGB\0\0" + zlib.compress(SRGB_PROFILE)  # the profile's name, and that it is deflated
+SRGB_CHUNK = b"sRGB\0\0" + zlib.compress(
+    SRGB_PROFILE
+)  # the profile's name, and that it is deflated
 """Content of a PNG's iCCP."""
 
 
@@ -249,7 +308,9 @@ def _encode_jpeg(pixels: NDArray[np.generic], metadata: dict[int, bytes]) -> byt
     blocks = [np.frombuffer(block, np.uint8) for block in metadata.values()]
     stored = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     encoded: NDArray[np.uint8]
-    _, encoded = cv2.imencodeWithMetadata(".jpg", stored, list(metadata), blocks, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    _, encoded = cv2.imencodeWithMetadata(
+        ".jpg", stored, list(metadata), blocks, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    )
     return encoded.tobytes()
 
 
@@ -261,13 +322,17 @@ JPEG_SIGNATURE, JPEG_APP0, JPEG_APP1, JPEG_SCAN = b"\xff\xd8", 0xFFE0, 0xFFE1, 0
 
 
 def with_exif(content: bytes, block: bytes) -> bytes:
-    """Replace the EXIF block (a TIFF structure) of a PNG, JPEG or TIFF as this program writes them; return the new content."""
+    """Replace the EXIF block (a TIFF structure) of a PNG, JPEG or TIFF as this program writes them;
+    return the new content.
+    """
     if content.startswith(PNG_SIGNATURE):
         return _png(content, block)
     if content.startswith(JPEG_SIGNATURE):
         return _jpeg(content, block)
     pixels = np.asarray(cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED))
-    return encode_tiff(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels, block)
+    return encode_tiff(
+        np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels, block
+    )
 
 
 def _png(content: bytes, block: bytes) -> bytes:
@@ -278,7 +343,9 @@ def _png(content: bytes, block: bytes) -> bytes:
         if kind != PNG_EXIF:
             pieces.append(content[position : position + PNG_FRAME + length])
         if kind == b"IHDR":
-            pieces.append(struct.pack(">I", len(block)) + chunk + struct.pack(">I", zlib.crc32(chunk)))
+            pieces.append(
+                struct.pack(">I", len(block)) + chunk + struct.pack(">I", zlib.crc32(chunk))
+            )
         position += PNG_FRAME + length
     return b"".join(pieces)
 

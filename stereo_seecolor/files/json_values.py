@@ -13,7 +13,9 @@ PIECE = 1 << 16
 
 
 class Streamed(dict[str, Any]):
-    """An object of JSON whose members are made while it is written: those of a million frames are not held in memory."""
+    """An object of JSON whose members are made while it is written: those of a million frames are
+    not held in memory.
+    """
 
     def __init__(self, members: Callable[[], Iterable[tuple[str, Any]]]) -> None:
         super().__init__()
@@ -43,7 +45,8 @@ class StreamedList(list[Any]):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JsonText:
-    """The text of ``content`` in UTF-8 with a line feed at its end, piece by piece as often as it is asked for.
+    """The text of ``content`` in UTF-8 with a line feed at its end, piece by piece as often as it
+    is asked for.
 
     What is Streamed in it is never whole; with an indent, each member of it is one line.
     """
@@ -69,17 +72,24 @@ def _pieces(value: Any, indent: int | None, depth: int) -> Iterator[str]:
     """The text of a value ``depth`` objects deep, in the layout of ``json.dumps``."""
     margin = "" if indent is None else "\n" + " " * indent * depth
     if isinstance(value, Streamed):
-        yield from _enclosed("{}", ([f"{_line(key)}: {_line(item)}"] for key, item in value.items()), indent, margin)
+        yield from _enclosed(
+            "{}", ([f"{_line(key)}: {_line(item)}"] for key, item in value.items()), indent, margin
+        )
     elif isinstance(value, StreamedList):
         yield from _enclosed("[]", ([_line(item)] for item in value), indent, margin)
     elif isinstance(value, Mapping):
-        members = (chain([f"{_line(key)}: "], _pieces(item, indent, depth + 1)) for key, item in value.items())
+        members = (
+            chain([f"{_line(key)}: "], _pieces(item, indent, depth + 1))
+            for key, item in value.items()
+        )
         yield from _enclosed("{}", members, indent, margin)
     else:
         yield json.dumps(value, indent=indent, allow_nan=False).replace("\n", margin)
 
 
-def _enclosed(brackets: str, members: Iterable[Iterable[str]], indent: int | None, margin: str) -> Iterator[str]:
+def _enclosed(
+    brackets: str, members: Iterable[Iterable[str]], indent: int | None, margin: str
+) -> Iterator[str]:
     """An object or a list of members that come in pieces."""
     inner = "" if indent is None else margin + " " * indent
     before = brackets[0] + inner
@@ -91,13 +101,17 @@ def _enclosed(brackets: str, members: Iterable[Iterable[str]], indent: int | Non
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON holds it: dataclasses are objects, arrays and tuples lists, NaN and infinity null, all else its text."""
+    """A value as JSON holds it: dataclasses are objects, arrays and tuples lists, NaN and infinity
+    null, all else its text.
+    """
     if value is None or isinstance(value, (str, bool, int, Streamed, StreamedList)):
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

@@ -9,7 +9,9 @@ import numpy as np
 
 
 def content_key(*parts: object) -> str:
-    """A hash of everything that an output depends on; equal parts give equal keys, on any machine."""
+    """A hash of everything that an output depends on; equal parts give equal keys, on any
+    machine.
+    """
     return content_key_of(parts)
 
 
@@ -29,7 +31,11 @@ class ContentKey:
 
     def add(self, part: object) -> None:
         """Add one part."""
-        content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=_plain).encode()
+        content = (
+            part
+            if isinstance(part, bytes)
+            else json.dumps(part, sort_keys=True, default=_plain).encode()
+        )
         self._digest.update(len(content).to_bytes(8, "little") + content)
 
     @property
@@ -39,9 +45,15 @@ class ContentKey:
 
 
 def _plain(value: object) -> object:
-    """What JSON cannot hold, as content: how numpy prints arrays is a setting of the process, and long ones are cut."""
+    """What JSON cannot hold, as content: how numpy prints arrays is a setting of the process, and
+    long ones are cut.
+    """
     if isinstance(value, np.ndarray):
-        return [str(value.dtype), value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
+        return [
+            str(value.dtype),
+            value.shape,
+            hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
+        ]
     if isinstance(value, np.generic):
         return value.item()
     if is_dataclass(value) and not isinstance(value, type):

@@ -27,8 +27,14 @@ _PROPERTIES = {
 
 
 def header(comment: str, vertex: np.dtype[np.void], points: int, triangles: int = 0) -> bytes:
-    """The header before ``points`` records of type ``vertex`` (POINT or VERTEX) and ``triangles`` records of type FACE."""
-    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comment.splitlines())]
+    """The header before ``points`` records of type ``vertex`` (POINT or VERTEX) and ``triangles``
+    records of type FACE.
+    """
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {line}" for line in comment.splitlines()),
+    ]
     lines.append(f"element vertex {points}")
     lines += [f"property {p}" for name in vertex.names or () for p in _PROPERTIES[name]]
     if triangles:
@@ -45,7 +51,9 @@ def read_vertices(path: Path) -> NDArray[np.void]:
 def read_triangles(path: Path) -> NDArray[np.void]:
     """The triangles of a map's mesh, as FACE, read from disk where they are used."""
     head = _read_header(path)
-    return _records(path, FACE, len(head) + _count(head, b"vertex") * VERTEX.itemsize, _count(head, b"face"))
+    return _records(
+        path, FACE, len(head) + _count(head, b"vertex") * VERTEX.itemsize, _count(head, b"face")
+    )
 
 
 def _read_header(path: Path) -> bytes:
@@ -68,14 +76,19 @@ def _records(path: Path, record: np.dtype[np.void], offset: int, count: int) -> 
 def encode_cloud(range_m: Map, rays: NDArray[np.float32], rgb: Image) -> memoryview:
     """The pixels with a known range: float32 x y z in meters, uchar red green blue.
 
-    range_m: (H, W), unknown where not finite. rays: (H, W, 3) unit vectors. rgb: (H, W, 3), of 16 bits the upper 8 are kept.
+    range_m: (H, W), unknown where not finite. rays: (H, W, 3) unit vectors. rgb: (H, W, 3), of 16
+    bits the upper 8 are kept.
     """
     points = int(np.count_nonzero(np.isfinite(range_m)))
-    head = header("stereo-seecolor, meters, left rectified camera: x right, y down, z forward", POINT, points)
+    head = header(
+        "stereo-seecolor, meters, left rectified camera: x right, y down, z forward", POINT, points
+    )
     content = np.empty(len(head) + points * POINT.itemsize, np.uint8)
     content[: len(head)] = np.frombuffer(head, np.uint8)
     vertices = content[len(head) :].view(POINT)
-    _fill(range_m, rays, rgb, np.uint8(8 * (rgb.dtype.itemsize - 1)), vertices["xyz"], vertices["rgb"])
+    _fill(
+        range_m, rays, rgb, np.uint8(8 * (rgb.dtype.itemsize - 1)), vertices["xyz"], vertices["rgb"]
+    )
     return content.data
 
 
@@ -99,11 +112,16 @@ _HEADER = "# timestamp tx ty tz qx qy qz qw: the rectified left camera in the wo
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write one line for each pose, after a comment with the frame's name where it has one. Raises OutputError.
+    """Write one line for each pose, after a comment with the frame's name where it has one. Raises
+    OutputError.
 
     A pose without time gets its number as time.
     """
-    times = np.where(np.isfinite(trajectory.timestamps_s), trajectory.timestamps_s, np.arange(len(trajectory.names)))
+    times = np.where(
+        np.isfinite(trajectory.timestamps_s),
+        trajectory.timestamps_s,
+        np.arange(len(trajectory.names)),
+    )
     lines = [_HEADER]
     for name, time_s, T in zip(trajectory.names, times, trajectory.T_world_camera, strict=True):
         lines += [f"# {name}"] if name else []

@@ -13,7 +13,9 @@ from stereo_seecolor.records import Map
 
 @dataclass(frozen=True)
 class PreviewSize:
-    """The size of a preview. longer_px: longer side in pixels, at the most. quality: of the JPEG."""
+    """The size of a preview. longer_px: longer side in pixels, at the most. quality: of the
+    JPEG.
+    """
 
     longer_px: int
     quality: int
@@ -22,13 +24,17 @@ class PreviewSize:
 THUMBNAIL = PreviewSize(192, 72)
 """96 CSS pixels wide on a screen of double density; about 4 kB: 5,000 of them are 20 MB."""
 SCREEN = PreviewSize(1600, 85)
-"""As wide as the viewer on a large screen, without blocks to be seen: the full image is a click away."""
+"""As wide as the viewer on a large screen, without blocks to be seen: the full image is a click
+away.
+"""
 LIVE = PreviewSize(480, 72)
 """Three beside each other on a laptop; about 30 kB."""
 RANGE_PX = 960
 """Longer side of a picture of ranges, about: enough for a page."""
 NEAR, FAR = 0.02, 0.98
-"""Quantiles of the ranges that have the brightest and the darkest color: single wrong ranges do not decide."""
+"""Quantiles of the ranges that have the brightest and the darkest color: single wrong ranges do not
+decide.
+"""
 
 
 def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:
@@ -39,13 +45,17 @@ def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:
         smaller = max(1, round(width * scale)), max(1, round(height * scale))
         pixels = np.asarray(cv2.resize(pixels, smaller, interpolation=cv2.INTER_AREA))
     encoded: NDArray[np.uint8]
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(eight_bit(pixels), cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, size.quality])
+    _, encoded = cv2.imencode(
+        ".jpg",
+        cv2.cvtColor(eight_bit(pixels), cv2.COLOR_RGB2BGR),
+        [cv2.IMWRITE_JPEG_QUALITY, size.quality],
+    )
     return encoded.tobytes()
 
 
 def range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
-    """Draw ranges, near bright, unknown black: (h, w, 3) RGB; with the ranges of its brightest and darkest color, meters, NaN if
-    none is known.
+    """Draw ranges, near bright, unknown black: (h, w, 3) RGB; with the ranges of its brightest and
+    darkest color, meters, NaN if none is known.
 
     Large maps are shown by every second pixel, or fewer.
     """
@@ -56,5 +66,8 @@ def range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
         return np.zeros((*small.shape, 3), np.uint8), np.nan, np.nan
     near_m, far_m = (float(value) for value in np.quantile(small[known], (NEAR, FAR)))
     scaled = np.clip((far_m - np.where(known, small, far_m)) / max(far_m - near_m, 1e-3), 0, 1)
-    colors = cv2.applyColorMap((255 * scaled).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1] * known[..., None]
+    colors = (
+        cv2.applyColorMap((255 * scaled).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1]
+        * known[..., None]
+    )
     return colors.astype(np.uint8), near_m, far_m

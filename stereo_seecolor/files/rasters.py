@@ -1,6 +1,7 @@
 """Reading of GeoTIFFs: as GeoTIFFs alone, whatever their content says.
 
-GDAL recognizes a file by its content: a ``dem.tif`` that is a virtual raster would open other files, and the network.
+GDAL recognizes a file by its content: a ``dem.tif`` that is a virtual raster would open other
+files, and the network.
 """
 
 from collections.abc import Iterator
@@ -17,7 +18,8 @@ _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO"}
 
 @contextmanager
 def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
-    """Rasterio's dataset of a GeoTIFF with at least so many bands; an error of the block that is the file's becomes one line.
+    """Rasterio's dataset of a GeoTIFF with at least so many bands; an error of the block that is
+    the file's becomes one line.
 
     Raises InputError where it cannot be read; ImportError without rasterio.
     """
@@ -29,10 +31,16 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
             raise InputError(f"{path}: is {kind}, not a file")
         with rasterio.Env(**_ALONE), rasterio.open(path.absolute(), driver="GTiff") as file:
             if file.count < bands:
-                raise InputError(f"{path}: has {file.count} bands where {bands} are expected: make the map again with fuse")
+                raise InputError(
+                    f"{path}: has {file.count} bands where {bands} are expected: make the map "
+                    "again with fuse"
+                )
             yield file
     except RasterioError as error:
-        raise InputError(f"{path}: is damaged, or no GeoTIFF ({error}): make the map again with stereo-seecolor fuse") from error
+        raise InputError(
+            f"{path}: is damaged, or no GeoTIFF ({error}): make the map again with "
+            "stereo-seecolor fuse"
+        ) from error
     except OSError as error:
         if error.filename not in (None, str(path)):
             raise

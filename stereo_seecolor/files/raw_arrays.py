@@ -32,7 +32,9 @@ def load_array(path: Path) -> NDArray[Any]:
 
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an ``.npz`` file by name. Raises OSError, and ValueError or zipfile.BadZipFile where it is cut."""
+    """The arrays of an ``.npz`` file by name. Raises OSError, and ValueError or zipfile.BadZipFile
+    where it is cut.
+    """
     with PARSING, path.open("rb") as file, np.load(file) as content:
         return dict(content)
 
@@ -45,7 +47,9 @@ ALIGNMENT = 64
 
 
 def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
-    """Write arrays to one file, completely or, where the disk has no room for it, not at all; its folder must exist."""
+    """Write arrays to one file, completely or, where the disk has no room for it, not at all; its
+    folder must exist.
+    """
     temporary = temporary_path(path)
     with contextlib.suppress(OSError):
         try:
@@ -59,10 +63,12 @@ def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path, count: int) -> list[NDArray[Any]] | None:
-    """Read the ``count`` arrays of a file; None where it was never written, or was removed or truncated.
+    """Read the ``count`` arrays of a file; None where it was never written, or was removed or
+    truncated.
 
-    They lie in the system's cache of the file, and are read from disk where they are used: a pass that looks at a part of a picture
-    costs no more than that. The file may be deleted, not cut, while they are in use; what is written into them stays in memory.
+    They lie in the system's cache of the file, and are read from disk where they are used: a pass
+    that looks at a part of a picture costs no more than that. The file may be deleted, not cut,
+    while they are in use; what is written into them stays in memory.
     """
     try:
         with path.open("rb") as file:
@@ -73,11 +79,15 @@ def read_arrays(path: Path, count: int) -> list[NDArray[Any]] | None:
 
 
 def _next(content: mmap.mmap) -> NDArray[Any]:
-    """The array that begins at the next multiple of ALIGNMENT. Raises ValueError or TypeError where there is none."""
+    """The array that begins at the next multiple of ALIGNMENT. Raises ValueError or TypeError where
+    there is none.
+    """
     content.seek(content.tell() + -content.tell() % ALIGNMENT)
     npy.read_magic(content)
     with PARSING:
         shape, by_columns, dtype = npy.read_array_header_1_0(content)
-    array: NDArray[Any] = np.ndarray(shape, dtype, content, content.tell(), order="F" if by_columns else "C")
+    array: NDArray[Any] = np.ndarray(
+        shape, dtype, content, content.tell(), order="F" if by_columns else "C"
+    )
     content.seek(array.nbytes, os.SEEK_CUR)
     return array

@@ -1,4 +1,6 @@
-"""sRGB's transfer curve (IEC 61966-2-1) between linear light and encoded values, both as fractions of full scale."""
+"""sRGB's transfer curve (IEC 61966-2-1) between linear light and encoded values, both as fractions
+of full scale.
+"""
 
 from typing import TypeVar
 
@@ -22,13 +24,19 @@ def decode_srgb(encoded: NDArray[Float]) -> NDArray[Float]:
     Negative values stay on the linear part; values above 1 follow the curve.
     """
     curved = ((np.maximum(encoded, LINEAR_ENCODED) + OFFSET) / SCALE) ** POWER
-    return np.where(encoded <= LINEAR_ENCODED, encoded / LINEAR_SLOPE, curved).astype(encoded.dtype, copy=False)
+    return np.where(encoded <= LINEAR_ENCODED, encoded / LINEAR_SLOPE, curved).astype(
+        encoded.dtype, copy=False
+    )
 
 
 def encode_srgb(light: NDArray[Float]) -> NDArray[Float]:
-    """Linear light -> encoded values, any shape, same dtype; beyond [0, 1] as in ``decode_srgb``."""
+    """Linear light -> encoded values, any shape, same dtype; beyond [0, 1] as in
+    ``decode_srgb``.
+    """
     curved = SCALE * np.maximum(light, LINEAR_LIGHT) ** (1 / POWER) - OFFSET
-    return np.where(light <= LINEAR_LIGHT, light * LINEAR_SLOPE, curved).astype(light.dtype, copy=False)
+    return np.where(light <= LINEAR_LIGHT, light * LINEAR_SLOPE, curved).astype(
+        light.dtype, copy=False
+    )
 
 
 def decoding_slope(light: NDArray[Float]) -> NDArray[Float]:

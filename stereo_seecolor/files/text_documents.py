@@ -1,4 +1,6 @@
-"""Files of text that people write, read within bounds; each error is one line with the file's name."""
+"""Files of text that people write, read within bounds; each error is one line with the file's
+name.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,9 @@ def read_text(path: Path) -> str:
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+        raise InputError(
+            f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})"
+        ) from error
 
 
 def read_yaml(path: Path) -> Any:

@@ -1,4 +1,6 @@
-"""What the camera recorded in EXIF: exposure, time, position; and the EXIF block that a corrected image keeps."""
+"""What the camera recorded in EXIF: exposure, time, position; and the EXIF block that a corrected
+image keeps.
+"""
 
 import csv
 import warnings
@@ -41,7 +43,9 @@ _Tags = dict[int, Any]
 
 
 def read_capture(content: bytes) -> Capture:
-    """The EXIF of a JPEG, PNG or TIFF. What is missing or damaged is None: metadata never fail a frame."""
+    """The EXIF of a JPEG, PNG or TIFF. What is missing or damaged is None: metadata never fail a
+    frame.
+    """
     block = exif_block(content)
     if not block:
         return Capture()
@@ -51,7 +55,9 @@ def read_capture(content: bytes) -> Capture:
             exif = Image.Exif()
             exif.load(EXIF_PREFIX + block)
             return _capture(exif)
-    except Exception:  # Pillow raises errors of many kinds for damaged blocks; the pixels are judged elsewhere
+    except (
+        Exception
+    ):  # Pillow raises errors of many kinds for damaged blocks; the pixels are judged elsewhere
         return Capture()
 
 
@@ -64,17 +70,25 @@ def _capture(exif: Image.Exif) -> Capture:
         gain=None if iso is None else iso / 100,
         aperture=_positive_capture(details.get(ExifTags.Base.FNumber)),
         captured_s=_time(details),
-        latitude_deg=_degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "S"),
-        longitude_deg=_degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "W"),
+        latitude_deg=_degrees(
+            gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "S"
+        ),
+        longitude_deg=_degrees(
+            gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "W"
+        ),
         exif=_kept(exif, details, gps),
     )
 
 
 def _kept(exif: Image.Exif, details: _Tags, gps: _Tags) -> bytes:
-    """The block for the corrected image: upright, without thumbnail, image layout, and the maker's notes, whose offsets break."""
+    """The block for the corrected image: upright, without thumbnail, image layout, and the maker's
+    notes, whose offsets break.
+    """
     kept = Image.Exif()
     kept.update({tag: exif[tag] for tag in KEPT_TAGS if tag in exif})
-    kept.get_ifd(ExifTags.IFD.Exif).update({tag: value for tag, value in details.items() if tag not in DROPPED_DETAILS})
+    kept.get_ifd(ExifTags.IFD.Exif).update(
+        {tag: value for tag, value in details.items() if tag not in DROPPED_DETAILS}
+    )
     kept.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
     if not (len(kept) or details or gps):
         return b""
@@ -88,8 +102,14 @@ def _time(tags: _Tags) -> float | None:
     fraction = _text(tags.get(ExifTags.Base.SubsecTimeOriginal))
     zone = _text(tags.get(ExifTags.Base.OffsetTimeOriginal))
     try:
-        whole = datetime.strptime(date + zone, _DATE_WITH_ZONE) if zone else datetime.strptime(date, _DATE).replace(tzinfo=UTC)
-        return whole.timestamp() + (float(f"0.{fraction}") if fraction.isascii() and fraction.isdigit() else 0.0)
+        whole = (
+            datetime.strptime(date + zone, _DATE_WITH_ZONE)
+            if zone
+            else datetime.strptime(date, _DATE).replace(tzinfo=UTC)
+        )
+        return whole.timestamp() + (
+            float(f"0.{fraction}") if fraction.isascii() and fraction.isdigit() else 0.0
+        )
     except (ValueError, OverflowError):
         return None
 
@@ -121,7 +141,13 @@ def _text(value: Any) -> str:
 # their images.
 
 NAMES = ("name", "file", "filename", "file_name", "image", "image_name", "path", "relative_path")
-EXPOSURES = {"exposure_s": 1.0, "exposure_ms": 1e-3, "exposure_us": 1e-6, "exposure_time": 1.0, "exposuretime": 1.0}
+EXPOSURES = {
+    "exposure_s": 1.0,
+    "exposure_ms": 1e-3,
+    "exposure_us": 1e-6,
+    "exposure_time": 1.0,
+    "exposuretime": 1.0,
+}
 """Column -> seconds of its unit. exposure_time is EXIF's own name, in seconds."""
 
 MOST_CHARACTERS = 10_000
@@ -138,30 +164,45 @@ class ExposureTable:
 
     @classmethod
     def read(cls, path: Path) -> "ExposureTable":
-        """Read a CSV with a header: a column of file names; exposure_s (or _ms, _us); gain (a factor), gain_db or iso.
+        """Read a CSV with a header: a column of file names; exposure_s (or _ms, _us); gain (a
+        factor), gain_db or iso.
 
-        A file's name may lack its suffix, and needs its folder (``left/0001.png``) only where both sides use the same names.
-        Raises InputError for a file that cannot be read or has no such columns, and for a bad value, naming the line.
+        A file's name may lack its suffix, and needs its folder (``left/0001.png``) only where both
+        sides use the same names.
+        Raises InputError for a file that cannot be read or has no such columns, and for a bad
+        value, naming the line.
         """
         try:
             lines = read_bytes(path).decode("utf-8-sig").splitlines()
         except UnicodeDecodeError as error:
-            raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+            raise InputError(
+                f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})"
+            ) from error
         if max(map(len, lines), default=0) > MOST_CHARACTERS:
-            raise InputError(f"{path}: has a line of more than {MOST_CHARACTERS} characters: is it a table of exposures?")
+            raise InputError(
+                f"{path}: has a line of more than {MOST_CHARACTERS} characters: is it a table of "
+                "exposures?"
+            )
         reader = csv.DictReader(lines, skipinitialspace=True)
         reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
-        name, exposure, gain = (_column(path, reader.fieldnames, known) for known in (NAMES, tuple(EXPOSURES), GAINS))
+        name, exposure, gain = (
+            _column(path, reader.fieldnames, known) for known in (NAMES, tuple(EXPOSURES), GAINS)
+        )
         if not name or not (exposure or gain):
             raise InputError(
-                f"{path}: needs a header with a column of file names ({', '.join(NAMES)}) and exposure or gain "
+                f"{path}: needs a header with a column of file names ({', '.join(NAMES)}) and "
+                "exposure or gain "
                 f"({', '.join((*EXPOSURES, *GAINS))})"
             )
         rows = {}
         for row in reader:
             where = f"{path}: line {reader.line_num}"
-            exposure_s = _positive_exposure(where, row, exposure) * EXPOSURES[exposure] if exposure else None
-            rows[_key(row[name] or "")] = Capture(exposure_s, _gain(where, row, gain) if gain else None)
+            exposure_s = (
+                _positive_exposure(where, row, exposure) * EXPOSURES[exposure] if exposure else None
+            )
+            rows[_key(row[name] or "")] = Capture(
+                exposure_s, _gain(where, row, gain) if gain else None
+            )
         return cls(rows)
 
     def applied(self, capture: Capture, image: Path) -> Capture:
@@ -170,7 +211,9 @@ class ExposureTable:
         keys = (f"{folder}/{image.name}", f"{folder}/{image.stem}", image.name, image.stem)
         row = next((self.rows[key] for key in keys if key in self.rows), Capture())
         exposure_s = capture.exposure_s if row.exposure_s is None else row.exposure_s
-        return replace(capture, exposure_s=exposure_s, gain=capture.gain if row.gain is None else row.gain)
+        return replace(
+            capture, exposure_s=exposure_s, gain=capture.gain if row.gain is None else row.gain
+        )
 
 
 def _column(path: Path, header: Sequence[str], known: Sequence[str]) -> str:
@@ -204,7 +247,9 @@ def _number(where: str, row: Mapping[str, str], column: str) -> float:
     try:
         number = float(row[column] or "")
     except ValueError as error:
-        raise InputError(f"{where}: {column} must be a number, got {row[column] or ''!r}") from error
+        raise InputError(
+            f"{where}: {column} must be a number, got {row[column] or ''!r}"
+        ) from error
     if not np.isfinite(number) or abs(number) > 1e9:
         raise InputError(f"{where}: {column} is {number:g}: no camera has that")
     return number

@@ -1,4 +1,6 @@
-"""Paths that lead into a video, a bag, or an image of both sides: these are opened by the path alone, in any process."""
+"""Paths that lead into a video, a bag, or an image of both sides: these are opened by the path
+alone, in any process.
+"""
 
 from pathlib import Path
 
@@ -9,14 +11,23 @@ from stereo_seecolor.plugins import added, load
 
 
 def open_around(path: Path) -> None:
-    """Open the video, bag or image that ``path`` leads into, if it leads into one. Raises InputError, DeviceError."""
+    """Open the video, bag or image that ``path`` leads into, if it leads into one. Raises
+    InputError, DeviceError.
+    """
     if contained(path):
         return
     if is_half(path):
         image = path.parent.parent
         open_containers({image: Halves(image)})
         return
-    outer = next((parent for parent in path.parents if is_video(parent) or _kind(parent) in added("containers")), None)
+    outer = next(
+        (
+            parent
+            for parent in path.parents
+            if is_video(parent) or _kind(parent) in added("containers")
+        ),
+        None,
+    )
     if outer and outer.is_file():
         open_containers({outer: _container(outer)})
 

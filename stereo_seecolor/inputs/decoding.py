@@ -10,7 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL.TiffImagePlugin import STRIPBYTECOUNTS, STRIPOFFSETS, TILEBYTECOUNTS, TILEOFFSETS, TiffImageFile
+from PIL.TiffImagePlugin import (
+    STRIPBYTECOUNTS,
+    STRIPOFFSETS,
+    TILEBYTECOUNTS,
+    TILEOFFSETS,
+    TiffImageFile,
+)
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import has_exif, is_compiled, quickly_decoded
@@ -37,11 +43,13 @@ from stereo_seecolor.records import Image
 
 @dataclass(frozen=True)
 class SeamSettings:
-    """What is a seam, by the difference between neighboring rows in each part of the width, over that of rows near by.
+    """What is a seam, by the difference between neighboring rows in each part of the width, over
+    that of rows near by.
 
-    step: over the larger of the differences two rows above and below. 290 real images under water: at most 1.02; two in air 1.04,
-    of a board 1.33. one_side: over the smaller one, where noise follows. Under water at most 1.3; in air 1.8, of a board 2.2; noise
-    4.3. most: of a difference that counts, of 255. floor: added to differences. parts: of the width. every: column compared.
+    step: over the larger of the differences two rows above and below. 290 real images under water:
+    at most 1.02; two in air 1.04, of a board 1.33. one_side: over the smaller one, where noise
+    follows. Under water at most 1.3; in air 1.8, of a board 2.2; noise 4.3. most: of a difference
+    that counts, of 255. floor: added to differences. parts: of the width. every: column compared.
     """
 
     step: float = 1.35
@@ -60,14 +68,17 @@ BLOCKS = (8, 16)
 ONE_COLOR = 12
 """Of 255: values of a bar of one color, as a JPEG leaves them beside a picture."""
 OFF = 2
-"""Rows between those that are compared: a seam in the middle of a row lies between two pairs of rows."""
+"""Rows between those that are compared: a seam in the middle of a row lies between two pairs of
+rows.
+"""
 
 
 def seam_row(image: Image, content: bytes) -> int | None:
-    """The row at which ``image``, as decoded from ``content``, begins anew; None where it does not, and for PNG with its checksums.
+    """The row at which ``image``, as decoded from ``content``, begins anew; None where it does not,
+    and for PNG with its checksums.
 
-    A seam runs in the order in which the file stores pixels: on the right from one row on, on the left from the next one on. The
-    edge of a bar of one color that goes across the image is none.
+    A seam runs in the order in which the file stores pixels: on the right from one row on, on the
+    left from the next one on. The edge of a bar of one color that goes across the image is none.
     """
     if content.startswith(PNG_SIGNATURE):
         return None
@@ -78,14 +89,18 @@ def seam_row(image: Image, content: bytes) -> int | None:
     if steps.shape[1] <= BLOCKS[-1]:
         return None
     is_jpeg = content.startswith(JPEG_SIGNATURE)
-    found, row = max(_seam(steps, later, 8 if is_jpeg else 1) for later in (BLOCKS if is_jpeg else (1,)))
+    found, row = max(
+        _seam(steps, later, 8 if is_jpeg else 1) for later in (BLOCKS if is_jpeg else (1,))
+    )
     if found < 1 or _is_edge_of_bar(values[row - 1], values[row]):
         return None
     return len(values) - row if rows_up else row
 
 
 def _is_edge_of_bar(above: NDArray[np.generic], below: NDArray[np.generic]) -> bool:
-    """True where one of two rows has one color, and the other, as pictures do, does not end or begin with that color."""
+    """True where one of two rows has one color, and the other, as pictures do, does not end or
+    begin with that color.
+    """
     few = max(len(above) // 50, 1)
     return any(
         np.ptp(bar) <= ONE_COLOR and (abs(other - bar[0]) > ONE_COLOR).any()
@@ -95,11 +110,16 @@ def _is_edge_of_bar(above: NDArray[np.generic], below: NDArray[np.generic]) -> b
 
 def seam_text(row: int) -> str:
     """What to say of an image that begins anew at ``row``."""
-    return f"is damaged: what follows row {row} does not continue what lies above: copy it again from the vehicle, or leave it out"
+    return (
+        f"is damaged: what follows row {row} does not continue what lies above: copy it again "
+        "from the vehicle, or leave it out"
+    )
 
 
 def refuse_broken_stream(content: bytes, path: Path) -> None:
-    """Raise InputError for a compressed TIFF whose stream is broken: OpenCV decodes what is left of it."""
+    """Raise InputError for a compressed TIFF whose stream is broken: OpenCV decodes what is left of
+    it.
+    """
     try:
         if tiff_numbers(content).get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) == TIFF_UNCOMPRESSED:
             return
@@ -108,8 +128,12 @@ def refuse_broken_stream(content: bytes, path: Path) -> None:
             image = TiffImageFile(io.BytesIO(content))
             _unpack(image, content)
     except _BrokenStreamError as error:
-        raise InputError(f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})") from error
-    except Exception:  # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
+        raise InputError(
+            f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})"
+        ) from error
+    except (
+        Exception
+    ):  # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
         return
 
 
@@ -130,22 +154,34 @@ def _unpack(image: TiffImageFile, content: bytes) -> None:
 
 def _places(image: TiffImageFile) -> tuple[int, int]:
     """The tags of where the parts of the pixels lie, and of how long they are."""
-    return (TILEOFFSETS, TILEBYTECOUNTS) if TILEOFFSETS in image.tag_v2 else (STRIPOFFSETS, STRIPBYTECOUNTS)
+    return (
+        (TILEOFFSETS, TILEBYTECOUNTS)
+        if TILEOFFSETS in image.tag_v2
+        else (STRIPOFFSETS, STRIPBYTECOUNTS)
+    )
 
 
 def _steps(values: NDArray[np.int16]) -> NDArray[np.float64]:
-    """(parts, H) how much each row differs from the one above, over how much a seam does; 0 at the margins."""
+    """(parts, H) how much each row differs from the one above, over how much a seam does; 0 at the
+    margins.
+    """
     width = values.shape[1] // SETTINGS.parts * SETTINGS.parts
     differences = np.minimum(np.abs(np.diff(values[:, :width], axis=0)), SETTINGS.most)
     mean = differences.reshape(len(differences), SETTINGS.parts, -1).mean(axis=2).T
     above, below = mean[:, : -2 * OFF] + SETTINGS.floor, mean[:, 2 * OFF :] + SETTINGS.floor
-    least = np.minimum(SETTINGS.step * np.maximum(above, below), SETTINGS.one_side * np.minimum(above, below))
+    least = np.minimum(
+        SETTINGS.step * np.maximum(above, below), SETTINGS.one_side * np.minimum(above, below)
+    )
     return np.pad(mean[:, OFF:-OFF] / least, ((0, 0), (OFF + 1, OFF)))
 
 
 def _seam(steps: NDArray[np.float64], later: int, every: int) -> tuple[float, int]:
-    """The clearest seam and its row: right parts at this row, the left ones ``later`` rows down. every: rows where one can be."""
-    here = np.minimum.accumulate(steps[::-1], axis=0)[::-1]  # the least step of each part and those right of it
+    """The clearest seam and its row: right parts at this row, the left ones ``later`` rows down.
+    every: rows where one can be.
+    """
+    here = np.minimum.accumulate(steps[::-1], axis=0)[
+        ::-1
+    ]  # the least step of each part and those right of it
     below = np.minimum.accumulate(steps, axis=0)
     below = np.pad(below[:, later:], ((1, 0), (0, later)), constant_values=0)
     below[0] = np.inf  # no part is left of the first
@@ -169,13 +205,23 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
     try:
         width, height = image_size(content)
     except ValueError as error:
-        raise InputError(f"{path}: {error}: copy it again from the vehicle, or leave it out") from error
+        raise InputError(
+            f"{path}: {error}: copy it again from the vehicle, or leave it out"
+        ) from error
     if width * height > MAX_PIXELS:
-        raise InputError(f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not read")
+        raise InputError(
+            f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not "
+            "read"
+        )
     if content.startswith(TIFF_SIGNATURES):
         refuse_broken_stream(content, path)
     # OpenCV turns what EXIF says is turned
-    if "numba" in sys.modules and content.startswith(SIGNATURE) and not has_exif(content) and is_compiled():
+    if (
+        "numba" in sys.modules
+        and content.startswith(SIGNATURE)
+        and not has_exif(content)
+        and is_compiled()
+    ):
         quick = quickly_decoded(content)
         if quick is not None:
             return quick, quick.ndim == 3
@@ -184,5 +230,7 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
     except cv2.error as error:
         raise InputError(f"{path}: cannot be decoded: {error.err}") from error
     if pixels is None:
-        raise InputError(f"{path}: cannot be decoded (damaged, or of a kind that OpenCV does not read)")
+        raise InputError(
+            f"{path}: cannot be decoded (damaged, or of a kind that OpenCV does not read)"
+        )
     return pixels, False

@@ -1,4 +1,6 @@
-"""The pairs of a dive's two sides: of two folders, of many folders a side, or of images that show both sides."""
+"""The pairs of a dive's two sides: of two folders, of many folders a side, or of images that show
+both sides.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -17,9 +19,23 @@ from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.files.names import product_name, short_hash, stem_of
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.decoding import decode_raw
-from stereo_seecolor.inputs.listing import EXTENSIONS, FolderFiles, Listing, Unpaired, folder_parts, list_images
+from stereo_seecolor.inputs.listing import (
+    EXTENSIONS,
+    FolderFiles,
+    Listing,
+    Unpaired,
+    folder_parts,
+    list_images,
+)
 from stereo_seecolor.inputs.name_keys import timestamp_from_name, without_side
-from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing, in_dive_order, pair_folders, with_unique_names
+from stereo_seecolor.inputs.pairing import (
+    DivePairs,
+    Pair,
+    Pairing,
+    in_dive_order,
+    pair_folders,
+    with_unique_names,
+)
 
 # Images that show both sides: left half and right half, or the left camera above the right one,
 # each as a file inside the image (``DIVE/0001.png/left/0001.tiff``).
@@ -44,15 +60,24 @@ def half_path(image: Path, side: str) -> Path:
 
 
 def pair_halves(listing: Listing, right_half_first: bool) -> Pairing:
-    """The halves of each image as a pair. right_half_first: the left (or upper) half is the right camera's."""
+    """The halves of each image as a pair. right_half_first: the left (or upper) half is the right
+    camera's.
+    """
     first, second = SIDES[::-1] if right_half_first else SIDES
     pairs = [
-        Pair(product_name(image.stem), half_path(image, first), half_path(image, second), timestamp_from_name(image.stem))
+        Pair(
+            product_name(image.stem),
+            half_path(image, first),
+            half_path(image, second),
+            timestamp_from_name(image.stem),
+        )
         for image in listing.files
     ]
     cut = f"a wide one into {first} | {second}, a high one into {first} above {second}"
     note = f"--left and --right are the same: each image is cut in two, {cut}"
-    return Pairing(DivePairs.of(in_dive_order(with_unique_names(pairs))), listing.unreadable, (note,))
+    return Pairing(
+        DivePairs.of(in_dive_order(with_unique_names(pairs))), listing.unreadable, (note,)
+    )
 
 
 @dataclass(frozen=True)
@@ -62,17 +87,22 @@ class Halves(Container):
     image: Path
 
     def read(self, name: str) -> bytes:
-        """A half as an uncompressed TIFF with the EXIF of the image; ``name`` begins with its side. Raises InputError."""
+        """A half as an uncompressed TIFF with the EXIF of the image; ``name`` begins with its side.
+        Raises InputError.
+        """
         content = read_bytes(self.image)
         if not content:
-            raise InputError(f"{self.image}: is empty: copy it again from the vehicle, or leave it out")
+            raise InputError(
+                f"{self.image}: is empty: copy it again from the vehicle, or leave it out"
+            )
         pixels = decode_raw(content, self.image, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
         half = half_of(pixels, name.partition("/")[0], self.image)
         return encode_tiff(half if half.ndim == 2 else half[..., ::-1], read_capture(content).exif)
 
 
 def half_of(pixels: NDArray[Any], side: str, path: Path) -> NDArray[Any]:
-    """The left half of a wide picture, (H, W) or (H, W, C), or the upper half of a high one, for "left"; else the other half.
+    """The left half of a wide picture, (H, W) or (H, W, C), or the upper half of a high one, for
+    "left"; else the other half.
 
     Raises InputError where the picture, of the file ``path``, cannot be cut in two.
     """
@@ -87,23 +117,33 @@ def half_of(pixels: NDArray[Any], side: str, path: Path) -> NDArray[Any]:
 
 
 def pair_sides(left: Path, right: Path, config: InputConfig) -> Pairing:
-    """The pairs of two sides: as pair_folders, or, where both are the same, the halves of each image.
+    """The pairs of two sides: as pair_folders, or, where both are the same, the halves of each
+    image.
 
-    Of sides that are cut into folders in which names begin anew (``10h/0001.png``, ``11h/0001.png``), the pairs of each folder,
-    called after folder and name. Raises InputError as pair_folders.
+    Of sides that are cut into folders in which names begin anew (``10h/0001.png``,
+    ``11h/0001.png``), the pairs of each folder, called after folder and name. Raises InputError as
+    pair_folders.
     """
-    lefts, rights = (_by_key(folder_parts(source), side) for source, side in ((left, "left"), (right, "right")))
+    lefts, rights = (
+        _by_key(folder_parts(source), side) for source, side in ((left, "left"), (right, "right"))
+    )
     if min(len(lefts), len(rights)) > 1 and (_names_repeat(lefts) or _names_repeat(rights)):
         return _folder_by_folder(lefts, rights, config)
     return _paired(left, right, config)
 
 
 def _paired(left: Path, right: Path, config: InputConfig) -> Pairing:
-    return pair_halves(list_images(left, "images"), config.right_half_first) if left == right else pair_folders(left, right, config)
+    return (
+        pair_halves(list_images(left, "images"), config.right_half_first)
+        if left == right
+        else pair_folders(left, right, config)
+    )
 
 
 def _by_key(parts: dict[str, Path], side: str) -> dict[str, Path]:
-    """The same without the word for the side in the keys (``10h_left``, ``10h_right``), unless two would then be alike."""
+    """The same without the word for the side in the keys (``10h_left``, ``10h_right``), unless two
+    would then be alike.
+    """
     bare = {without_side(key, side): part for key, part in parts.items()}
     return bare if len(bare) == len(parts) else parts
 
@@ -115,11 +155,19 @@ def _names_repeat(parts: dict[str, Path]) -> bool:
 
 def _stems(source: Path) -> Iterator[str]:
     files = list_images(source, "images").files
-    return (stem_of(name) for name in files.names) if isinstance(files, FolderFiles) else (path.stem for path in files)
+    return (
+        (stem_of(name) for name in files.names)
+        if isinstance(files, FolderFiles)
+        else (path.stem for path in files)
+    )
 
 
-def _folder_by_folder(lefts: dict[str, Path], rights: dict[str, Path], config: InputConfig) -> Pairing:
-    """Folders of the same key are paired, in the order of the left ones; files of the others have no partner."""
+def _folder_by_folder(
+    lefts: dict[str, Path], rights: dict[str, Path], config: InputConfig
+) -> Pairing:
+    """Folders of the same key are paired, in the order of the left ones; files of the others have
+    no partner.
+    """
     pairs: list[Pair] = []
     unpaired: list[Unpaired] = []
     notes: dict[str, None] = {}
@@ -130,16 +178,24 @@ def _folder_by_folder(lefts: dict[str, Path], rights: dict[str, Path], config: I
             except InputError as error:
                 unpaired += [*_alone(left, str(error)), *_alone(rights[key], str(error))]
                 continue
-            pairs += [replace(pair, name=product_name(f"{key}_{pair.name}")) for pair in found.pairs]
+            pairs += [
+                replace(pair, name=product_name(f"{key}_{pair.name}")) for pair in found.pairs
+            ]
             unpaired += found.unpaired
             notes |= dict.fromkeys(found.notes)
     for side, parts, others in (("right", lefts, rights), ("left", rights, lefts)):
         for key in parts.keys() - others.keys():
             unpaired += _alone(parts[key], f"there is no {side} folder {key}")
     if not pairs:
-        raise InputError(f"no left folder has a right one of its name: {', '.join(lefts)} and {', '.join(rights)}")
+        raise InputError(
+            f"no left folder has a right one of its name: {', '.join(lefts)} and "
+            f"{', '.join(rights)}"
+        )
     both = f"{counted(len(lefts.keys() & rights.keys()), 'folder')} a side"
-    anew = f"names begin anew in each of {both}: pairs are called after folder and name, the first {pairs[0].name}"
+    anew = (
+        f"names begin anew in each of {both}: pairs are called after folder and name, the "
+        f"first {pairs[0].name}"
+    )
     return Pairing(DivePairs.of(_in_order(_distinct(pairs))), tuple(unpaired), (anew, *notes))
 
 
@@ -148,7 +204,9 @@ def _alone(source: Path, reason: str) -> list[Unpaired]:
 
 
 def _in_order(pairs: list[Pair]) -> list[Pair]:
-    """By time, or by folder and name; times that come again count from each folder's begin, and are no times of the dive."""
+    """By time, or by folder and name; times that come again count from each folder's begin, and are
+    no times of the dive.
+    """
     times = Counter(pair.timestamp_s for pair in pairs)
     if any(count > 1 for time_s, count in times.items() if time_s is not None):
         pairs = [replace(pair, timestamp_s=None) for pair in pairs]
@@ -159,6 +217,8 @@ def _distinct(pairs: list[Pair]) -> list[Pair]:
     """Names that would meet in one output file get a hash each."""
     count = Counter(pair.name.casefold() for pair in pairs)
     return [
-        pair if count[pair.name.casefold()] == 1 else replace(pair, name=f"{pair.name}~{short_hash(str(pair.left))}")
+        pair
+        if count[pair.name.casefold()] == 1
+        else replace(pair, name=f"{pair.name}~{short_hash(str(pair.left))}")
         for pair in pairs
     ]

@@ -1,7 +1,8 @@
 """Image headers, read before decoding: whether the file is complete, and the size of the image.
 
-OpenCV decodes a truncated PNG or JPEG to a picture that is partly gray or black and says nothing. Such pixels would be
-matched, colored and mapped; so wholeness is checked here, from the file formats' own marks, before any pixel is decoded.
+OpenCV decodes a truncated PNG or JPEG to a picture that is partly gray or black and says nothing.
+Such pixels would be matched, colored and mapped; so wholeness is checked here, from the file
+formats' own marks, before any pixel is decoded.
 """
 
 import re
@@ -14,7 +15,9 @@ PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
 JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 BMP_SIGNATURE = b"BM"
-NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s")  # pgm and ppm of the netpbm manual: binary
+NETPBM_HEADER = re.compile(
+    rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s"
+)  # pgm and ppm of the netpbm manual: binary
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 TIFF_SHORT = 3  # kind of a value: two bytes
 TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a mask
@@ -27,7 +30,8 @@ JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 def image_size(content: bytes) -> tuple[int, int]:
     """Read (width, height) from the header of a complete PNG, JPEG, TIFF, BMP, PGM or PPM.
 
-    Raises ValueError, saying what is wrong, if the file is none of these, or is truncated or damaged.
+    Raises ValueError, saying what is wrong, if the file is none of these, or is truncated or
+    damaged.
     """
     if content.startswith(PNG_SIGNATURE):
         return _png_size(content)
@@ -43,15 +47,19 @@ def image_size(content: bytes) -> tuple[int, int]:
 
 
 def is_finished_color(content: bytes) -> bool:
-    """Tell from the header alone whether a camera has made colors of 8 bits: any JPEG, a PNG of several channels and 8 bits.
+    """Tell from the header alone whether a camera has made colors of 8 bits: any JPEG, a PNG of
+    several channels and 8 bits.
 
     Nothing is checked: see image_size.
     """
-    return content.startswith(JPEG_SIGNATURE) or (content.startswith(PNG_SIGNATURE) and content[24:26] in PNG_FINISHED)
+    return content.startswith(JPEG_SIGNATURE) or (
+        content.startswith(PNG_SIGNATURE) and content[24:26] in PNG_FINISHED
+    )
 
 
 def exif_block(content: bytes) -> bytes:
-    """The EXIF of a PNG, JPEG or TIFF as it stands in the file: a TIFF structure of its own; b"" where there is none.
+    """The EXIF of a PNG, JPEG or TIFF as it stands in the file: a TIFF structure of its own; b""
+    where there is none.
 
     A TIFF is such a structure as a whole. Nothing is checked: see image_size.
     """
@@ -67,7 +75,9 @@ def _png_exif(content: bytes) -> bytes:
 
 
 def png_chunk(content: bytes, wanted: bytes) -> bytes:
-    """The data of a PNG's first chunk of this kind, such as eXIf, PLTE and gAMA; b"" where there is none."""
+    """The data of a PNG's first chunk of this kind, such as eXIf, PLTE and gAMA; b"" where there is
+    none.
+    """
     position = len(PNG_SIGNATURE)
     while position + 12 <= len(content):
         length, kind = struct.unpack_from(">I4s", content, position)
@@ -85,7 +95,9 @@ def _jpeg_exif(content: bytes) -> bytes:
 
 
 def jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Marker and content of each segment of a JPEG before its pixels (ITU T.81, B.1.1.4), as far as they are whole."""
+    """Marker and content of each segment of a JPEG before its pixels (ITU T.81, B.1.1.4), as far as
+    they are whole.
+    """
     position = len(JPEG_SIGNATURE)
     while position + 4 <= len(content):
         marker, length = struct.unpack_from(">HH", content, position)
@@ -103,8 +115,14 @@ def _png_size(content: bytes) -> tuple[int, int]:
         end = position + 12 + length
         if end > len(content):
             break
-        if zlib.crc32(content[position + 4 : end - 4]) != struct.unpack_from(">I", content, end - 4)[0]:
-            raise ValueError(f"is damaged (PNG chunk {kind.decode('latin1')!r} at byte {position} has a wrong checksum)")
+        if (
+            zlib.crc32(content[position + 4 : end - 4])
+            != struct.unpack_from(">I", content, end - 4)[0]
+        ):
+            raise ValueError(
+                f"is damaged (PNG chunk {kind.decode('latin1')!r} at byte {position} has a wrong "
+                "checksum)"
+            )
         if kind == b"IHDR" and length == 13:
             width_height = struct.unpack_from(">II", content, position + 8)
         if kind == b"IEND" and width_height:
@@ -123,7 +141,9 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
         if marker in JPEG_FRAME_MARKERS and position + 9 <= len(content):
             height, width = struct.unpack_from(">HH", content, position + 5)
             size = (width, height)
-        if marker == 0xDA and size:  # the scan follows; inside it every 0xFF is escaped, so an end mark is an end mark
+        if (
+            marker == 0xDA and size
+        ):  # the scan follows; inside it every 0xFF is escaped, so an end mark is an end mark
             if content.find(b"\xff\xd9", position) < 0:
                 raise ValueError("is truncated (the JPEG ends before its end mark)")
             return size
@@ -135,7 +155,9 @@ def _tiff_size(content: bytes) -> tuple[int, int]:
     try:
         tags = tiff_numbers(content)
     except struct.error as error:
-        raise ValueError("is truncated (the TIFF's directory lies beyond the end of the file)") from error
+        raise ValueError(
+            "is truncated (the TIFF's directory lies beyond the end of the file)"
+        ) from error
     if TIFF_WIDTH not in tags or TIFF_HEIGHT not in tags:
         raise ValueError("is damaged (the TIFF states no width and height)")
     return tags[TIFF_WIDTH], tags[TIFF_HEIGHT]
@@ -146,11 +168,15 @@ def tiff_numbers(content: bytes) -> dict[int, int]:
 
     Raises struct.error if it is cut.
     """
-    return _tiff_directory(content, struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)[0])[0]
+    return _tiff_directory(
+        content, struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)[0]
+    )[0]
 
 
 def tiff_pages(content: bytes) -> int:
-    """The number of pictures of a TIFF: previews and masks are left out. Of one that is cut, those before that."""
+    """The number of pictures of a TIFF: previews and masks are left out. Of one that is cut, those
+    before that.
+    """
     count, seen = 0, set()
     try:
         (directory,) = struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)
@@ -164,7 +190,9 @@ def tiff_pages(content: bytes) -> int:
 
 
 def _tiff_directory(content: bytes, directory: int) -> tuple[dict[int, int], int]:
-    """The numbers of the directory that lies at ``directory``, and where the next one lies, 0 for none. Raises struct.error."""
+    """The numbers of the directory that lies at ``directory``, and where the next one lies, 0 for
+    none. Raises struct.error.
+    """
     order = "<" if content[:1] == b"I" else ">"
     (count,) = struct.unpack_from(order + "H", content, directory)
     numbers, end = {}, directory + 2 + 12 * count
@@ -184,7 +212,9 @@ def _bmp_size(content: bytes) -> tuple[int, int]:
     if width <= 0 or height == 0:
         raise ValueError("is damaged (the BMP states no width and height)")
     row_bytes = (width * bits + 31) // 32 * 4
-    if not compression and len(content) < pixels + row_bytes * abs(height):  # rows from the top down have a negative height
+    if not compression and len(content) < pixels + row_bytes * abs(
+        height
+    ):  # rows from the top down have a negative height
         raise ValueError("is truncated (the BMP ends before its last row)")
     return width, abs(height)
 

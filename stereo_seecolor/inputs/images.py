@@ -27,9 +27,11 @@ BAYER_CODES = {
 
 
 def read_image(path: Path, config: InputConfig | None = None) -> Image:
-    """Read a PNG, TIFF, JPEG, BMP, PGM or PPM of 8 or 16 bits as (H, W, 3) RGB; gray is repeated, alpha dropped, EXIF applied.
+    """Read a PNG, TIFF, JPEG, BMP, PGM or PPM of 8 or 16 bits as (H, W, 3) RGB; gray is repeated,
+    alpha dropped, EXIF applied.
 
-    Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or 16-bit picture.
+    Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or
+    16-bit picture.
     """
     return decode_image(read_image_bytes(path), path, config or InputConfig())
 
@@ -48,15 +50,18 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
     pixels, is_rgb = decoded(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(
-            f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel: save it as a 16-bit PNG or TIFF "
-            "(values of 0 to 1 times 65535), and for linear light add --set color.input_encoding=linear"
+            f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel: save it "
+            "as a 16-bit PNG or TIFF "
+            "(values of 0 to 1 times 65535), and for linear light add --set "
+            "color.input_encoding=linear"
         )
     if isinstance(config.significant_bits, int):
         pixels = _scale_to_full(pixels, config.significant_bits, path)
     if config.bayer in BAYER_CODES:
         if pixels.ndim != 2:
             raise InputError(
-                f"{path}: has {pixels.shape[2]} channels, but input.bayer={config.bayer} needs a single-channel raw image"
+                f"{path}: has {pixels.shape[2]} channels, but input.bayer={config.bayer} needs a "
+                "single-channel raw image"
             )
         code = BAYER_CODES[config.bayer]
     elif is_rgb:
@@ -71,22 +76,32 @@ def _ordered(rgb: NDArray[Any], config: InputConfig) -> NDArray[Any]:
 
 
 def read_range_map(path: Path, units_per_m: float | None = None) -> Map:
-    """Read a range map in meters along the ray, (H, W) float32: TIFF, PNG, PGM, PFM, OpenEXR, NumPy's or MATLAB's arrays.
+    """Read a range map in meters along the ray, (H, W) float32: TIFF, PNG, PGM, PFM, OpenEXR,
+    NumPy's or MATLAB's arrays.
 
     units_per_m: how many of its units are a meter; None: 1 for floating point, 1000 for integers.
-    Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such map.
+    Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such
+    map.
     """
     return decode_range_map(read_image_bytes(path), path, units_per_m)
 
 
-def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Path) -> NDArray[np.uint16]:
-    """Bring e.g. 12-bit values in a 16-bit file to full scale, so that 1.0 is the sensor's own white."""
+def _scale_to_full(
+    pixels: NDArray[np.generic], significant_bits: int, path: Path
+) -> NDArray[np.uint16]:
+    """Bring e.g. 12-bit values in a 16-bit file to full scale, so that 1.0 is the sensor's own
+    white.
+    """
     if pixels.dtype != np.uint16:
-        raise InputError(f"{path}: has 8 bits a channel, but input.significant_bits={significant_bits} needs a 16-bit file")
+        raise InputError(
+            f"{path}: has 8 bits a channel, but input.significant_bits={significant_bits} needs a "
+            "16-bit file"
+        )
     top = (1 << significant_bits) - 1
     if int(pixels.max(initial=0)) > top:
         raise InputError(
-            f"{path}: holds {int(pixels.max())}, more than input.significant_bits={significant_bits} allow ({top}): "
+            f"{path}: holds {int(pixels.max())}, more than "
+            f"input.significant_bits={significant_bits} allow ({top}): "
             "set it to the bits that the camera has, or to none"
         )
     return np.round(pixels.astype(np.float32) * (65535 / top)).astype(np.uint16)
@@ -95,7 +110,9 @@ def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Pat
 # Reading of pairs: two files to one StereoFrame, with what the cameras recorded of them.
 
 RAW_SUFFIX = ".tif"
-"""Of what is raw pixels in a bag, or a video's frame: nothing is recorded beside them, so they need not be read for that."""
+"""Of what is raw pixels in a bag, or a video's frame: nothing is recorded beside them, so they need
+not be read for that.
+"""
 
 
 class FrameReader:
@@ -106,20 +123,30 @@ class FrameReader:
 
     def __init__(self, config: InputConfig) -> None:
         self._config = config
-        self._exposures = ExposureTable.read(config.exposures) if config.exposures else ExposureTable({})
-        rows = sorted((name, row.exposure_s, row.gain) for name, row in self._exposures.rows.items())
+        self._exposures = (
+            ExposureTable.read(config.exposures) if config.exposures else ExposureTable({})
+        )
+        rows = sorted(
+            (name, row.exposure_s, row.gain) for name, row in self._exposures.rows.items()
+        )
         self.settings = content_key(config.model_dump(), rows)
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Read both images, not rectified. Raises InputError if one cannot be read, or is damaged."""
+        """Read both images, not rectified. Raises InputError if one cannot be read, or is
+        damaged.
+        """
         contents = {path: read_image_bytes(path) for path in (pair.left, pair.right)}
         images = [decode_image(content, path, self._config) for path, content in contents.items()]
         _refuse_damage(dict(zip(contents, images, strict=True)), contents)
         captures = [self._captured(path, content) for path, content in contents.items()]
-        return StereoFrame(pair.name, images[0], images[-1], pair.timestamp_s, captures[0], captures[-1])
+        return StereoFrame(
+            pair.name, images[0], images[-1], pair.timestamp_s, captures[0], captures[-1]
+        )
 
     def capture(self, path: Path) -> Capture:
-        """Read what the camera recorded beside the pixels of one image. Raises InputError if it cannot be read."""
+        """Read what the camera recorded beside the pixels of one image. Raises InputError if it
+        cannot be read.
+        """
         is_raw = path.suffix == RAW_SUFFIX and contained(path)
         return self._captured(path, b"" if is_raw else read_image_bytes(path))
 
@@ -128,7 +155,9 @@ class FrameReader:
 
 
 def _refuse_damage(images: dict[Path, Image], contents: dict[Path, bytes]) -> None:
-    """Raise InputError where one image of a pair begins anew at a row, and the other at none: a line of text, say, is in both."""
+    """Raise InputError where one image of a pair begins anew at a row, and the other at none: a
+    line of text, say, is in both.
+    """
     rows = {path: seam_row(image, contents[path]) for path, image in images.items()}
     found = [path for path, row in rows.items() if row is not None]
     if len(found) == 1:

@@ -23,8 +23,10 @@ _MARKS = "*?["
 
 
 def split_pattern(source: Path) -> tuple[Path, tuple[str, ...]]:
-    """The folder that a pattern is to be looked for in, and the parts below it, of which the first is a pattern; the source itself
-    and no parts where it is none: where it holds no mark, or is the name of something that is there.
+    """The folder that a pattern is to be looked for in, and the parts below it, of which the first
+    is a pattern; the source itself
+    and no parts where it is none: where it holds no mark, or is the name of something that is
+    there.
     """
     parts = source.parts
     for number, part in enumerate(parts):
@@ -44,18 +46,22 @@ def is_pattern(source: Path) -> bool:
 
 
 def folder_of(source: Path) -> Path:
-    """Find the folder of a source's files: the one that a pattern is to be matched in, else the source itself."""
+    """Find the folder of a source's files: the one that a pattern is to be matched in, else the
+    source itself.
+    """
     return split_pattern(source)[0]
 
 
 def fits(name: str, pattern: str) -> bool:
-    """Tell whether a pattern matches a name; upper and lower case differ, and hidden names are never matched."""
+    """Tell whether a pattern matches a name; upper and lower case differ, and hidden names are
+    never matched.
+    """
     return not name.startswith(".") and (pattern == "*" or fnmatchcase(name, pattern))
 
 
 def matched_folders(folder: Path, part: str) -> dict[str, Path]:
-    """The folders directly in one that a part of a pattern stands for, in natural order, each by the name that was matched; by ""
-    where the part is a name itself.
+    """The folders directly in one that a part of a pattern stands for, in natural order, each by
+    the name that was matched; by "" where the part is a name itself.
     """
     if not is_marked(part) or (folder / part).exists():
         return {"": folder / part} if (folder / part).is_dir() else {}
@@ -67,7 +73,23 @@ def matched_folders(folder: Path, part: str) -> dict[str, Path]:
 
 EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"})
 _COMPRESSED = {".webp", ".jp2", ".j2k", ".jxl", ".avif", ".heic", ".heif", ".gif", ".exr"}
-_RAW = {".dng", ".arw", ".cr2", ".cr3", ".gpr", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw", ".3fr", ".iiq"}
+_RAW = {
+    ".dng",
+    ".arw",
+    ".cr2",
+    ".cr3",
+    ".gpr",
+    ".nef",
+    ".nrw",
+    ".orf",
+    ".pef",
+    ".raf",
+    ".raw",
+    ".rw2",
+    ".srw",
+    ".3fr",
+    ".iiq",
+}
 UNREAD = frozenset(_COMPRESSED | _RAW)
 """Images that are not read: of other compressions, and of cameras as they are."""
 
@@ -105,8 +127,8 @@ class FolderFiles(Lazy[Path]):
 
 @dataclass(frozen=True)
 class Listing:
-    """The files of a source. files: regular files in natural order of their names. unreadable: named like images, but a folder, a
-    pipe or a broken link.
+    """The files of a source. files: regular files in natural order of their names. unreadable:
+    named like images, but a folder, a pipe or a broken link.
     """
 
     files: Sequence[Path]
@@ -114,34 +136,54 @@ class Listing:
 
 
 def list_images(source: Path, what: str, kinds: frozenset[str] = EXTENSIONS) -> Listing:
-    """List the files of a source that have the extension of an image, or another of ``kinds``; hidden files are left out.
+    """List the files of a source that have the extension of an image, or another of ``kinds``;
+    hidden files are left out.
 
-    source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``; or
-    several folders, see ``folder_parts``.
+    source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides
+    share one: ``DIVE/*_L.png``; or several folders, see ``folder_parts``.
     Raises InputError if the folder is missing, cannot be read, or holds no such image.
     """
     if source.is_file() and _is_image(source.name, "*", kinds):
         return Listing((source,))
     parts = folder_parts(source, kinds)
-    return _together([list_images(one, what, kinds) for one in parts.values()]) if parts else _in_folder(source, what, kinds)
+    return (
+        _together([list_images(one, what, kinds) for one in parts.values()])
+        if parts
+        else _in_folder(source, what, kinds)
+    )
 
 
 def folder_parts(source: Path, kinds: frozenset[str] = EXTENSIONS) -> dict[str, Path]:
-    """The folders (or patterns for one folder's files) of a source, in natural order, by the part of the name in which they differ.
+    """The folders (or patterns for one folder's files) of a source, in natural order, by the part
+    of the name in which they differ.
 
-    Those that a pattern matches (``10h`` and ``11h`` for ``DIVE/*/left``). Those in a folder that holds no image itself: cameras
-    begin a new one every so many images, or every hour. None for one folder, one image, or a pattern for the names in one folder.
-    Raises InputError for a pattern that matches folders of both sides, or of several parts and nothing.
+    Those that a pattern matches (``10h`` and ``11h`` for ``DIVE/*/left``). Those in a folder that
+    holds no image itself: cameras begin a new one every so many images, or every hour. None for one
+    folder, one image, or a pattern for the names in one folder. Raises InputError for a pattern
+    that matches folders of both sides, or of several parts and nothing.
     """
     folder, parts = split_pattern(source)
     if not parts:
-        return {} if _holds_images(folder, kinds) else {path.name: path for path in inner_folders(folder, kinds)}
+        return (
+            {}
+            if _holds_images(folder, kinds)
+            else {path.name: path for path in inner_folders(folder, kinds)}
+        )
     matched = _matched(folder, parts, kinds)
-    found = {key: one for key, one in matched if is_pattern(one) or one.is_file() or _leads_to_images(one, kinds)}
+    found = {
+        key: one
+        for key, one in matched
+        if is_pattern(one) or one.is_file() or _leads_to_images(one, kinds)
+    }
     if len({side_of(key) for key in found} - {None}) > 1:
-        raise InputError(f"{source}: matches folders of both sides ({', '.join(found)}): write one side's name into the pattern")
+        raise InputError(
+            f"{source}: matches folders of both sides ({', '.join(found)}): write one side's name "
+            "into the pattern"
+        )
     if not found and len(parts) > 1:
-        raise InputError(f"{source}: no folder of images, and no image, in {folder} fits this pattern")
+        raise InputError(
+            f"{source}: no folder of images, and no image, in {folder} fits this pattern"
+        )
     return {} if list(found.values()) == [source] else found
 
 
@@ -150,10 +192,16 @@ def folders_of(source: Path, kinds: frozenset[str] = EXTENSIONS) -> tuple[Path, 
     return tuple(map(folder_of, folder_parts(source, kinds).values() or (source,)))
 
 
-def _matched(folder: Path, parts: Sequence[str], kinds: frozenset[str]) -> Iterator[tuple[str, Path]]:
-    """Sources below a folder that the parts of a pattern stand for, each with the names that its marks were matched by."""
+def _matched(
+    folder: Path, parts: Sequence[str], kinds: frozenset[str]
+) -> Iterator[tuple[str, Path]]:
+    """Sources below a folder that the parts of a pattern stand for, each with the names that its
+    marks were matched by.
+    """
     part, *rest = parts
-    if not rest and ((folder / part).is_file() or (is_marked(part) and _holds_images(folder, kinds, part))):
+    if not rest and (
+        (folder / part).is_file() or (is_marked(part) and _holds_images(folder, kinds, part))
+    ):
         yield "", folder / part
         return
     for name, inner in matched_folders(folder, part).items():
@@ -174,10 +222,16 @@ def _holds_images(folder: Path, kinds: frozenset[str], pattern: str = "*") -> bo
 
 
 def inner_folders(folder: Path, kinds: frozenset[str] = EXTENSIONS) -> list[Path]:
-    """The folders directly in one that hold images, in natural order; none where their names are those of both sides."""
+    """The folders directly in one that hold images, in natural order; none where their names are
+    those of both sides.
+    """
     inner = []
     with suppress(OSError):  # said of the folder itself
-        inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")]
+        inner = [
+            path
+            for path in folder.iterdir()
+            if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
+        ]
     inner = [path for path in inner if _holds_images(path, kinds)]
     sides = {side_of(path.name) for path in inner} - {None}
     return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
@@ -206,7 +260,9 @@ def _in_folder(source: Path, what: str, kinds: frozenset[str]) -> Listing:
     except NotADirectoryError as error:
         raise InputError(f"{folder}: is a file; give the folder of {what}") from error
     except OSError as error:
-        raise InputError(f"{folder}: the folder of {what} cannot be read: {error.strerror}") from error
+        raise InputError(
+            f"{folder}: the folder of {what} cannot be read: {error.strerror}"
+        ) from error
     if not names:
         named = f" named {pattern}" if is_pattern(source) else ""
         hint = unread_hint([*others, *(file.path.name for file in problems)])
@@ -217,7 +273,9 @@ def _in_folder(source: Path, what: str, kinds: frozenset[str]) -> Listing:
 
 
 def unread_hint(names: Iterable[str]) -> str:
-    """Say what to do with bags, and with images of kinds that are not read, to end a message with; "" where there are none."""
+    """Say what to do with bags, and with images of kinds that are not read, to end a message with;
+    "" where there are none.
+    """
     names = list(names)
     bag = next((name for name in names if BAG.search(name)), None)
     if bag:

@@ -1,4 +1,6 @@
-"""A check whether a pair's two images show the same scene, and if not, whether the left one fits the right one of a neighbor."""
+"""A check whether a pair's two images show the same scene, and if not, whether the left one fits
+the right one of a neighbor.
+"""
 
 import contextlib
 from collections.abc import Collection, Sequence
@@ -17,33 +19,47 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
 
 NOTED_MISFITS = 3
-"""Failed pairs of a dive that are compared with their neighbors, which takes as long as matching some pairs."""
+"""Failed pairs of a dive that are compared with their neighbors, which takes as long as matching
+some pairs.
+"""
 NOTED_PARTS = 5
 """Parts of a dive that are out of step of which each is compared with its neighbors."""
 
 
 @dataclass(frozen=True)
 class _Limits:
-    """Feature matches that agree with the rectification, and how many of them make two images a pair."""
+    """Feature matches that agree with the rectification, and how many of them make two images a
+    pair.
+    """
 
     row_px: float = 3.0  # a rig that has drifted is off by a pixel or two (0.6 px on a real dive)
-    reach: int = 4  # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom by more
-    points: int = 40  # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
+    # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom
+    # by more
+    reach: int = 4
+    # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
+    points: int = 40
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
     slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
-    part_pairs: int = 2  # the least of a part that is out of step: one alone may be dark, or of another moment
-    slip_fraction: float = 0.8  # of the pairs from the first to the last failed one: a few may lack texture, or fit by chance
+    part_pairs: int = (
+        2  # the least of a part that is out of step: one alone may be dark, or of another moment
+    )
+    # of the pairs from the first to the last failed one: a few may lack texture, or fit by chance
+    slip_fraction: float = 0.8
 
 
 _LIMITS = _Limits()
 
 
 def agreeing_points(rectification: Rectification, left: Image, right: Image) -> int:
-    """Count the points of the raw left image that are found in the raw right one on the same row, in front of the cameras."""
+    """Count the points of the raw left image that are found in the raw right one on the same row,
+    in front of the cameras.
+    """
     found = find_matches(rectification, left, right)
     disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
     infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px
-    return int(np.count_nonzero((np.abs(row_px) < _LIMITS.row_px) & (disparity_px > infinity_px - 1)))
+    return int(
+        np.count_nonzero((np.abs(row_px) < _LIMITS.row_px) & (disparity_px > infinity_px - 1))
+    )
 
 
 def show_one_scene(rectification: Rectification, left: Image, right: Image) -> bool:
@@ -51,8 +67,11 @@ def show_one_scene(rectification: Rectification, left: Image, right: Image) -> b
     return agreeing_points(rectification, left, right) >= _LIMITS.points
 
 
-def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> Pair | None:
-    """The pair of ``pairs``, in dive order, whose right image shows what the left image of ``pair`` shows.
+def neighbor_that_fits(
+    pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+) -> Pair | None:
+    """The pair of ``pairs``, in dive order, whose right image shows what the left image of ``pair``
+    shows.
 
     None where it is the pair's own, or where no right image among the next neighbors fits.
     Raises InputError if an image of ``pair`` cannot be read.
@@ -60,15 +79,20 @@ def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectifi
     left = read_image(pair.left, config)
     own = agreeing_points(rectification, left, read_image(pair.right, config))
     place = pairs.index(pair)
-    others = [*pairs[max(0, place - _LIMITS.reach) : place], *pairs[place + 1 : place + 1 + _LIMITS.reach]]
+    others = [
+        *pairs[max(0, place - _LIMITS.reach) : place],
+        *pairs[place + 1 : place + 1 + _LIMITS.reach],
+    ]
     found = [(_points_or_none(rectification, left, other, config), other) for other in others]
     points, best = max(found, key=lambda item: item[0], default=(0, pair))
     return best if points >= max(_LIMITS.points, _LIMITS.ratio * own) else None
 
 
-def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> str | None:
-    """Report a constant shift between the sides, if all left images of ``sample`` fit right ones that lie as many pairs later; else
-    None.
+def constant_shift(
+    sample: Sequence[Pair], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+) -> str | None:
+    """Report a constant shift between the sides, if all left images of ``sample`` fit right ones
+    that lie as many pairs later; else None.
 
     Raises nothing of what a run says of single pairs.
     """
@@ -81,31 +105,46 @@ def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification:
                 return None
             shifts.add(pairs.index(other) - pairs.index(pair))
             example = _fits(pair, other)
-            one_camera = _same_picture(read_image(pair.left, config), read_image(other.right, config))
+            one_camera = _same_picture(
+                read_image(pair.left, config), read_image(other.right, config)
+            )
     if len(sample) < 2 or len(shifts) != 1:
         return None
     if one_camera:
         return (
-            f"both sides show one camera's pictures ({example}: it is the same): give the other camera's images on one of the sides"
+            f"both sides show one camera's pictures ({example}: it is the same): give the "
+            "other camera's images on one of the sides"
         )
     return (
-        f"left and right are {counted(abs(shifts.pop()), 'image')} out of step: {example}, alike in {counted(len(sample), 'pair')} "
-        "over the dive: number both sides alike, or correct the clock in the names of one (of videos: input.video_offset_s)"
+        f"left and right are {counted(abs(shifts.pop()), 'image')} out of step: {example}, alike "
+        f"in {counted(len(sample), 'pair')} "
+        "over the dive: number both sides alike, or correct the clock in the names of one (of "
+        "videos: input.video_offset_s)"
     )
 
 
 def _same_picture(left: Image, right: Image) -> bool:
     """Tell whether nearly all that looks alike in two images lies at the same places of both."""
     found = look_alikes(left, right)
-    return len(found.left) > 0 and float(np.median(np.hypot(*(found.left - found.right).T))) < ROW_LIMITS.apart_px
+    return (
+        len(found.left) > 0
+        and float(np.median(np.hypot(*(found.left - found.right).T))) < ROW_LIMITS.apart_px
+    )
 
 
 def misfit_notes(
-    pairs: Sequence[Pair], failed: Collection[str], rectification: Rectification, config: InputConfig
+    pairs: Sequence[Pair],
+    failed: Collection[str],
+    rectification: Rectification,
+    config: InputConfig,
 ) -> tuple[str, ...]:
-    """Report where the pairs of the names ``failed`` are out of step, and by how much; else a line for each of the first few."""
+    """Report where the pairs of the names ``failed`` are out of step, and by how much; else a line
+    for each of the first few.
+    """
     misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
-    if slip := _slip(misfits, pairs, rectification, config) or _slips(misfits, pairs, rectification, config):
+    if slip := _slip(misfits, pairs, rectification, config) or _slips(
+        misfits, pairs, rectification, config
+    ):
         return (slip,)
     return tuple(
         f"{_fits(pair, other)}: are the sides numbered alike?"
@@ -115,16 +154,27 @@ def misfit_notes(
 
 
 def _slip(
-    misfits: Sequence[tuple[int, Pair]], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+    misfits: Sequence[tuple[int, Pair]],
+    pairs: Sequence[Pair],
+    rectification: Rectification,
+    config: InputConfig,
 ) -> str | None:
-    """Which pair a slip of the pairing begins with, as where one side lost an image; None where the failed pairs show none.
+    """Which pair a slip of the pairing begins with, as where one side lost an image; None where the
+    failed pairs show none.
 
-    misfits: the failed pairs with their places, of which nearly all from the first to the last one failed.
+    misfits: the failed pairs with their places, of which nearly all from the first to the last one
+    failed.
     """
-    if len(misfits) < _LIMITS.slip_pairs or len(misfits) < _LIMITS.slip_fraction * (misfits[-1][0] - misfits[0][0] + 1):
+    if len(misfits) < _LIMITS.slip_pairs or len(misfits) < _LIMITS.slip_fraction * (
+        misfits[-1][0] - misfits[0][0] + 1
+    ):
         return None
-    examples = [misfits[i] for i in (1, len(misfits) // 2, len(misfits) - 2)]  # the first and the last may have no partner
-    fitting = [(place, pair, _fitting(pair, pairs, rectification, config)) for place, pair in examples]
+    examples = [
+        misfits[i] for i in (1, len(misfits) // 2, len(misfits) - 2)
+    ]  # the first and the last may have no partner
+    fitting = [
+        (place, pair, _fitting(pair, pairs, rectification, config)) for place, pair in examples
+    ]
     found = [(pairs.index(other) - place, pair, other) for place, pair, other in fitting if other]
     if len(found) < 2 or len({shift for shift, _, _ in found}) > 1:
         return None
@@ -132,16 +182,23 @@ def _slip(
     short, long = ("left", "right") if shift > 0 else ("right", "left")
     first, last, images = misfits[0][1].name, misfits[-1][1].name, counted(abs(shift), "image")
     return (
-        f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are {images} out of step: "
-        f"{_fits(pair, other)}; {short} lacks {images} before {first}, or {long} holds too many: number both sides alike from "
+        f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are "
+        f"{images} out of step: "
+        f"{_fits(pair, other)}; {short} lacks {images} before {first}, or {long} holds too many: "
+        "number both sides alike from "
         "there on"
     )
 
 
 def _slips(
-    misfits: Sequence[tuple[int, Pair]], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+    misfits: Sequence[tuple[int, Pair]],
+    pairs: Sequence[Pair],
+    rectification: Rectification,
+    config: InputConfig,
 ) -> str | None:
-    """The parts of a dive that are out of step, as where both sides lost images of their own; None for less than two parts."""
+    """The parts of a dive that are out of step, as where both sides lost images of their own; None
+    for less than two parts.
+    """
     parts: list[list[tuple[int, Pair]]] = []
     for place, pair in misfits:
         if parts and place == parts[-1][-1][0] + 1:
@@ -153,12 +210,20 @@ def _slips(
     for part in parts[:NOTED_PARTS]:
         place, pair = part[len(part) // 2]
         if other := _fitting(pair, pairs, rectification, config):
-            found.append(f"{part[0][1].name} to {part[-1][1].name} by {pairs.index(other) - place:+d} ({_fits(pair, other)})")
+            found.append(
+                f"{part[0][1].name} to {part[-1][1].name} by {pairs.index(other) - place:+d} "
+                f"({_fits(pair, other)})"
+            )
     if len(found) < 2:
         return None
-    more = f", and {counted(len(parts) - NOTED_PARTS, 'part')} more" if len(parts) > NOTED_PARTS else ""
+    more = (
+        f", and {counted(len(parts) - NOTED_PARTS, 'part')} more"
+        if len(parts) > NOTED_PARTS
+        else ""
+    )
     return (
-        f"left and right are out of step in several parts, as where each side lost images of its own: {', '.join(found)}{more}: "
+        "left and right are out of step in several parts, as where each side lost images of its "
+        f"own: {', '.join(found)}{more}: "
         "number both sides alike from the first of these on, or name the files by their times"
     )
 
@@ -167,14 +232,18 @@ def _fits(pair: Pair, other: Pair) -> str:
     return f"{pair.left.name} fits {other.right.name}, not {pair.right.name}"
 
 
-def _fitting(pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> Pair | None:
+def _fitting(
+    pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+) -> Pair | None:
     """As neighbor_that_fits; None also for a pair that cannot be read or compared."""
     with contextlib.suppress(InputError, CalibrationError):
         return neighbor_that_fits(pair, pairs, rectification, config)
     return None
 
 
-def _points_or_none(rectification: Rectification, left: Image, other: Pair, config: InputConfig) -> int:
+def _points_or_none(
+    rectification: Rectification, left: Image, other: Pair, config: InputConfig
+) -> int:
     try:
         return agreeing_points(rectification, left, read_image(other.right, config))
     except InputError:

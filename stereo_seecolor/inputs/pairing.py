@@ -1,4 +1,6 @@
-"""Pairing: which file of the left folder belongs to which of the right one, and which files belong to none."""
+"""Pairing: which file of the left folder belongs to which of the right one, and which files belong
+to none.
+"""
 
 from array import array
 from collections import Counter
@@ -35,9 +37,11 @@ SEVERAL = "several files are called"
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two files that belong together. name: of the outputs. timestamp_s: from the left file's name, or None.
+    """Two files that belong together. name: of the outputs. timestamp_s: from the left file's name,
+    or None.
 
-    place: number in the dive, and how many pairs the dive has, by which folders of many outputs are cut.
+    place: number in the dive, and how many pairs the dive has, by which folders of many outputs are
+    cut.
     """
 
     name: str
@@ -48,8 +52,8 @@ class Pair:
 
 
 class DivePairs(Lazy[Pair]):
-    """All pairs of a dive in order, perhaps a million, each with its number: packed without their paths, which take long to
-    unpack.
+    """All pairs of a dive in order, perhaps a million, each with its number: packed without their
+    paths, which take long to unpack.
     """
 
     def __init__(self) -> None:
@@ -86,10 +90,11 @@ class DivePairs(Lazy[Pair]):
 
 @dataclass(frozen=True)
 class Pairing:
-    """All pairs of two folders, by time where every name holds one, else in natural order; and every file without a partner.
+    """All pairs of two folders, by time where every name holds one, else in natural order; and
+    every file without a partner.
 
-    notes: what a person should know of the pairing as a whole, such as two clocks that drift apart. missing_shards: shards of the
-    dive whose pairs are not among these.
+    notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
+    missing_shards: shards of the dive whose pairs are not among these.
     """
 
     pairs: Sequence[Pair]
@@ -100,7 +105,11 @@ class Pairing:
     @property
     def names(self) -> Iterator[str]:
         """The names of all pairs, in their order."""
-        return self.pairs.names if isinstance(self.pairs, DivePairs) else (pair.name for pair in self.pairs)
+        return (
+            self.pairs.names
+            if isinstance(self.pairs, DivePairs)
+            else (pair.name for pair in self.pairs)
+        )
 
     def with_notes(self, notes: tuple[str, ...]) -> "Pairing":
         """Add notes."""
@@ -125,8 +134,14 @@ class _Matching:
                 self.add(name, lefts[0], rights[0])
             else:
                 several = sorted(lefts if len(lefts) > len(rights) else rights)
-                names, example = ", ".join(path.name for path in several), f"{several[-1].parent.name}/*{several[-1].suffix}"
-                reason = f"{SEVERAL} {key!r} ({names}): keep one of them, or name a pattern such as '{example}'"
+                names, example = (
+                    ", ".join(path.name for path in several),
+                    f"{several[-1].parent.name}/*{several[-1].suffix}",
+                )
+                reason = (
+                    f"{SEVERAL} {key!r} ({names}): keep one of them, or name a pattern such "
+                    f"as '{example}'"
+                )
                 self.unpaired += [Unpaired(path, reason) for path in (*lefts, *rights)]
         self.drop_settled()
 
@@ -135,41 +150,60 @@ class _Matching:
         self.pairs.append(Pair(product_name(name), left, right, timestamp_from_name(left.stem)))
 
     def settle_by_time(self, tolerance_s: float, offset_s: float = 0.0) -> None:
-        """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock is ahead by the offset."""
-        lefts, rights = timed(self.lefts), [(time_s - offset_s, path) for time_s, path in timed(self.rights)]
+        """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock
+        is ahead by the offset.
+        """
+        lefts, rights = (
+            timed(self.lefts),
+            [(time_s - offset_s, path) for time_s, path in timed(self.rights)],
+        )
         left_times, right_times = [t for t, _ in lefts], [t for t, _ in rights]
         for i, (time_s, left) in enumerate(lefts):
             j = nearest(right_times, time_s)
-            if j is not None and abs(right_times[j] - time_s) <= tolerance_s and nearest(left_times, right_times[j]) == i:
+            if (
+                j is not None
+                and abs(right_times[j] - time_s) <= tolerance_s
+                and nearest(left_times, right_times[j]) == i
+            ):
                 self.add(left.stem, left, rights[j][1])
         self.drop_settled()
 
     def say_how_far(self, tolerance_s: float) -> None:
-        """Give files without a partner that have a time stamp the distance to the nearest file of the other side as the reason."""
+        """Give files without a partner that have a time stamp the distance to the nearest file of
+        the other side as the reason.
+        """
         lefts = [pair.left for pair in self.pairs] + self.lefts
         rights = [pair.right for pair in self.pairs] + self.rights
         for side, alone, others in (("right", self.lefts, rights), ("left", self.rights, lefts)):
             for path, off_s in distances_s(alone, others).items():
                 if off_s > tolerance_s:
-                    how_far = f"the nearest in time is {off_s:.3f} s away, input.timestamp_tolerance_s is {tolerance_s:g}"
+                    how_far = (
+                        f"the nearest in time is {off_s:.3f} s away, "
+                        f"input.timestamp_tolerance_s is {tolerance_s:g}"
+                    )
                     self.unpaired.append(Unpaired(path, f"no {side} image matches: {how_far}"))
         self.drop_settled()
 
     @property
     def ambiguous(self) -> str:
-        """Why no file has a partner, where several share a name; "" where that is not the reason."""
+        """Why no file has a partner, where several share a name; "" where that is not the
+        reason.
+        """
         reasons = [file.reason for file in self.unpaired if file.reason.startswith(SEVERAL)]
         return reasons[0] if reasons and not self.pairs else ""
 
     def drop_settled(self) -> None:
         """Leave only the files that wait for a partner."""
-        settled = {path for pair in self.pairs for path in (pair.left, pair.right)} | {file.path for file in self.unpaired}
+        settled = {path for pair in self.pairs for path in (pair.left, pair.right)} | {
+            file.path for file in self.unpaired
+        }
         self.lefts = [path for path in self.lefts if path not in settled]
         self.rights = [path for path in self.rights if path not in settled]
 
 
 def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
-    """Pair the images of two folders by name, by time stamp, or (auto) by name and then the rest by time stamp.
+    """Pair the images of two folders by name, by time stamp, or (auto) by name and then the rest by
+    time stamp.
 
     left, right: as in list_images; two single images are a pair, whatever their names.
     Raises InputError if a folder is missing or empty, or if no pair is found.
@@ -184,14 +218,22 @@ def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
 
 
 def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair] | None:
-    """The pairs of two folders that hold the same stems in the order of the dive: most do, and need no search for partners.
+    """The pairs of two folders that hold the same stems in the order of the dive: most do, and need
+    no search for partners.
 
-    None for others, and where a name comes twice. A million pairs take little time and memory here, since no path is made of them.
+    None for others, and where a name comes twice. A million pairs take little time and memory here,
+    since no path is made of them.
     """
-    if not isinstance(lefts, FolderFiles) or not isinstance(rights, FolderFiles) or len(lefts) != len(rights):
+    if (
+        not isinstance(lefts, FolderFiles)
+        or not isinstance(rights, FolderFiles)
+        or len(lefts) != len(rights)
+    ):
         return None
     pairs, name_hashes = DivePairs(), array("q")
-    left_folder, right_folder = (str(side.folder / "_")[:-1] for side in (lefts, rights))  # with the separator at the end
+    left_folder, right_folder = (
+        str(side.folder / "_")[:-1] for side in (lefts, rights)
+    )  # with the separator at the end
     has_times = timestamp_from_name(stem_of(lefts.names[0])) is not None
     last_s, last_name = -inf, ""
     for left, right in zip(lefts.names, rights.names, strict=True):
@@ -208,8 +250,12 @@ def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair]
     return pairs if len(np.unique(name_hashes)) == len(name_hashes) else None
 
 
-def pair_files(lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str) -> Pairing:
-    """Pair files that are listed already, as ``pair_folders`` does. where: for messages. Raises InputError if no pair is found."""
+def pair_files(
+    lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str
+) -> Pairing:
+    """Pair files that are listed already, as ``pair_folders`` does. where: for messages. Raises
+    InputError if no pair is found.
+    """
     return _settled(_Matching(list(lefts), list(rights), [], []), config, where)
 
 
@@ -226,11 +272,14 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         raise InputError(f"{where}: {matching.ambiguous}")
     if not matching.pairs:
         both = matching.lefts and matching.rights
-        example = f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
+        example = (
+            f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
+        )
         off_s = sorted(distances_s(matching.lefts, matching.rights).values())
         apart = f" (time stamps are {off_s[len(off_s) // 2]:.3f} s apart, median)" if off_s else ""
         raise InputError(
-            f"{where}: no left image matches a right one by name or time stamp{example}{apart}: give both the same stem, or set "
+            f"{where}: no left image matches a right one by name or time stamp{example}{apart}: "
+            "give both the same stem, or set "
             "input.timestamp_tolerance_s"
         )
     if not notes and config.pairing != "name":
@@ -242,58 +291,88 @@ def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...
     """Where nothing else paired, by clocks that differ by a constant."""
     if matching.pairs:
         return ()
-    lefts, rights = ([time_s for time_s, _ in timed(side)] for side in (matching.lefts, matching.rights))
+    lefts, rights = (
+        [time_s for time_s, _ in timed(side)] for side in (matching.lefts, matching.rights)
+    )
     offset_s = clock_offset_s(lefts, rights, tolerance_s)
     if offset_s is None:
         return ()
     matching.settle_by_time(tolerance_s, offset_s)
     ahead = f"{abs(offset_s):.3f} s {'ahead of' if offset_s > 0 else 'behind'}"
-    found = f"{counted(len(matching.pairs), 'pair')} of {len(lefts)} left and {len(rights)} right images"
+    found = (
+        f"{counted(len(matching.pairs), 'pair')} of {len(lefts)} left and {len(rights)} right "
+        "images"
+    )
     return (f"the right clock is {ahead} the left one: {found} were brought together by that",)
 
 
 def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
-    """Where nothing else paired, by numbers that differ by a constant: each camera counts its own images."""
+    """Where nothing else paired, by numbers that differ by a constant: each camera counts its own
+    images.
+    """
     matching.settle(*number_keys(matching.lefts, matching.rights))
     if not matching.pairs:
         return ()
     first = in_dive_order(matching.pairs)[0]
-    found = f"no names agree: {counted(len(matching.pairs), 'pair')} were brought together by the order of their numbers"
+    found = (
+        f"no names agree: {counted(len(matching.pairs), 'pair')} were brought together by the "
+        "order of their numbers"
+    )
     return (f"{found}, from {first.left.name} with {first.right.name} on",)
 
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
-    """Pair images with the range maps of the same stem, for people who bring their own; ``right`` is the range map."""
-    matching = _matching(list_images(images, "images"), list_images(ranges, "range maps", RANGE_EXTENSIONS))
+    """Pair images with the range maps of the same stem, for people who bring their own; ``right``
+    is the range map.
+    """
+    matching = _matching(
+        list_images(images, "images"), list_images(ranges, "range maps", RANGE_EXTENSIONS)
+    )
     example = f"{matching.lefts[0].name} and {matching.rights[0].name}"
     _settle_single(matching, images, ranges)
     _settle_by_name(matching)
     if matching.ambiguous:
         raise InputError(f"{images} and {ranges}: {matching.ambiguous}")
     if not matching.pairs:
-        raise InputError(f"{images} and {ranges}: no image has a range map of the same name, for example {example}")
+        raise InputError(
+            f"{images} and {ranges}: no image has a range map of the same name, for example "
+            f"{example}"
+        )
     return _pairing(matching, "no range map matches", "no image matches")
 
 
 def in_dive_order(pairs: Sequence[Pair]) -> list[Pair]:
     """Sort by time where every name holds one, else in natural order of the names."""
     have_times = all(pair.timestamp_s is not None for pair in pairs)
-    return sorted(pairs, key=lambda pair: (pair.timestamp_s or 0.0 if have_times else 0.0, natural_key(pair.name)))
+    return sorted(
+        pairs,
+        key=lambda pair: (pair.timestamp_s or 0.0 if have_times else 0.0, natural_key(pair.name)),
+    )
 
 
 def _matching(lefts: Listing, rights: Listing) -> _Matching:
-    return _Matching(list(lefts.files), list(rights.files), [], [*lefts.unreadable, *rights.unreadable])
+    return _Matching(
+        list(lefts.files), list(rights.files), [], [*lefts.unreadable, *rights.unreadable]
+    )
 
 
 def _settle_single(matching: _Matching, left: Path, right: Path) -> None:
-    """One image a side, given by name or pattern and not by folder, is a pair whatever the names are."""
-    if len(matching.lefts) == len(matching.rights) == 1 and not left.is_dir() and not right.is_dir():
+    """One image a side, given by name or pattern and not by folder, is a pair whatever the names
+    are.
+    """
+    if (
+        len(matching.lefts) == len(matching.rights) == 1
+        and not left.is_dir()
+        and not right.is_dir()
+    ):
         matching.add(matching.lefts[0].stem, matching.lefts[0], matching.rights[0])
         matching.drop_settled()
 
 
 def _settle_by_name(matching: _Matching) -> None:
-    """Names that agree as they are; then without the word for the side; only if none do, without what the folder has in common."""
+    """Names that agree as they are; then without the word for the side; only if none do, without
+    what the folder has in common.
+    """
     for keys in (stem_keys, side_keys):
         matching.settle(*keys(matching.lefts, matching.rights))
     if not matching.pairs and matching.lefts and matching.rights:
@@ -308,18 +387,32 @@ def _pairing(matching: _Matching, left_reason: str, right_reason: str) -> Pairin
 
 
 def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
-    return tuple(sorted(unpaired, key=lambda file: (str(file.path.parent), natural_key(file.path.name))))
+    return tuple(
+        sorted(unpaired, key=lambda file: (str(file.path.parent), natural_key(file.path.name)))
+    )
 
 
 def with_unique_names(pairs: list[Pair]) -> list[Pair]:
-    """Append a hash of the left file's name to names that would meet in one output file, also where case does not count."""
+    """Append a hash of the left file's name to names that would meet in one output file, also where
+    case does not count.
+    """
     count = Counter(pair.name.casefold() for pair in pairs)
     return [
-        pair if count[pair.name.casefold()] == 1 else replace(pair, name=f"{pair.name}~{short_hash(pair.left.name)}")
+        pair
+        if count[pair.name.casefold()] == 1
+        else replace(pair, name=f"{pair.name}~{short_hash(pair.left.name)}")
         for pair in pairs
     ]
 
 
 def _drift_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
-    times = ((pair.timestamp_s, timestamp_from_name(pair.right.stem)) for pair in pairs if pair.timestamp_s is not None)
-    return drift_notes(array("d", (right - left for left, right in times if left is not None and right is not None)))
+    times = (
+        (pair.timestamp_s, timestamp_from_name(pair.right.stem))
+        for pair in pairs
+        if pair.timestamp_s is not None
+    )
+    return drift_notes(
+        array(
+            "d", (right - left for left, right in times if left is not None and right is not None)
+        )
+    )

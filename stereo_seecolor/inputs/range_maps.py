@@ -17,7 +17,12 @@ from calibration.formats.reading.binary import read_arrays
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.raw_arrays import PARSING
 from stereo_seecolor.inputs.decoding import MAX_PIXELS, decode_raw
-from stereo_seecolor.inputs.headers import TIFF_COMPRESSION, TIFF_SIGNATURES, TIFF_UNCOMPRESSED, tiff_numbers
+from stereo_seecolor.inputs.headers import (
+    TIFF_COMPRESSION,
+    TIFF_SIGNATURES,
+    TIFF_UNCOMPRESSED,
+    tiff_numbers,
+)
 from stereo_seecolor.inputs.listing import EXTENSIONS
 from stereo_seecolor.records import Map
 
@@ -36,21 +41,30 @@ _READ_BY_OPENCV = (TIFF_UNCOMPRESSED, 5, 7, 8, 32773, 32946)
 _BIG_TIFF = (b"II+\x00", b"MM\x00+")
 _TOPS = (1.0, 255.0, 65535.0)
 """The largest values of maps that were normalized to their own least and largest one."""
-_SET_UNITS = "set input.range_units_per_m to the number of its units in a meter (1000 for millimeters)"
+_SET_UNITS = (
+    "set input.range_units_per_m to the number of its units in a meter (1000 for millimeters)"
+)
 
 
 def decode_range_map(content: bytes, path: Path, units_per_m: float | None) -> Map:
-    """Decode a file's content to meters, as ``read_range_map`` reads it; ``path`` is for the messages."""
+    """Decode a file's content to meters, as ``read_range_map`` reads it; ``path`` is for the
+    messages.
+    """
     values = _plane(_decoded(content, path), path)
     stored = values.dtype
     if stored.kind not in "fiu" or (stored.itemsize == 1 and units_per_m is None):
         raise InputError(
-            f"{path}: holds {stored} pixels, a range map is meters in floating point or millimeters in 16 bits or more; pictures "
-            "of 8 bits, as networks for single images write them (near is bright: inverse depth), have no scale"
+            f"{path}: holds {stored} pixels, a range map is meters in floating point or "
+            "millimeters in 16 bits or more; pictures "
+            "of 8 bits, as networks for single images write them (near is bright: inverse depth), "
+            "have no scale"
         )
     known = np.isfinite(values) & (values > 0)
     if not known.any() and len(np.unique(values[values < 0])) > 1:
-        raise InputError(f"{path}: holds negative values alone: give ranges as positive numbers, 0 or NaN where unknown")
+        raise InputError(
+            f"{path}: holds negative values alone: give ranges as positive numbers, 0 or NaN "
+            "where unknown"
+        )
     if units_per_m is None:
         known &= _below_top(values, known, path)
         units_per_m = 1.0 if stored.kind == "f" else 1000.0
@@ -74,7 +88,9 @@ def _decoded(content: bytes, path: Path) -> NDArray[Any]:
         return _pfm(content, header, path)
     if content.startswith(EXR_SIGNATURE):
         return _range_array(_exr_channels(content, path), path)
-    if content.startswith(_BIG_TIFF) or (content.startswith(TIFF_SIGNATURES) and _needs_library(content)):
+    if content.startswith(_BIG_TIFF) or (
+        content.startswith(TIFF_SIGNATURES) and _needs_library(content)
+    ):
         return _tiff(content, path)
     return decode_raw(content, path, cv2.IMREAD_UNCHANGED)
 
@@ -84,20 +100,34 @@ def _plane(values: NDArray[Any], path: Path) -> NDArray[Any]:
     if values.ndim == 3 and 1 in values.shape:
         values = values.squeeze(values.shape.index(1))
     if values.ndim != 2:
-        channels = f"{values.shape[2]} channels" if values.ndim == 3 else f"{values.ndim} dimensions"
+        channels = (
+            f"{values.shape[2]} channels" if values.ndim == 3 else f"{values.ndim} dimensions"
+        )
         raise InputError(f"{path}: has {channels}, a range map has one")
     return values
 
 
 def _range_array(arrays: Mapping[str, Any], path: Path) -> NDArray[Any]:
-    """The one array that can be an image, else the one of these that is called after range or depth."""
-    images = {name: array for name, array in arrays.items() if isinstance(array, np.ndarray) and _is_map(array)}
+    """The one array that can be an image, else the one of these that is called after range or
+    depth.
+    """
+    images = {
+        name: array
+        for name, array in arrays.items()
+        if isinstance(array, np.ndarray) and _is_map(array)
+    }
     called = {name: array for name, array in images.items() if _RANGE_WORDS.search(name)}
     for found in (images, called):
         if len(found) == 1:
             return next(iter(found.values()))
-    held = f"several maps ({', '.join(images)})" if images else f"no map, but {', '.join(arrays) or 'nothing'}"
-    raise InputError(f"{path}: holds {held}: save the ranges as one array (height, width), called range_m")
+    held = (
+        f"several maps ({', '.join(images)})"
+        if images
+        else f"no map, but {', '.join(arrays) or 'nothing'}"
+    )
+    raise InputError(
+        f"{path}: holds {held}: save the ranges as one array (height, width), called range_m"
+    )
 
 
 def _is_map(array: NDArray[Any]) -> bool:
@@ -105,13 +135,19 @@ def _is_map(array: NDArray[Any]) -> bool:
 
 
 def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.float32]:
-    """Rows from the bottom up; the sign of the third number is the order of bytes, and its size is no unit."""
+    """Rows from the bottom up; the sign of the third number is the order of bytes, and its size is
+    no unit.
+    """
     width, height = int(header[1]), int(header[2])
     try:
         order = "<" if float(header[3]) < 0 else ">"
-        values = np.frombuffer(content, f"{order}f4", width * height, header.end()).reshape(height, width)
+        values = np.frombuffer(content, f"{order}f4", width * height, header.end()).reshape(
+            height, width
+        )
     except ValueError as error:
-        raise InputError(f"{path}: is truncated or damaged (the PFM ends before its last row)") from error
+        raise InputError(
+            f"{path}: is truncated or damaged (the PFM ends before its last row)"
+        ) from error
     return values[::-1].astype(np.float32)
 
 
@@ -120,7 +156,8 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
         import OpenEXR
     except ImportError as error:
         raise InputError(
-            f"{path}: is an OpenEXR file, which needs a library: pip install 'stereo-seecolor[exr]', or convert it to a TIFF of "
+            f"{path}: is an OpenEXR file, which needs a library: pip install "
+            "'stereo-seecolor[exr]', or convert it to a TIFF of "
             "floating point"
         ) from error
     try:
@@ -131,7 +168,9 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
 
 
 def _needs_library(content: bytes) -> bool:
-    """True for what OpenCV does not read: half floats, other compressions, a value for what is unknown. False if it is cut."""
+    """True for what OpenCV does not read: half floats, other compressions, a value for what is
+    unknown. False if it is cut.
+    """
     try:
         tags = tiff_numbers(content)
     except struct.error:
@@ -146,27 +185,37 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
         import rasterio
         from rasterio.errors import RasterioError
     except ImportError as error:
-        raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'") from error
+        raise InputError(
+            f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'"
+        ) from error
 
     try:
         with warnings.catch_warnings(), rasterio.MemoryFile(content) as memory:
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with memory.open(driver="GTiff") as file:
                 if file.count > 1 or file.width * file.height > MAX_PIXELS:
-                    raise InputError(f"{path}: claims {file.count} channels of {file.width}x{file.height} pixels: not read")
+                    raise InputError(
+                        f"{path}: claims {file.count} channels of {file.width}x{file.height} "
+                        "pixels: not read"
+                    )
                 values: NDArray[Any] = file.read(1)
                 unknown = file.nodata
     except RasterioError as error:
-        raise InputError(f"{path}: is truncated or damaged: {' '.join(str(error.__cause__ or error).split())[:200]}") from error
+        raise InputError(
+            f"{path}: is truncated or damaged: "
+            f"{' '.join(str(error.__cause__ or error).split())[:200]}"
+        ) from error
     if unknown is not None:
         values = np.where(values == unknown, 0, values)
     return values
 
 
 def _below_top(values: NDArray[Any], known: NDArray[np.bool_], path: Path) -> NDArray[np.bool_]:
-    """Where values are no mark of what is unknown: the largest that 16 bits hold, far above all others.
+    """Where values are no mark of what is unknown: the largest that 16 bits hold, far above all
+    others.
 
-    Raises InputError for a map that was normalized: it reaches the largest value, and others lie right below.
+    Raises InputError for a map that was normalized: it reaches the largest value, and others lie
+    right below.
     """
     if not known.any():
         return known
@@ -180,21 +229,31 @@ def _below_top(values: NDArray[Any], known: NDArray[np.bool_], path: Path) -> ND
     if least > 0.02 * largest and not whole:
         return known
     raise InputError(
-        f"{path}: its values end at {largest:g}, the largest there is: a map without scale, as networks for single images write it "
+        f"{path}: its values end at {largest:g}, the largest there is: a map without scale, as "
+        "networks for single images write it "
         f"(where near is bright, inverse depth), or clipped: give ranges in meters, or {_SET_UNITS}"
     )
 
 
 def _plausible(range_m: Map, path: Path, units_per_m: float) -> Map:
-    """``range_m`` with values that no range under water has unknown. Raises InputError where these are the most."""
+    """``range_m`` with values that no range under water has unknown. Raises InputError where these
+    are the most.
+    """
     known = np.isfinite(range_m)
     if not known.any():
         return range_m
     middle = float(np.median(range_m[known]))
     if not NEAREST_M <= middle <= FARTHEST_M:
-        read_as = "meters" if units_per_m == 1 else "millimeters" if units_per_m == 1000 else f"1/{units_per_m:g} m"
+        read_as = (
+            "meters"
+            if units_per_m == 1
+            else "millimeters"
+            if units_per_m == 1000
+            else f"1/{units_per_m:g} m"
+        )
         raise InputError(
-            f"{path}: its median is {middle:.4g} m, read as {read_as}, which no range under water is: {_SET_UNITS}; a disparity or "
+            f"{path}: its median is {middle:.4g} m, read as {read_as}, which no range under water "
+            f"is: {_SET_UNITS}; a disparity or "
             "an inverse depth is to be converted first"
         )
     with np.errstate(invalid="ignore"):

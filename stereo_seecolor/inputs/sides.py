@@ -16,7 +16,13 @@ from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.inputs.images import read_image_bytes
-from stereo_seecolor.inputs.listing import EXTENSIONS, folder_parts, inner_folders, list_images, unread_hint
+from stereo_seecolor.inputs.listing import (
+    EXTENSIONS,
+    folder_parts,
+    inner_folders,
+    list_images,
+    unread_hint,
+)
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.video_file import is_video
 
@@ -37,9 +43,11 @@ _NUMBER = re.compile(r"(?P<side>cam[01](?!\d))|\d+", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Sides:
-    """Two folders of images (or patterns for the names in one), or two videos; the same folder or video twice shows both.
+    """Two folders of images (or patterns for the names in one), or two videos; the same folder or
+    video twice shows both.
 
-    guessed: no name says which side is which. others: folders of the same names elsewhere, as of another hour or dive.
+    guessed: no name says which side is which. others: folders of the same names elsewhere, as of
+    another hour or dive.
     """
 
     left: Path
@@ -49,9 +57,14 @@ class Sides:
 
     @property
     def together(self) -> tuple[Path, Path] | None:
-        """Patterns for these folders and all the others, as of a dive cut into hours; None where one pattern a side has not all."""
+        """Patterns for these folders and all the others, as of a dive cut into hours; None where
+        one pattern a side has not all.
+        """
         for place in range(1, len(self.left.parts)):
-            left, right = (Path(*side.parts[:place], "*", *side.parts[place + 1 :]) for side in (self.left, self.right))
+            left, right = (
+                Path(*side.parts[:place], "*", *side.parts[place + 1 :])
+                for side in (self.left, self.right)
+            )
             with suppress(InputError):  # matches folders of both sides
                 found = [*folder_parts(left).values(), *folder_parts(right).values()]
                 if sorted(found) == sorted((self.left, self.right, *self.others)):
@@ -60,7 +73,8 @@ class Sides:
 
 
 def find_sides(places: Sequence[Path]) -> Sides:
-    """The two sides among ``places``: two folders, one or two videos, or a folder that holds them somewhere.
+    """The two sides among ``places``: two folders, one or two videos, or a folder that holds them
+    somewhere.
 
     Raises InputError if a place is missing, or if no two sides are found.
     """
@@ -77,7 +91,9 @@ def find_sides(places: Sequence[Path]) -> Sides:
     if len(images) >= 2:
         sides = _both_in_each(images) or _best_pair(images | _parents(images))
         names = {sides.left.name, sides.right.name}
-        others = [one for one in images if one.name in names and one not in (sides.left, sides.right)]
+        others = [
+            one for one in images if one.name in names and one not in (sides.left, sides.right)
+        ]
         return replace(sides, others=tuple(sorted(others, key=lambda path: natural_key(str(path)))))
     if videos:
         return _of_videos(sorted(set(videos), key=lambda path: natural_key(path.name)))
@@ -86,13 +102,17 @@ def find_sides(places: Sequence[Path]) -> Sides:
         return _in_one_folder(folder)
     hint = unread_hint(str(path) for folder in folders for path in sorted(folder.rglob("*")))
     raise InputError(
-        f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found, up to "
+        f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no "
+        "videos were found, up to "
         f"{DEEPEST} folders deep: give the folders of the two sides{hint}"
     )
 
 
-def _look_through(root: Path, depth: int, through_links: bool) -> tuple[dict[Path, int], list[Path]]:
-    """Folders with the number of images directly in each, and videos, down to ``depth``; hidden folders are passed over.
+def _look_through(
+    root: Path, depth: int, through_links: bool
+) -> tuple[dict[Path, int], list[Path]]:
+    """Folders with the number of images directly in each, and videos, down to ``depth``; hidden
+    folders are passed over.
 
     through_links: folders that are links, too; a link to a side would make a third one.
     """
@@ -102,7 +122,9 @@ def _look_through(root: Path, depth: int, through_links: bool) -> tuple[dict[Pat
     videos: list[Path] = []
     for folder, below, names in os.walk(root, followlinks=through_links):
         here = Path(folder)
-        below[:] = sorted(name for name in below if name[0] != "." and len(here.relative_to(root).parts) < depth)
+        below[:] = sorted(
+            name for name in below if name[0] != "." and len(here.relative_to(root).parts) < depth
+        )
         count = sum(Path(name).suffix.lower() in EXTENSIONS and name[0] != "." for name in names)
         images |= {here: count} if count else {}
         videos += [here / name for name in names if is_video(here / name)]
@@ -110,13 +132,24 @@ def _look_through(root: Path, depth: int, through_links: bool) -> tuple[dict[Pat
 
 
 def _parents(images: dict[Path, int]) -> dict[Path, int]:
-    """Folders that hold no images themselves, but several folders of them: a camera's, cut by time or by number."""
-    found = {parent: inner_folders(parent) for parent in {folder.parent for folder in images} - images.keys()}
-    return {parent: sum(images.get(one, 0) for one in inner) for parent, inner in found.items() if len(inner) > 1}
+    """Folders that hold no images themselves, but several folders of them: a camera's, cut by time
+    or by number.
+    """
+    found = {
+        parent: inner_folders(parent)
+        for parent in {folder.parent for folder in images} - images.keys()
+    }
+    return {
+        parent: sum(images.get(one, 0) for one in inner)
+        for parent, inner in found.items()
+        if len(inner) > 1
+    }
 
 
 def _both_in_each(images: Iterable[Path]) -> Sides | None:
-    """Patterns for folders that each hold both sides' images (``set_1/LFT_3.tif``, ``set_1/RGT_3.tif``); else None."""
+    """Patterns for folders that each hold both sides' images (``set_1/LFT_3.tif``,
+    ``set_1/RGT_3.tif``); else None.
+    """
     found: set[tuple[Path, Path]] = set()
     shared = set.intersection(*(set(folder.parts) for folder in images))
     for folder in images:
@@ -133,21 +166,34 @@ def _both_in_each(images: Iterable[Path]) -> Sides | None:
 
 
 def _in_one_folder(folder: Path) -> Sides:
-    """Patterns for the two sides of a folder that holds both: names that differ in more than their numbers."""
-    shapes = Counter(_NUMBER.sub(lambda found: found["side"] or "*", path.name) for path in list_images(folder, "images").files)
+    """Patterns for the two sides of a folder that holds both: names that differ in more than their
+    numbers.
+    """
+    shapes = Counter(
+        _NUMBER.sub(lambda found: found["side"] or "*", path.name)
+        for path in list_images(folder, "images").files
+    )
     patterns = {folder / shape: count for shape, count in shapes.items()}
     if len(patterns) < 2 and (side := side_of(folder.name)):
-        raise InputError(f"{folder}: holds the {side} images alone: give the other side's folder too, or the one that holds both")
+        raise InputError(
+            f"{folder}: holds the {side} images alone: give the other side's folder too, or the "
+            "one that holds both"
+        )
     if len(patterns) < 2 and _shows_both(folder):
         return Sides(folder, folder)
     if len(patterns) < 2:
         cure = "move the left and the right ones into folders of their own"
-        raise InputError(f"{folder}: holds all images in one folder, and no name says which side it is of: {cure}")
+        raise InputError(
+            f"{folder}: holds all images in one folder, and no name says which side it is of: "
+            f"{cure}"
+        )
     return _best_pair(patterns)
 
 
 def _shows_both(folder: Path) -> bool:
-    """Whether each image may show both sides, side by side or one above the other, by the shape of the first."""
+    """Whether each image may show both sides, side by side or one above the other, by the shape of
+    the first.
+    """
     try:
         width, height = image_size(read_image_bytes(list_images(folder, "images").files[0]))
     except (InputError, ValueError):
@@ -156,20 +202,29 @@ def _shows_both(folder: Path) -> bool:
 
 
 def _best_pair(images: dict[Path, int]) -> Sides:
-    """The two folders whose names say their sides and which give the most pairs; where no names do, in natural order."""
+    """The two folders whose names say their sides and which give the most pairs; where no names do,
+    in natural order.
+    """
     largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
     both = list(combinations(sorted(largest, key=lambda path: natural_key(str(path))), 2))
-    both = [sides for sides in both if sides[0] not in sides[1].parents]  # a folder sorts before those in it
-    named = [(_left_first(*sides), True) for sides in both if set(_sides_of(*sides)) == {"left", "right"}]
+    both = [
+        sides for sides in both if sides[0] not in sides[1].parents
+    ]  # a folder sorts before those in it
+    named = [
+        (_left_first(*sides), True) for sides in both if set(_sides_of(*sides)) == {"left", "right"}
+    ]
     for choices in (named, [(sides, False) for sides in both]):
         pairs, (sides, known) = max(
-            ((_pairs(*choice[0]), choice) for choice in choices), key=itemgetter(0), default=(0, (both[0], False))
+            ((_pairs(*choice[0]), choice) for choice in choices),
+            key=itemgetter(0),
+            default=(0, (both[0], False)),
         )
         if pairs:
             return Sides(*sides, guessed=not known)
     first, second = both[0]
     raise InputError(
-        f"{first} and {second}: no two of the {len(images)} folders or groups of images hold pairs: give the two of one dive"
+        f"{first} and {second}: no two of the {len(images)} folders or groups of images hold "
+        "pairs: give the two of one dive"
     )
 
 
@@ -178,8 +233,13 @@ def _left_first(first: Path, second: Path) -> tuple[Path, Path]:
 
 
 def _sides_of(first: Path, second: Path) -> tuple[str | None, str | None]:
-    """The sides by the parts of the paths that tell them apart: ``cam0/data`` and ``cam1/data`` differ in the folder above."""
-    parts = next((both for both in zip(first.parts, second.parts, strict=False) if both[0] != both[1]), (first.name, second.name))
+    """The sides by the parts of the paths that tell them apart: ``cam0/data`` and ``cam1/data``
+    differ in the folder above.
+    """
+    parts = next(
+        (both for both in zip(first.parts, second.parts, strict=False) if both[0] != both[1]),
+        (first.name, second.name),
+    )
     return side_of(parts[0]), side_of(parts[1])
 
 
@@ -197,4 +257,7 @@ def _of_videos(videos: list[Path]) -> Sides:
     if len(videos) == 2:
         left, right = named.get("left"), named.get("right")
         return Sides(left, right) if left and right else Sides(videos[0], videos[1], guessed=True)
-    raise InputError(f"{', '.join(path.name for path in videos[:6])}: {len(videos)} videos were found: give the two of one dive")
+    raise InputError(
+        f"{', '.join(path.name for path in videos[:6])}: {len(videos)} videos were found: give "
+        "the two of one dive"
+    )

@@ -1,4 +1,6 @@
-"""A video's frames by their numbers: an index of their times, and each decoded from the keyframe before it. By PyAV (FFmpeg)."""
+"""A video's frames by their numbers: an index of their times, and each decoded from the keyframe
+before it. By PyAV (FFmpeg).
+"""
 
 from bisect import bisect_right
 from collections import OrderedDict
@@ -31,22 +33,30 @@ SOUND_RATE_HZ = 8000
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if PyAV is missing."""
+    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if
+    PyAV is missing.
+    """
     try:
         import av
     except ImportError as error:
-        raise DeviceError("videos need a library that is missing (av): pip install -c constraints.txt '.[video]'") from error
+        raise DeviceError(
+            "videos need a library that is missing (av): pip install -c constraints.txt '.[video]'"
+        ) from error
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a video")
         with av.open(str(path), metadata_errors="ignore") as container:
             yield container
     except (av.FFmpegError, OSError) as error:
-        raise InputError(f"{path}: is no video that FFmpeg can read: {error.strerror or error}") from error
+        raise InputError(
+            f"{path}: is no video that FFmpeg can read: {error.strerror or error}"
+        ) from error
 
 
 def video_stream(container: Any, path: Path) -> Any:
-    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims to be too large."""
+    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims
+    to be too large.
+    """
     stream = container.streams.best("video")  # not a cover picture
     if stream is None:
         raise InputError(f"{path}: holds no pictures")
@@ -75,13 +85,15 @@ def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
 
 
 def gray(frame: Any) -> NDArray[np.uint8]:
-    """Convert a decoded frame to gray, (H, W), turned as the file says that players are to turn it."""
+    """Convert a decoded frame to gray, (H, W), turned as the file says that players are to
+    turn it.
+    """
     return np.rot90(frame.to_ndarray(format="gray"), round(frame.rotation / 90))
 
 
 def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
-    """Read the time at which the sound begins on the file's own clock, seconds, and its samples at SOUND_RATE_HZ; none where it is
-    silent or absent.
+    """Read the time at which the sound begins on the file's own clock, seconds, and its samples at
+    SOUND_RATE_HZ; none where it is silent or absent.
 
     Raises InputError, DeviceError.
     """
@@ -96,17 +108,24 @@ def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
             if start_s is None and frame.pts is not None:
                 start_s = float(frame.pts * frame.time_base)
             parts += [np.asarray(piece.to_ndarray()).ravel() for piece in resampler.resample(frame)]
-        return start_s or 0.0, np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, np.float32)
+        return start_s or 0.0, np.concatenate(parts).astype(np.float32) if parts else np.zeros(
+            0, np.float32
+        )
 
 
 def recorded_at(path: Path) -> float | None:
-    """Read when a recording began by its camera's clock, seconds since 1970; None where the file does not say.
+    """Read when a recording began by its camera's clock, seconds since 1970; None where the file
+    does not say.
 
     Cameras that write their local time are taken to be at UTC. Raises InputError, DeviceError.
     """
     with opened(path) as container:
         try:
-            return datetime.fromisoformat(container.metadata.get("creation_time", "")).replace(tzinfo=UTC).timestamp()
+            return (
+                datetime.fromisoformat(container.metadata.get("creation_time", ""))
+                .replace(tzinfo=UTC)
+                .timestamp()
+            )
         except ValueError:
             return None
 
@@ -122,13 +141,19 @@ def decoded(container: Any, stream: Any) -> Iterator[Any]:
 
 
 KEPT_BYTES = 1 << 26
-"""Decoded frames that are kept of a video: threads ask for frames near each other, and for each more than once."""
+"""Decoded frames that are kept of a video: threads ask for frames near each other, and for each
+more than once.
+"""
 
 NEAR_FRAMES = 8
-"""A frame so few frames ahead is reached by decoding those between, also where a keyframe lies between."""
+"""A frame so few frames ahead is reached by decoding those between, also where a keyframe lies
+between.
+"""
 
 BACK_S = (0.0, 1.0, 10.0)
-"""How far before a frame decoding begins: pictures after the keyframe of an open group cannot be decoded from it alone."""
+"""How far before a frame decoding begins: pictures after the keyframe of an open group cannot be
+decoded from it alone.
+"""
 
 LOST_S = 1.0
 """Sound may be longer than the pictures by less."""
@@ -136,7 +161,9 @@ LOST_S = 1.0
 OPEN_VIDEOS = 4
 
 ORDER_FRAMES = 12
-"""Of a video so many are decoded to see whether their times rise; codecs reorder at most some frames."""
+"""Of a video so many are decoded to see whether their times rise; codecs reorder at most some
+frames.
+"""
 
 Times = NDArray[np.int64]
 
@@ -145,8 +172,8 @@ Times = NDArray[np.int64]
 class FrameIndex:
     """The index of a video's frames.
 
-    pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of keyframes. stated_s: duration that the
-    file states, 0 where it states none.
+    pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of
+    keyframes. stated_s: duration that the file states, 0 where it states none.
     """
 
     pts: Times
@@ -171,7 +198,9 @@ class FrameIndex:
 
 
 class VideoFile:
-    """A video of whose frames each can be had by its number, from any thread. Raises InputError, DeviceError."""
+    """A video of whose frames each can be had by its number, from any thread. Raises InputError,
+    DeviceError.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -182,7 +211,9 @@ class VideoFile:
         self._last: int | None = None
 
     def frame(self, number: int) -> Any:
-        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if there is none, or it is damaged."""
+        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if there is none, or it
+        is damaged.
+        """
         if not 0 <= number < len(self.index.pts):
             raise InputError(f"{self.path}: holds no frame {number}, but {len(self.index.pts)}")
         pts = int(self.index.pts[number])
@@ -190,7 +221,9 @@ class VideoFile:
             for back_s in BACK_S:
                 if pts in self._kept or self._found(pts, back_s):
                     return self._kept[pts]
-        raise InputError(f"{self.path}: frame {number}, at {pts * self.index.unit_s:.3f} s, cannot be decoded")
+        raise InputError(
+            f"{self.path}: frame {number}, at {pts * self.index.unit_s:.3f} s, cannot be decoded"
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -198,14 +231,20 @@ class VideoFile:
         notes = []
         length_s = float(self.index.times_s[-1] - self.index.times_s[0])
         if self.index.stated_s - length_s > LOST_S:
-            notes.append(f"{self.path}: ends after {length_s:.1f} of {self.index.stated_s:.1f} s: it was cut")
+            notes.append(
+                f"{self.path}: ends after {length_s:.1f} of {self.index.stated_s:.1f} s: it was cut"
+            )
         with suppress(InputError):  # its pair says so
             if self.frame(0).interlaced_frame:
-                notes.append(f"{self.path}: is interlaced: its rows are of two moments; deinterlace it first")
+                notes.append(
+                    f"{self.path}: is interlaced: its rows are of two moments; deinterlace it first"
+                )
         return tuple(notes)
 
     def _found(self, pts: int, back_s: float) -> bool:
-        """Decode on, or from ``back_s`` before the frame, until it is kept; False where the video goes past it."""
+        """Decode on, or from ``back_s`` before the frame, until it is kept; False where the video
+        goes past it.
+        """
         if back_s or not self._is_near(pts):
             self._frames = self._from(pts - round(back_s / self.index.unit_s))
         for frame in self._frames:
@@ -219,13 +258,16 @@ class VideoFile:
         return False
 
     def _is_near(self, pts: int) -> bool:
-        """True if the decoder comes to the frame soon: there is no keyframe between, or hardly a frame."""
+        """True if the decoder comes to the frame soon: there is no keyframe between, or hardly a
+        frame.
+        """
         if self._last is None or self._last >= pts:
             return False
         index = self.index
         return bool(
             bisect_right(index.keys, self._last) == bisect_right(index.keys, pts)
-            or np.searchsorted(index.pts, pts) - np.searchsorted(index.pts, self._last) <= NEAR_FRAMES
+            or np.searchsorted(index.pts, pts) - np.searchsorted(index.pts, self._last)
+            <= NEAR_FRAMES
         )
 
     def _from(self, pts: int) -> Iterator[Any]:
@@ -262,7 +304,10 @@ def _frame_index(path: Path) -> FrameIndex:
         stream = video_stream(container, path)
         first = [frame.pts or 0 for frame in islice(decoded(container, stream), ORDER_FRAMES)]
         if first != sorted(first):  # of an AVI
-            raise InputError(f"{path}: does not say when frames that are coded out of order are: convert it to .mp4 or .mkv")
+            raise InputError(
+                f"{path}: does not say when frames that are coded out of order are: convert it to "
+                ".mp4 or .mkv"
+            )
     with opened(path) as container:
         stream = video_stream(container, path)
         pts, keys = [], []
@@ -272,8 +317,14 @@ def _frame_index(path: Path) -> FrameIndex:
                 keys += [packet.pts] if packet.is_keyframe else []
         if not pts:
             raise InputError(f"{path}: holds no frame with a time")
-        stated_s = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / 1e6  # AV_TIME_BASE
-        return FrameIndex(np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s)
+        stated_s = (
+            float(stream.duration * stream.time_base)
+            if stream.duration
+            else (container.duration or 0) / 1e6
+        )  # AV_TIME_BASE
+        return FrameIndex(
+            np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s
+        )
 
 
 # The frames of a video as image files inside it: ``dive.mp4/000012.tif``; halves of a picture
@@ -302,7 +353,9 @@ class VideoImages(Container):
     path: Path
 
     def read(self, name: str) -> bytes:
-        """An uncompressed TIFF of 8 bits, or of 16 where the video has more than 8. Raises InputError, DeviceError."""
+        """An uncompressed TIFF of 8 bits, or of 16 where the video has more than 8. Raises
+        InputError, DeviceError.
+        """
         side, _, file = name.rpartition("/")
         if not file.endswith(".tif") or not file[:-4].isdecimal() or (side and side not in SIDES):
             raise InputError(f"{self.path}: holds no image {name}")
@@ -311,14 +364,16 @@ class VideoImages(Container):
 
 
 def pixels(frame: Any) -> NDArray[Any]:
-    """Convert a decoded frame (av.VideoFrame), upright, to (H, W, 3) RGB: uint8, or uint16 of full scale where it has more than 8
-    bits.
+    """Convert a decoded frame (av.VideoFrame), upright, to (H, W, 3) RGB: uint8, or uint16 of full
+    scale where it has more than 8 bits.
     """
     from av.video.reformatter import Interpolation
 
     exact = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
     deep = max(component.bits for component in frame.format.components) > 8
-    rgb = frame.reformat(format="gbrp16le" if deep else "rgb24", interpolation=exact, threads=1).to_ndarray()
+    rgb = frame.reformat(
+        format="gbrp16le" if deep else "rgb24", interpolation=exact, threads=1
+    ).to_ndarray()
     if deep:
         rgb = np.minimum(np.rint(rgb * np.float32(FULL_16)), 65535).astype(np.uint16)
     return upright(rgb, frame)

@@ -1,4 +1,6 @@
-"""The weight of a view's color where several views are averaged, in the fused surface and in the mosaic alike."""
+"""The weight of a view's color where several views are averaged, in the fused surface and in the
+mosaic alike.
+"""
 
 from typing import Any
 
@@ -10,10 +12,12 @@ DOUBTFUL_WEIGHT = 0.02
 
 @compiled
 def color_weight(coarseness: Any, doubtful: Any) -> Any:
-    """Compute the weight 1 / (1 + coarseness^2) of a pixel whose size on the bottom is ``coarseness`` voxels or cells.
+    """Compute the weight 1 / (1 + coarseness^2) of a pixel whose size on the bottom is
+    ``coarseness`` voxels or cells.
 
-    Not more than that: with light and water taken out, caustics, shadows and what is left of the lamps' pattern are the larger
-    part of a color's error, and they are independent of range; the average over many views is truer than the nearest one.
+    Not more than that: with light and water taken out, caustics, shadows and what is left of the
+    lamps' pattern are the larger part of a color's error, and they are independent of range; the
+    average over many views is truer than the nearest one.
     """
     weight = 1 / (1 + coarseness * coarseness)
     return weight * DOUBTFUL_WEIGHT if doubtful else weight

@@ -15,7 +15,9 @@ from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
 from stereo_seecolor.records import Map, SurveyFrame
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how many are done, how many there are; the text is another for each pass."""
+"""Called with what is being done, how many are done, how many there are; the text is another for
+each pass.
+"""
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -26,11 +28,19 @@ def silent(what: str, done: int, total: int) -> None:
 class Sampling:
     """How the coarse points of a frame are chosen."""
 
-    spacing_m: float = 0.04  # on the bottom, meters: half a block of default voxels, so that no block is missed
+    spacing_m: float = (
+        0.04  # on the bottom, meters: half a block of default voxels, so that no block is missed
+    )
     max_stride_px: int = 16  # pixels: coarser would miss what stands up from the bottom
-    max_std_m: float = float("inf")  # of a range, meters: voxels made for points less certain than they can show would hold air
-    usual_stds: float = 3.0  # but never fewer than those within so many of the frame's median standard error
-    far_fraction: float = 0.95  # the spacing holds up to this quantile of the ranges: the last few may be mismatches
+    max_std_m: float = float(
+        "inf"
+    )  # of a range, meters: voxels made for points less certain than they can show would hold air
+    usual_stds: float = (
+        3.0  # but never fewer than those within so many of the frame's median standard error
+    )
+    far_fraction: float = (
+        0.95  # the spacing holds up to this quantile of the ranges: the last few may be mismatches
+    )
 
 
 SAMPLING = Sampling()
@@ -40,10 +50,11 @@ SAMPLING = Sampling()
 class FrameIndex:
     """Names, times (NaN where unknown) and coarse points of N frames.
 
-    points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels. lost: the frames that could not
+    points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels.
+    lost: the frames that could not
     be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made again.
-    certain: (n,) for each frame, False for points that are too uncertain to make voxels for; () where all are. colors: (n, 3) of
-    each frame's points, () where they are not known.
+    certain: (n,) for each frame, False for points that are too uncertain to make voxels for; ()
+    where all are. colors: (n, 3) of each frame's points, () where they are not known.
     """
 
     names: tuple[str, ...]
@@ -63,9 +74,13 @@ class FrameIndex:
         progress: Progress = silent,
         compute: Compute | None = None,
     ) -> "FrameIndex":
-        """Read every frame once; memory grows by some 60 KB a frame at the default spacing. compute: None for one thread."""
+        """Read every frame once; memory grows by some 60 KB a frame at the default spacing.
+        compute: None for one thread.
+        """
         found: list[_Indexed] = []
-        for one in (compute or Threads(1)).each(_Glance(frames, geometry, sampling), range(len(frames))):
+        for one in (compute or Threads(1)).each(
+            _Glance(frames, geometry, sampling), range(len(frames))
+        ):
             found.append(one)
             progress("reading the frames", len(found), len(frames))
         return cls(
@@ -81,7 +96,9 @@ class FrameIndex:
     def scaled(self, scale: float) -> "FrameIndex":
         """Scale the ranges of all frames by a factor."""
         points = tuple((scale * own).astype(np.float32) for own in self.points_m)
-        return replace(self, points_m=points, checksums=self.checksums ^ crc32(np.float64(scale).tobytes()))
+        return replace(
+            self, points_m=points, checksums=self.checksums ^ crc32(np.float64(scale).tobytes())
+        )
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -93,7 +110,9 @@ class FrameIndex:
 
     @cached_property
     def rank(self) -> NDArray[np.int64]:
-        """The position of each frame in ``order``: (N,); neighbors on the track differ by one, however the files are named."""
+        """The position of each frame in ``order``: (N,); neighbors on the track differ by one,
+        however the files are named.
+        """
         rank = np.empty(len(self.names), np.int64)
         rank[self.order] = np.arange(len(self.names))
         return rank
@@ -101,7 +120,9 @@ class FrameIndex:
 
 @dataclass(frozen=True, eq=False)
 class _CoarsePoints:
-    """points_m: (n, 3) in the camera. certain: (n,) which are certain enough to make voxels for. colors: (n, 3) RGB."""
+    """points_m: (n, 3) in the camera. certain: (n,) which are certain enough to make voxels for.
+    colors: (n, 3) RGB.
+    """
 
     points_m: NDArray[np.float32]
     certain: NDArray[np.bool_]
@@ -137,21 +158,31 @@ class _Glance:
         if isinstance(frame, Unplaced):
             return _Indexed(frame.name, np.nan, _CoarsePoints.none(), 0, frame.reason)
         coarse = _coarse_points(frame, self.geometry, self.sampling)
-        checksum = crc32(frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(coarse.points_m.tobytes()))
-        return _Indexed(frame.name, np.nan if frame.timestamp_s is None else frame.timestamp_s, coarse, checksum)
+        checksum = crc32(
+            frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(coarse.points_m.tobytes())
+        )
+        return _Indexed(
+            frame.name, np.nan if frame.timestamp_s is None else frame.timestamp_s, coarse, checksum
+        )
 
 
-def _coarse_points(frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling) -> _CoarsePoints:
+def _coarse_points(
+    frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling
+) -> _CoarsePoints:
     sample = frame.range_m[:: sampling.max_stride_px, :: sampling.max_stride_px]
     sample = sample[np.isfinite(sample)]
     far_m = float(np.quantile(sample, sampling.far_fraction)) if sample.size else 1.0
     stride = int(np.clip(geometry.focal_px * sampling.spacing_m / far_m, 1, sampling.max_stride_px))
     start = stride // 2
-    rows, columns = np.mgrid[start : frame.range_m.shape[0] : stride, start : frame.range_m.shape[1] : stride]
+    rows, columns = np.mgrid[
+        start : frame.range_m.shape[0] : stride, start : frame.range_m.shape[1] : stride
+    ]
     range_m = frame.range_m[rows, columns]
     known = np.isfinite(range_m) & (frame.confidence[rows, columns] > 0)
     limit_m = _most_std_m(frame.range_std_m[rows, columns][known], sampling)
-    known &= _spaced(range_m, geometry.focal_px * sampling.spacing_m / stride, sampling.max_stride_px // stride)
+    known &= _spaced(
+        range_m, geometry.focal_px * sampling.spacing_m / stride, sampling.max_stride_px // stride
+    )
     certain = ~(frame.range_std_m[rows, columns][known] > limit_m)
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
@@ -161,13 +192,20 @@ def _coarse_points(frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampli
 
 
 def _most_std_m(std_m: Map, sampling: Sampling) -> float:
-    """Of a point that is certain enough to make voxels for. std_m: (n,) of a frame's measured pixels."""
+    """Of a point that is certain enough to make voxels for. std_m: (n,) of a frame's measured
+    pixels.
+    """
     stated = std_m[np.isfinite(std_m)]
-    return max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated))) if stated.size else np.inf
+    return (
+        max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated)))
+        if stated.size
+        else np.inf
+    )
 
 
 def _spaced(range_m: Map, most_steps: float, limit: int) -> NDArray[np.bool_]:
-    """Which points of a lattice to keep so that they lie as far apart near the camera as far away: every second, fourth, ... there.
+    """Which points of a lattice to keep so that they lie as far apart near the camera as far away:
+    every second, fourth, ... there.
 
     most_steps: of the lattice that the spacing is at a range of one meter. limit: most steps.
     """

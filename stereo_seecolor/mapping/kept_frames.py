@@ -1,4 +1,6 @@
-"""Frames that were decoded once, kept as raw arrays for the later passes of a map: reading those takes a sixth of the time."""
+"""Frames that were decoded once, kept as raw arrays for the later passes of a map: reading those
+takes a sixth of the time.
+"""
 
 import shutil
 from collections.abc import Sequence
@@ -30,7 +32,9 @@ Frames = Sequence[SurveyFrame | Unplaced]
 
 
 class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
-    """Frames with their ranges scaled by a factor: of a rig whose scale is known better than by its calibration."""
+    """Frames with their ranges scaled by a factor: of a rig whose scale is known better than by its
+    calibration.
+    """
 
     def __init__(self, frames: Frames, scale: float) -> None:
         self._frames, self._scale = frames, scale
@@ -45,7 +49,9 @@ class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
 
 
 class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
-    """Frames as they are read; one whose files are missing or damaged is Unplaced from then on. lost: those, by number."""
+    """Frames as they are read; one whose files are missing or damaged is Unplaced from then on.
+    lost: those, by number.
+    """
 
     def __init__(self, frames: Sequence[SurveyFrame]) -> None:
         self._frames = frames
@@ -76,17 +82,20 @@ SETTINGS = KeepingSettings()
 
 
 class KeptFrames(Lazy[SurveyFrame | Unplaced]):
-    """A survey's frames; each is written to ``folder`` as raw arrays when it is first read, until the allowance is used up.
+    """A survey's frames; each is written to ``folder`` as raw arrays when it is first read, until
+    the allowance is used up.
 
-    folder: new for each map, on a disk that all workers see; whoever makes the map deletes it. A frame that cannot be written is
-    decoded each time.
+    folder: new for each map, on a disk that all workers see; whoever makes the map deletes it. A
+    frame that cannot be written is decoded each time.
     """
 
     def __init__(self, frames: Frames, folder: Path) -> None:
         self._frames, self._folder = frames, folder
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True, exist_ok=True)
-        self._allowed_bytes = min(SETTINGS.most_bytes, SETTINGS.free_fraction * shutil.disk_usage(folder).free)
+        self._allowed_bytes = min(
+            SETTINGS.most_bytes, SETTINGS.free_fraction * shutil.disk_usage(folder).free
+        )
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -108,7 +117,13 @@ def _bytes(frame: SurveyFrame) -> int:
 
 
 def _pixels(frame: SurveyFrame) -> Sequence[NDArray[Any]]:
-    return [frame.color, frame.range_m, frame.range_std_m, frame.confidence, frame.color_is_doubtful]
+    return [
+        frame.color,
+        frame.range_m,
+        frame.range_std_m,
+        frame.confidence,
+        frame.color_is_doubtful,
+    ]
 
 
 def _write(path: Path, frame: SurveyFrame) -> None:
@@ -117,14 +132,20 @@ def _write(path: Path, frame: SurveyFrame) -> None:
 
 
 def _read(path: Path) -> SurveyFrame | None:
-    """The kept frame, None where there is none. Doubtful colors are all marked unrecoverable: no pass distinguishes the two."""
+    """The kept frame, None where there is none. Doubtful colors are all marked unrecoverable: no
+    pass distinguishes the two.
+    """
     found = read_arrays(path, 7)
     if found is None:
         return None
     name, time_s, color, range_m, range_std_m, confidence, doubtful = found
     timestamp_s = None if np.isnan(time_s) else float(time_s)
-    frame = SurveyFrame(str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful)
-    vars(frame)["color_is_doubtful"] = doubtful  # clipped ones are among them: they need not be looked for again
+    frame = SurveyFrame(
+        str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful
+    )
+    vars(frame)["color_is_doubtful"] = (
+        doubtful  # clipped ones are among them: they need not be looked for again
+    )
     return frame
 
 
@@ -135,7 +156,8 @@ KEY_LENGTH = 16
 
 
 def kept_folder(folder: Path, key: str) -> Path:
-    """Name the folder in ``folder`` for work made from inputs of this hash, and delete those of other inputs.
+    """Name the folder in ``folder`` for work made from inputs of this hash, and delete those of
+    other inputs.
 
     So a worker that was slow to hear of a new run writes into a folder that nobody reads.
     """

@@ -1,4 +1,6 @@
-"""Limits on what a map may cost: settings that would exceed them are refused, with the numbers and what to set instead."""
+"""Limits on what a map may cost: settings that would exceed them are refused, with the numbers and
+what to set instead.
+"""
 
 import os
 from dataclasses import dataclass
@@ -19,29 +21,42 @@ from stereo_seecolor.records import SurveyFrame
 class Limits:
     """The largest map that is begun."""
 
-    pixels_a_voxel: float = 1 / 8  # edge of a voxel in pixels on the bottom: finer ones hold nothing that the images show
-    voxels_a_range: float = 4.0  # truncation: a voxel larger than a quarter of the range reaches into the cameras
-    block_bytes: int = 20_000  # of a block of 8^3 voxels: 24 a voxel for fusion, 13 for the extraction, the rest for triangles
+    pixels_a_voxel: float = (
+        1 / 8
+    )  # edge of a voxel in pixels on the bottom: finer ones hold nothing that the images show
+    voxels_a_range: float = (
+        4.0  # truncation: a voxel larger than a quarter of the range reaches into the cameras
+    )
+    # of a block of 8^3 voxels: 24 a voxel for fusion, 13 for the extraction, the rest for triangles
+    block_bytes: int = 20_000
     square_cell_bytes: int = 120  # of a terrain cell while its square is measured: 15 float64
-    tile_cell_bytes: int = 32  # of a terrain cell while a tile is drawn: its height, twice, and coordinates
+    tile_cell_bytes: int = (
+        32  # of a terrain cell while a tile is drawn: its height, twice, and coordinates
+    )
     cells: float = 4e9  # of a mosaic or terrain: 16 GB on disk, a day's work
     memory_fraction: float = 0.5  # of the machine's memory that one map may take
-    float32_reach: float = 2.0**20  # voxels from the origin: an eighth of a voxel is float32's resolution there
+    float32_reach: float = (
+        2.0**20
+    )  # voxels from the origin: an eighth of a voxel is float32's resolution there
 
 
 LIMITS = Limits()
 
 
 def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None:
-    """Raise MappingError for voxels that fit neither the images' resolution nor the scene; the first frame with ranges decides."""
+    """Raise MappingError for voxels that fit neither the images' resolution nor the scene; the
+    first frame with ranges decides.
+    """
     typical_m = _first_median_range_m(frames)
     if typical_m is None:
         return
     finest_m = LIMITS.pixels_a_voxel * typical_m / geometry.focal_px
     if voxel_m < finest_m:
         raise MappingError(
-            f"mapping.voxel_m={voxel_m:g}: a pixel of these images covers {1000 * typical_m / geometry.focal_px:.2g} mm at "
-            f"{typical_m:.2g} m; finer voxels than an eighth of that hold nothing: set it to at least {finest_m:.2g}"
+            f"mapping.voxel_m={voxel_m:g}: a pixel of these images covers "
+            f"{1000 * typical_m / geometry.focal_px:.2g} mm at "
+            f"{typical_m:.2g} m; finer voxels than an eighth of that hold nothing: set it to at "
+            f"least {finest_m:.2g}"
         )
     if voxel_m > typical_m / LIMITS.voxels_a_range:
         raise MappingError(
@@ -65,13 +80,17 @@ def check_extent(component: Component, voxel_m: float) -> None:
     """Raise MappingError for a survey too long for its voxels."""
     if component.reach_m > LIMITS.float32_reach * voxel_m:
         raise MappingError(
-            f"a part of the survey reaches {component.reach_m / 1000:.3g} km from its middle, more than {LIMITS.float32_reach:.0f} "
-            f"voxels: set mapping.voxel_m to at least {component.reach_m / LIMITS.float32_reach:.2g}"
+            f"a part of the survey reaches {component.reach_m / 1000:.3g} km from its middle, "
+            f"more than {LIMITS.float32_reach:.0f} "
+            "voxels: set mapping.voxel_m to at least "
+            f"{component.reach_m / LIMITS.float32_reach:.2g}"
         )
 
 
 def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
-    """Raise MappingError where memory or disk would not hold the tiles, the rasters or the squares of the metrics."""
+    """Raise MappingError where memory or disk would not hold the tiles, the rasters or the squares
+    of the metrics.
+    """
     available_bytes = LIMITS.memory_fraction * memory_bytes()
     _check_tiles(tiling, config.terrain_cell_m, available_bytes)
     _check_cells(tiling, "dem_m", config.terrain_cell_m)
@@ -80,36 +99,50 @@ def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
 
 
 def _check_tiles(tiling: Tiling, cell_m: float, available: float) -> None:
-    """Raise MappingError where the largest tile, with its part of the terrain, does not fit into ``available`` bytes of memory."""
+    """Raise MappingError where the largest tile, with its part of the terrain, does not fit into
+    ``available`` bytes of memory.
+    """
     block_m = BLOCK * tiling.voxel_m
     needed = LIMITS.block_bytes * max((len(tile.blocks) for tile in tiling.tiles), default=0)
-    needed += LIMITS.tile_cell_bytes * min(tiling.tile_m / cell_m, block_m / cell_m * np.sqrt(tiling.columns) * 4) ** 2
+    needed += (
+        LIMITS.tile_cell_bytes
+        * min(tiling.tile_m / cell_m, block_m / cell_m * np.sqrt(tiling.columns) * 4) ** 2
+    )
     if needed > available:
         fit_m = max(tiling.tile_m * np.sqrt(available / needed), 2 * block_m)
         raise MappingError(
-            f"a tile of {tiling.tile_m:.3g} m with voxels of {tiling.voxel_m:g} m and terrain cells of {cell_m:g} m needs about "
-            f"{needed / 1e9:.3g} GB of memory, a map may take {available / 1e9:.3g}: set mapping.tile_m to {fit_m:.2g}, or larger "
+            f"a tile of {tiling.tile_m:.3g} m with voxels of {tiling.voxel_m:g} m and terrain "
+            f"cells of {cell_m:g} m needs about "
+            f"{needed / 1e9:.3g} GB of memory, a map may take {available / 1e9:.3g}: set "
+            f"mapping.tile_m to {fit_m:.2g}, or larger "
             "mapping.voxel_m and mapping.dem_m"
         )
 
 
 def _check_cells(tiling: Tiling, setting: str, cell_m: float) -> None:
-    """Raise MappingError where a raster of cells of ``cell_m``, set by mapping.``setting``, would have too many of them."""
+    """Raise MappingError where a raster of cells of ``cell_m``, set by mapping.``setting``, would
+    have too many of them.
+    """
     cells = tiling.columns * (BLOCK * tiling.voxel_m / cell_m) ** 2
     if cells > LIMITS.cells:
         raise MappingError(
-            f"mapping.{setting}={cell_m:g}: the map would have {cells:.2g} cells, at most {LIMITS.cells:.0e} are made: set it to "
+            f"mapping.{setting}={cell_m:g}: the map would have {cells:.2g} cells, at most "
+            f"{LIMITS.cells:.0e} are made: set it to "
             f"at least {cell_m * np.sqrt(cells / LIMITS.cells):.2g}"
         )
 
 
 def _check_squares(square_m: float, cell_m: float, available: float) -> None:
-    """Raise MappingError where a square of the metrics does not fit into ``available`` bytes of memory."""
+    """Raise MappingError where a square of the metrics does not fit into ``available`` bytes of
+    memory.
+    """
     needed = (square_m / cell_m) ** 2 * LIMITS.square_cell_bytes
     if needed > available:
         raise MappingError(
-            f"mapping.metrics_m={square_m:g}: a square of terrain cells of {cell_m:g} m needs about {needed / 1e9:.3g} GB "
-            f"of memory, a map may take {available / 1e9:.3g}: set it to at most {square_m * np.sqrt(available / needed):.2g}"
+            f"mapping.metrics_m={square_m:g}: a square of terrain cells of {cell_m:g} m needs "
+            f"about {needed / 1e9:.3g} GB "
+            f"of memory, a map may take {available / 1e9:.3g}: set it to at most "
+            f"{square_m * np.sqrt(available / needed):.2g}"
         )
 
 
@@ -128,24 +161,40 @@ def memory_bytes() -> float:
 class VoxelSettings:
     """How the voxel size is chosen."""
 
-    pixels: float = 5.0  # edge, in pixels on the bottom: a range is matched over some five, finer voxels hold only noise
+    # edge, in pixels on the bottom: a range is matched over some five, finer voxels hold only noise
+    pixels: float = 5.0
     frames: int = 9  # examined, spread over the dive: their median range decides
     sample_step: int = 16  # pixels
-    steps: tuple[float, ...] = (1.0, 2.0, 5.0, 10.0)  # sizes are round, so that repeated surveys share their voxels and cells
+    steps: tuple[float, ...] = (
+        1.0,
+        2.0,
+        5.0,
+        10.0,
+    )  # sizes are round, so that repeated surveys share their voxels and cells
 
 
 SETTINGS = VoxelSettings()
 
 
 def with_voxel(config: MappingConfig, frames: Frames, geometry: RectifiedPair) -> MappingConfig:
-    """Set ``voxel_m`` where it is not set: five pixels at the median range, rounded to 1, 2 or 5 times a power of ten."""
+    """Set ``voxel_m`` where it is not set: five pixels at the median range, rounded to 1, 2 or 5
+    times a power of ten.
+    """
     if config.voxel_m:
         return config
     step = max(1, -(-len(frames) // SETTINGS.frames))
-    ranges_m = [range_m for number in range(0, len(frames), step) if np.isfinite(range_m := _typical_range_m(frames[number]))]
+    ranges_m = [
+        range_m
+        for number in range(0, len(frames), step)
+        if np.isfinite(range_m := _typical_range_m(frames[number]))
+    ]
     if not ranges_m:
         return config
-    return config.model_copy(update={"voxel_m": rounded(SETTINGS.pixels * float(np.median(ranges_m)) / geometry.focal_px)})
+    return config.model_copy(
+        update={
+            "voxel_m": rounded(SETTINGS.pixels * float(np.median(ranges_m)) / geometry.focal_px)
+        }
+    )
 
 
 def _typical_range_m(frame: SurveyFrame | Unplaced) -> float:

@@ -27,7 +27,8 @@ def write_track(path: Path, component: Component) -> Path:
 
 
 def write_poses(path: Path, component: Component, placed: Placed) -> Path:
-    """Write poses.csv: each frame's position, the residual of the pose that was given for it, and standard errors. Raises
+    """Write poses.csv: each frame's position, the residual of the pose that was given for it, and
+    standard errors. Raises
     OutputError.
     """
     index, placement = component.survey.index, placed.placement
@@ -36,7 +37,9 @@ def write_poses(path: Path, component: Component, placed: Placed) -> Path:
         "position_residual_m": placed.position_residual_m,
         "attitude_residual_deg": placed.attitude_residual_deg,
         "position_std_m": unknown if placement.position_std_m is None else placement.position_std_m,
-        "attitude_std_deg": unknown if placement.attitude_std_deg is None else placement.attitude_std_deg,
+        "attitude_std_deg": unknown
+        if placement.attitude_std_deg is None
+        else placement.attitude_std_deg,
     }
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -49,9 +52,12 @@ def write_poses(path: Path, component: Component, placed: Placed) -> Path:
     return path
 
 
-def write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float, area_m2: float) -> Path:
-    """Write map.json: the place of the map's local coordinates, the planar area that it shows, the sizes of its voxels and cells,
-    the factor on all ranges, the engine that fused it."""
+def write_description(
+    path: Path, place: Georeference, config: MappingConfig, range_scale: float, area_m2: float
+) -> Path:
+    """Write map.json: the place of the map's local coordinates, the planar area that it shows, the
+    sizes of its voxels and cells, the factor on all ranges, the engine that fused it.
+    """
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
@@ -70,8 +76,14 @@ def write_description(path: Path, place: Georeference, config: MappingConfig, ra
 
 
 def comment(place: Georeference) -> str:
-    """The comment for the headers of the map's PLY files: units, axes, coordinate system, offset."""
+    """The comment for the headers of the map's PLY files: units, axes, coordinate system,
+    offset.
+    """
     lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {crs_name(place.origin)}"]
     if place.offset_m.any():
-        lines.append("offset " + " ".join(f"{value:.3f}" for value in place.offset_m) + ": add it to get world coordinates")
+        lines.append(
+            "offset "
+            + " ".join(f"{value:.3f}" for value in place.offset_m)
+            + ": add it to get world coordinates"
+        )
     return "\n".join(lines)

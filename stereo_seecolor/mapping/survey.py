@@ -18,9 +18,11 @@ from stereo_seecolor.mapping.kept_frames import Frames, ScaledFrames, Unplaced
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Frames, the rectified geometry that they share, their index, what receives the progress, and where the work runs.
+    """Frames, the rectified geometry that they share, their index, what receives the progress, and
+    where the work runs.
 
-    scratch: a folder for features, which are used again if they were found in the same frames; None for one that is deleted.
+    scratch: a folder for features, which are used again if they were found in the same frames; None
+    for one that is deleted.
     """
 
     frames: Frames
@@ -32,16 +34,21 @@ class Survey:
 
     def scaled(self, scale: float) -> "Survey":
         """Scale all ranges by a factor."""
-        return replace(self, frames=ScaledFrames(self.frames, scale), index=self.index.scaled(scale))
+        return replace(
+            self, frames=ScaledFrames(self.frames, scale), index=self.index.scaled(scale)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
     """Poses of a survey's N frames.
 
-    T_world_camera: (N, 4, 4), NaN for a frame without a place. components: (N,) int, -1 for those; frames of two components have
-    no reliable place relative to each other. unplaced: those frames by name. warnings: what a person should know.
-    position_std_m, attitude_std_deg: (N,) standard errors, all axes together, NaN where unknown; None where none was estimated.
+    T_world_camera: (N, 4, 4), NaN for a frame without a place. components: (N,) int, -1 for those;
+    frames of two components have
+    no reliable place relative to each other. unplaced: those frames by name. warnings: what a
+    person should know.
+    position_std_m, attitude_std_deg: (N,) standard errors, all axes together, NaN where unknown;
+    None where none was estimated.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -74,16 +81,18 @@ class Placement:
 NEAR_M = 1000.0
 """Cameras this near the world's origin need no other: float32 resolves 0.06 mm there."""
 ORIGIN_STEP_M = 100.0
-"""Local origins lie on whole multiples of this, and so do voxels and cells whose size divides it: repeated surveys share them."""
+"""Local origins lie on whole multiples of this, and so do voxels and cells whose size divides it:
+repeated surveys share them.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Component:
     """Frames of a survey that are connected.
 
-    frames: their numbers. T_local_camera: (N, 4, 4) of all of the survey's frames, valid for these. offset_m: (3,) of the local
-    coordinates in the world: zero unless the world's are too large for float32 (UTM). label: added to the messages of
-    progress, "" for a survey in one component.
+    frames: their numbers. T_local_camera: (N, 4, 4) of all of the survey's frames, valid for these.
+    offset_m: (3,) of the local coordinates in the world: zero unless the world's are too large for
+    float32 (UTM). label: added to the messages of progress, "" for a survey in one component.
     """
 
     survey: Survey
@@ -103,7 +112,9 @@ class Component:
             offset_m = np.rint(np.median(positions, axis=0) / ORIGIN_STEP_M) * ORIGIN_STEP_M
         T[:, :3, 3] -= offset_m
         count = len(placement.sizes)
-        return cls(survey, frames, T, offset_m, f", component {number + 1} of {count}" if count > 1 else "")
+        return cls(
+            survey, frames, T, offset_m, f", component {number + 1} of {count}" if count > 1 else ""
+        )
 
     def points_m(self, frame: int) -> NDArray[np.float64]:
         """The coarse points of a frame in local coordinates: (n, 3)."""
@@ -112,4 +123,11 @@ class Component:
     @cached_property
     def reach_m(self) -> float:
         """The largest local coordinate of any point seen, meters."""
-        return max((float(np.abs(points).max()) for i in self.frames if len(points := self.points_m(int(i)))), default=0.0)
+        return max(
+            (
+                float(np.abs(points).max())
+                for i in self.frames
+                if len(points := self.points_m(int(i)))
+            ),
+            default=0.0,
+        )

@@ -1,6 +1,7 @@
 """START HERE: ``build_map`` makes the map of a reef from a survey's finished frames.
 
-It places the frames, fuses their ranges tile by tile into a surface, and writes the cloud, mesh, terrain, mosaic and metrics.
+It places the frames, fuses their ranges tile by tile into a surface, and writes the cloud, mesh,
+terrain, mosaic and metrics.
 """
 
 import shutil
@@ -40,17 +41,22 @@ from stereo_seecolor.mapping.track.fiducials import read_known
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
-WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
+WITHOUT_GEO = (
+    "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install "
+    "'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class MapSummary:
     """The outcome of a map.
 
-    frames, placed: number of frames, and of those that were placed. components: frames in each connected component, the largest
-    first. unplaced: the other frames, each with the reason, and those whose files were lost meanwhile. files: all that was written.
-    points: number of points of the main cloud. seconds: time that the map took. navigation: given poses compared with the images,
-    None where none were given. markers: how the map fits the markers, None without mapping.markers.
+    frames, placed: number of frames, and of those that were placed. components: frames in each
+    connected component, the largest first. unplaced: the other frames, each with the reason, and
+    those whose files were lost meanwhile. files: all that was written.
+    points: number of points of the main cloud. seconds: time that the map took. navigation: given
+    poses compared with the images, None where none were given. markers: how the map fits the
+    markers, None without mapping.markers.
     """
 
     frames: int
@@ -71,10 +77,11 @@ class MapSummary:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where a map is made: the folder of unfinished work, the receiver of progress, and the machine.
+    """Where a map is made: the folder of unfinished work, the receiver of progress, and the
+    machine.
 
-    scratch: a folder of features and tiles, from which a stopped map continues if they were made from the same inputs; None
-    for one in the map's folder. It is deleted when the map is done.
+    scratch: a folder of features and tiles, from which a stopped map continues if they were made
+    from the same inputs; None for one in the map's folder. It is deleted when the map is done.
     """
 
     scratch: Path | None = None
@@ -83,21 +90,34 @@ class Workspace:
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
-    """Check the tables of markers, and what the engine and a map in UTM need, before the first frame is read.
+    """Check the tables of markers, and what the engine and a map in UTM need, before the first
+    frame is read.
 
-    Other maps are made without GTSAM or rasterio, too, with a warning. Raises InputError for a table that cannot be used;
-    DeviceError, with the command that installs it, where a library is missing; PluginError for an unknown engine; MappingError
-    where the survey's place on Earth is not known.
+    Other maps are made without GTSAM or rasterio, too, with a warning. Raises InputError for a
+    table that cannot be used; DeviceError, with the command that installs it, where a library is
+    missing; PluginError for an unknown engine; MappingError where the survey's place on Earth is
+    not known.
     """
     read_known(config.markers)
     engine(config.engine)
     if config.crs != "utm":
         return
-    if trajectory is None or not (trajectory.origin or (trajectory.absolute and trajectory.absolute.origin)):
-        what = "the poses do not say where the survey lies on Earth" if trajectory else "there are no poses"
-        raise MappingError(f"mapping.crs: utm: {what}: give --poses with latitude and longitude, or leave mapping.crs out")
+    if trajectory is None or not (
+        trajectory.origin or (trajectory.absolute and trajectory.absolute.origin)
+    ):
+        what = (
+            "the poses do not say where the survey lies on Earth"
+            if trajectory
+            else "there are no poses"
+        )
+        raise MappingError(
+            f"mapping.crs: utm: {what}: give --poses with latitude and longitude, or leave "
+            "mapping.crs out"
+        )
     if not georeference.available():
-        raise DeviceError("mapping.crs: utm: needs pyproj, rasterio and laspy: pip install 'stereo-seecolor[geo]'")
+        raise DeviceError(
+            "mapping.crs: utm: needs pyproj, rasterio and laspy: pip install 'stereo-seecolor[geo]'"
+        )
 
 
 @one_thread_in_products()
@@ -109,14 +129,18 @@ def build_map(
     trajectory: Trajectory | None = None,
     workspace: Workspace | None = None,
 ) -> MapSummary:
-    """Place the frames, fuse them and write all map products into ``out_dir``, which is empty or does not exist.
+    """Place the frames, fuse them and write all map products into ``out_dir``, which is empty or
+    does not exist.
 
-    frames: read when needed, several times, one at a time; one that raises FrameError is named in the summary and left out.
+    frames: read when needed, several times, one at a time; one that raises FrameError is named in
+    the summary and left out.
     trajectory: poses from a file; None for stereo odometry on the frames themselves.
-    Component 0, the one with most frames, is written to out_dir itself, the others to out_dir/piece_<n>.
+    Component 0, the one with most frames, is written to out_dir itself, the others to
+    out_dir/piece_<n>.
 
-    Raises DeviceError before the first frame, see ``check``; MappingError if nothing can be read or placed, or if the settings
-    would take more memory or disk than there is; OutputError if the disk is full: finished tiles are kept.
+    Raises DeviceError before the first frame, see ``check``; MappingError if nothing can be read or
+    placed, or if the settings would take more memory or disk than there is; OutputError if the disk
+    is full: finished tiles are kept.
     """
     check(config, trajectory)
     workspace = workspace or Workspace()
@@ -131,8 +155,14 @@ def build_map(
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
         survey = survey.scaled(placed.range_scale)
-    folders = [out_dir, *(out_dir / f"piece_{number}" for number in range(1, len(placed.placement.sizes)))]
-    built = [_build_component(survey, placed, number, config, folder, scratch, found.lost) for number, folder in enumerate(folders)]
+    folders = [
+        out_dir,
+        *(out_dir / f"piece_{number}" for number in range(1, len(placed.placement.sizes))),
+    ]
+    built = [
+        _build_component(survey, placed, number, config, folder, scratch, found.lost)
+        for number, folder in enumerate(folders)
+    ]
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
 
@@ -144,15 +174,27 @@ def _in_crs(placed: Placed, config: MappingConfig) -> Placed:
     if config.crs == "auto" or placed.origin is None:
         return placed
     T = georeference.in_utm(placed.placement.T_world_camera, placed.origin)
-    return replace(placed, placement=replace(placed.placement, T_world_camera=T), origin=georeference.utm_of(placed.origin))
+    return replace(
+        placed,
+        placement=replace(placed.placement, T_world_camera=T),
+        origin=georeference.utm_of(placed.origin),
+    )
 
 
 def _summary(
-    survey: Survey, placed: Placed, lost: Mapping[int, Unplaced], built: Sequence[tuple[list[Path], int]], seconds: float
+    survey: Survey,
+    placed: Placed,
+    lost: Mapping[int, Unplaced],
+    built: Sequence[tuple[list[Path], int]],
+    seconds: float,
 ) -> MapSummary:
-    """Summarize a map. lost: frames that could not be read, by number. built: files and number of points of each component."""
+    """Summarize a map. lost: frames that could not be read, by number. built: files and number of
+    points of each component.
+    """
     placement = placed.placement
-    lost_later = [frame for i, frame in lost.items() if placement.components[i] >= 0]  # after they were placed
+    lost_later = [
+        frame for i, frame in lost.items() if placement.components[i] >= 0
+    ]  # after they were placed
     return MapSummary(
         frames=len(survey.index.names),
         placed=sum(placement.sizes) - len(lost_later),
@@ -167,24 +209,38 @@ def _summary(
     )
 
 
-def _index(frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace) -> FrameIndex:
+def _index(
+    frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace
+) -> FrameIndex:
     """Index the frames, with points half a block apart, so that no block is missed.
 
     Voxels are made for points whose weight in a single view is enough for a surface.
     """
-    sampling = Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
+    sampling = Sampling(
+        spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT))
+    )
     index = FrameIndex.build(frames, geometry, sampling, workspace.progress, workspace.compute)
     if len(index.lost) == len(frames):
-        raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
+        raise MappingError(
+            f"none of the {len(frames)} frames can be read: "
+            f"{next(iter(index.lost.values()), 'there are none')}"
+        )
     return index
 
 
 def _build_component(
-    survey: Survey, placed: Placed, number: int, config: MappingConfig, folder: Path, scratch: Path, lost: dict[int, Unplaced]
+    survey: Survey,
+    placed: Placed,
+    number: int,
+    config: MappingConfig,
+    folder: Path,
+    scratch: Path,
+    lost: dict[int, Unplaced],
 ) -> tuple[list[Path], int]:
     """Write the map of a component; return its files, and the number of points of its cloud.
 
-    scratch: folder of unfinished work. lost: gets the frames that cannot be read any more, by number.
+    scratch: folder of unfinished work. lost: gets the frames that cannot be read any more, by
+    number.
     """
     component = Component.of(survey, placed.placement, number)
     check_extent(component, config.voxel_edge_m)
@@ -192,7 +248,10 @@ def _build_component(
     config = with_mosaic_cell(config, component, tiling)
     check_tiling(tiling, config)
     place = Georeference(component.offset_m, placed.origin)
-    files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, placed)]
+    files = [
+        write_track(folder / "trajectory.tum", component),
+        write_poses(folder / "poses.csv", component, placed),
+    ]
     store = TileStore.of(scratch / "tiles" / f"{number}", tiling, component, config.engine)
     _fuse_tiles(component, tiling, store, config, lost)
     parts.drop(store, tiling)
@@ -209,11 +268,21 @@ def _build_component(
     return files, points
 
 
-def _fuse_tiles(component: Component, tiling: Tiling, store: TileStore, config: MappingConfig, lost: dict[int, Unplaced]) -> None:
+def _fuse_tiles(
+    component: Component,
+    tiling: Tiling,
+    store: TileStore,
+    config: MappingConfig,
+    lost: dict[int, Unplaced],
+) -> None:
     """Fuse all tiles that are not finished."""
     survey, left = component.survey, [tile for tile in tiling.tiles if not store.has(tile)]
-    fusion = TileFusion(store, replace(tiling, tiles=()), survey.frames, survey.geometry, config.engine)
+    fusion = TileFusion(
+        store, replace(tiling, tiles=()), survey.frames, survey.geometry, config.engine
+    )
     placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
-    for done, gone in enumerate(survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1):
+    for done, gone in enumerate(
+        survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1
+    ):
         lost.update(gone)
         survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))

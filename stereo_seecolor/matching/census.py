@@ -1,6 +1,8 @@
-"""The census transform: for each pixel, which of its neighbors are darker (Zabih and Woodfill 1994).
+"""The census transform: for each pixel, which of its neighbors are darker (Zabih and Woodfill
+1994).
 
-It is blind to exposure, gain and backscatter, which add to and scale a pixel and its neighbors alike.
+It is blind to exposure, gain and backscatter, which add to and scale a pixel and its neighbors
+alike.
 """
 
 from typing import Any
@@ -16,21 +18,32 @@ Census = NDArray[np.uint32]
 
 _REACH = 3
 PATTERN = np.array(
-    [(dy, dx) for dy in (-3, -1, 0, 1, 3) for dx in range(-3, 4) if (dy + dx) % 2 == 0 and (dy, dx) != (0, 0)]
+    [
+        (dy, dx)
+        for dy in (-3, -1, 0, 1, 3)
+        for dx in range(-3, 4)
+        if (dy + dx) % 2 == 0 and (dy, dx) != (0, 0)
+    ]
     + [(0, 1), (0, -1), (1, 0), (-1, 0)]
 )
-"""Every other pixel of a window of 7 x 7, and the four neighbors: half the work of all 48, as good on the synthetic reef."""
+"""Every other pixel of a window of 7 x 7, and the four neighbors: half the work of all 48, as good
+on the synthetic reef.
+"""
 
 
 def census(image: Gray) -> Census:
-    """Compute the census of an image: (H, W) uint32, a bit for each neighbor that is darker; the border is replicated."""
+    """Compute the census of an image: (H, W) uint32, a bit for each neighbor that is darker; the
+    border is replicated.
+    """
     bits = np.empty(image.shape, np.uint32)
     _census(padded(image), PATTERN, bits)
     return bits
 
 
 def mirrored_census(image: Gray, before: int, after: int) -> Census:
-    """Compute the census mirrored left to right, between columns of zeros: (H, before + W + after) uint32."""
+    """Compute the census mirrored left to right, between columns of zeros: (H, before + W + after)
+    uint32.
+    """
     height, width = image.shape
     bits = np.zeros((height, before + width + after), np.uint32)
     bits[:, before : before + width] = census(image)[:, ::-1]
@@ -55,8 +68,14 @@ def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
             one = padded[y + _REACH + pattern[i, 0], left : left + width]
             other = padded[y + _REACH + pattern[i + 1, 0], other_left : other_left + width]
             for x in range(width):
-                row[x] = (row[x] << np.uint32(2)) | np.uint32(one[x] < center[x]) << np.uint32(1) | np.uint32(other[x] < center[x])
-        for x in range(width):  # as bits[y] = row, which would compile a message about shapes for two seconds
+                row[x] = (
+                    (row[x] << np.uint32(2))
+                    | np.uint32(one[x] < center[x]) << np.uint32(1)
+                    | np.uint32(other[x] < center[x])
+                )
+        for x in range(
+            width
+        ):  # as bits[y] = row, which would compile a message about shapes for two seconds
             bits[y, x] = row[x]
 
 

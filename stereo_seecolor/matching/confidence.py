@@ -20,7 +20,8 @@ class ContextConstants:
     """Found on synthetic scenes and on half of a real dive.
 
     every: pixels from one sample to the next; samples of every pixel say no more.
-    window: side of the neighborhood that is judged as a whole, samples: 28 pixels, a branching coral rather than a branch.
+    window: side of the neighborhood that is judged as a whole, samples: 28 pixels, a branching
+    coral rather than a branch.
     roughest_px: departures beyond this are edges or mismatches, and count alike.
     """
 
@@ -38,7 +39,8 @@ class Context:
 
     known: fraction of the neighborhood that passed the checks.
     roughness: mean |disparity - mean of 3 x 3| of the samples in the neighborhood, pixels.
-    disparity: pixels, checked or not, inf where nothing was found. farthest: the least of these among 5 x 5 samples.
+    disparity: pixels, checked or not, inf where nothing was found. farthest: the least of these
+    among 5 x 5 samples.
     levels: gray, 0..255.
     """
 
@@ -51,7 +53,10 @@ class Context:
     @classmethod
     def of(cls, found: MatchedDisparity, left: Gray) -> "Context":
         """Sample the matched disparities of the left image."""
-        best, checked = _samples(found.best), np.isfinite(_samples(found.disparity)).astype(np.float32)
+        best, checked = (
+            _samples(found.best),
+            np.isfinite(_samples(found.disparity)).astype(np.float32),
+        )
         disparity = np.where(np.isnan(best), np.float32(np.inf), best)
         window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window
         farthest = cv2.erode(disparity, np.ones((5, 5), np.uint8), borderValue=np.inf)
@@ -62,15 +67,25 @@ class Context:
 def enlarged(samples: Map, shape: tuple[int, ...]) -> Map:
     """Interpolate samples (h, w) for each pixel of an image of that shape: (H, W) float32."""
     height, width = samples.shape
-    whole = cv2.resize(samples, (width * CONTEXT_CONSTANTS.every, height * CONTEXT_CONSTANTS.every), interpolation=cv2.INTER_LINEAR)
+    whole = cv2.resize(
+        samples,
+        (width * CONTEXT_CONSTANTS.every, height * CONTEXT_CONSTANTS.every),
+        interpolation=cv2.INTER_LINEAR,
+    )
     below, beyond = (max(0, side - have) for side, have in zip(shape, whole.shape, strict=True))
-    whole = cv2.copyMakeBorder(whole, 0, below, 0, beyond, cv2.BORDER_REPLICATE) if below or beyond else whole
+    whole = (
+        cv2.copyMakeBorder(whole, 0, below, 0, beyond, cv2.BORDER_REPLICATE)
+        if below or beyond
+        else whole
+    )
     return np.asarray(whole[: shape[0], : shape[1]], np.float32)
 
 
 def _samples(image: Any) -> Any:
     first = CONTEXT_CONSTANTS.every // 2
-    return np.ascontiguousarray(image[first :: CONTEXT_CONSTANTS.every, first :: CONTEXT_CONSTANTS.every])
+    return np.ascontiguousarray(
+        image[first :: CONTEXT_CONSTANTS.every, first :: CONTEXT_CONSTANTS.every]
+    )
 
 
 def _roughness(best: Map) -> Map:
@@ -79,16 +94,19 @@ def _roughness(best: Map) -> Map:
     mean = cv2.blur(known, (3, 3)) / np.maximum(cv2.blur(there, (3, 3)), np.float32(0.1))
     departure = np.minimum(np.abs(known - mean), np.float32(CONTEXT_CONSTANTS.roughest_px)) * there
     window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window
-    return np.asarray(cv2.blur(departure, window) / np.maximum(cv2.blur(there, window), np.float32(0.01)))
+    return np.asarray(
+        cv2.blur(departure, window) / np.maximum(cv2.blur(there, window), np.float32(0.01))
+    )
 
 
 @dataclass(frozen=True)
 class ConfidenceWeights:
-    """Logistic regression: log odds = uniqueness * sqrt(min(u, 1)) + support * s + relief * log(r + least_relief_px)
+    """Logistic regression: log odds = uniqueness * sqrt(min(u, 1)) + support * s + relief * log(r +
+    least_relief_px)
     + known * k + roughness * log(q + least_relief_px) + fattening * g + offset.
 
-    Fitted to half of a real reef dive, whose views check each other, and to drawn cards and boulders in clear to hazy water;
-    docs/matching.md shows it on others.
+    Fitted to half of a real reef dive, whose views check each other, and to drawn cards and
+    boulders in clear to hazy water; docs/matching.md shows it on others.
     """
 
     uniqueness: float = 3.16
@@ -103,64 +121,95 @@ class ConfidenceWeights:
 
 WEIGHTS = ConfidenceWeights()
 BORDER_PX = 0.5
-"""Disparities that meet the right image nearer than this to its left or right end are not believed, pixels: what lies just outside
-it is often matched with its outermost column (on a drawn plane nine of ten of the wrong pixels there).
+"""Disparities that meet the right image nearer than this to its left or right end are not believed,
+pixels: what lies just outside it is often matched with its outermost column (on a drawn plane nine
+of ten of the wrong pixels there).
 """
 _LOG_2 = float(np.log(2))
-_UNIQUENESS, _SUPPORT, _RELIEF = WEIGHTS.uniqueness / _LOG_2, WEIGHTS.support / _LOG_2, WEIGHTS.relief
+_UNIQUENESS, _SUPPORT, _RELIEF = (
+    WEIGHTS.uniqueness / _LOG_2,
+    WEIGHTS.support / _LOG_2,
+    WEIGHTS.relief,
+)
 _FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
 
 
 def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
-    """Compute what the surroundings of each pixel add to its log odds (base 2): (H, W) float32 of an image of that shape."""
+    """Compute what the surroundings of each pixel add to its log odds (base 2): (H, W) float32 of
+    an image of that shape.
+    """
     rough = np.log(context.roughness + np.float32(WEIGHTS.least_relief_px))
     odds = (WEIGHTS.known * context.known + WEIGHTS.roughness * rough + WEIGHTS.offset) / _LOG_2
     return enlarged(odds.astype(np.float32), shape)
 
 
 def least_odds(least: float) -> float:
-    """Compute the log odds (base 2) below which no confidence reaches ``least`` (0..1), less a little for rounding."""
+    """Compute the log odds (base 2) below which no confidence reaches ``least`` (0..1), less a
+    little for rounding.
+    """
     return float(np.log2(max(least, 1e-30)) - np.log2(max(1 - least, 1e-30))) - 1e-3
 
 
 @compiled
 def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
-    """Write the log odds (base 2) that |disparity error| <= 1 px, before fattening is taken into account, of pixels known or not.
+    """Write the log odds (base 2) that |disparity error| <= 1 px, before fattening is taken into
+    account, of pixels known or not.
 
     evidence: uniqueness, as the search gave it; support and relief, of refine_rows; surroundings.
     """
     uniqueness, support, relief, around = evidence
     one, least_relief = np.float32(1), np.float32(_LEAST_RELIEF)
-    per_uniqueness, per_support, per_relief = np.float32(_UNIQUENESS), np.float32(_SUPPORT), np.float32(_RELIEF)
+    per_uniqueness, per_support, per_relief = (
+        np.float32(_UNIQUENESS),
+        np.float32(_SUPPORT),
+        np.float32(_RELIEF),
+    )
     for y in range(odds.shape[0]):
         unique_row, support_row, relief_row = uniqueness[y], support[y], relief[y]
         around_row, odds_row = around[y], odds[y]
         for x in range(odds_row.size):
-            total = per_uniqueness * np.sqrt(min(unique_row[x], one)) + per_support * support_row[x] + around_row[x]
+            total = (
+                per_uniqueness * np.sqrt(min(unique_row[x], one))
+                + per_support * support_row[x]
+                + around_row[x]
+            )
             odds_row[x] = total + per_relief * _log2(relief_row[x] + least_relief)
 
 
 @compiled
 def judge_rows(least: Any, fattening: Map, disparity: Map, confidence: Map) -> None:
-    """Turn the log odds in ``confidence`` into probabilities; set disparities to NaN where the confidence is below ``least``, or
-    where they lie at or beyond the border of the right image.
+    """Turn the log odds in ``confidence`` into probabilities; set disparities to NaN where the
+    confidence is below ``least``, or where they lie at or beyond the border of the right image.
     """
     nearest, farthest = np.float32(BORDER_PX), np.float32(confidence.shape[1] - 1 - BORDER_PX)
-    one, unknown, bound, per_fattening = np.float32(1), np.float32(np.nan), np.float32(least), np.float32(_FATTENING)
+    one, unknown, bound, per_fattening = (
+        np.float32(1),
+        np.float32(np.nan),
+        np.float32(least),
+        np.float32(_FATTENING),
+    )
     for y in range(confidence.shape[0]):
         disparity_row, confidence_row, fat_row = disparity[y], confidence[y], fattening[y]
         for x in range(confidence_row.size):
             chance = one / (one + _exp2(-(confidence_row[x] + per_fattening * fat_row[x])))
             confidence_row[x] = chance
             met = np.float32(x) - disparity_row[x]
-            disparity_row[x] = disparity_row[x] if (chance >= bound) & (met >= nearest) & (met <= farthest) else unknown
+            disparity_row[x] = (
+                disparity_row[x]
+                if (chance >= bound) & (met >= nearest) & (met <= farthest)
+                else unknown
+            )
 
 
 @compiled(inline=True)
 def _log2(x: Any) -> Any:
-    """Within 2e-5, for x > 0 (any number for NaN). The library's is called for one number at a time, this goes sixteen at once."""
+    """Within 2e-5, for x > 0 (any number for NaN). The library's is called for one number at a
+    time, this goes sixteen at once.
+    """
     bits = np.float32(x).view(np.int32)
-    m = np.int32((bits & np.int32(0x7FFFFF)) | np.int32(0x3F800000)).view(np.float32) - np.float32(1)
+    m = np.int32((bits & np.int32(0x7FFFFF)) | np.int32(0x3F800000)).view(np.float32) - np.float32(
+        1
+    )
     curve = np.float32(0.41560596) + m * (np.float32(-0.19357559) + m * np.float32(0.045149))
     curve = m * (np.float32(1.44191704) + m * (np.float32(-0.70909641) + m * curve))
     return np.float32((bits >> np.int32(23)) - np.int32(127)) + curve
@@ -188,10 +237,11 @@ def _exp2(x: Any) -> Any:
 class FatteningConstants:
     """Which neighbors a pixel is compared with, and what difference counts.
 
-    reach: samples on each side that are compared with: 10 pixels, beyond what the census and the paths carry over an edge. step_px:
-    a surface whose disparity is smaller by more than this lies behind. same_px: neighbors within this lie on the surface.
-    noise_levels: differences of gray below this, of 255, say nothing. alone_levels: difference from the own surface that is taken
-    where no neighbor lies on it.
+    reach: samples on each side that are compared with: 10 pixels, beyond what the census and the
+    paths carry over an edge. step_px: a surface whose disparity is smaller by more than this lies
+    behind. same_px: neighbors within this lie on the surface.
+    noise_levels: differences of gray below this, of 255, say nothing. alone_levels: difference from
+    the own surface that is taken where no neighbor lies on it.
     """
 
     reach: int = 2
@@ -211,11 +261,14 @@ _STEP, _SAME, _NOISE, _ALONE = (
 )
 
 
-def fattening(images: tuple[Map, Gray], context: Context, rows: slice, odds: Map, least: float) -> Map:
-    """Compute how much more a pixel's gray resembles the surface behind it than its own: (rows, W), 0..1; 0 where nothing lies
-    behind.
+def fattening(
+    images: tuple[Map, Gray], context: Context, rows: slice, odds: Map, least: float
+) -> Map:
+    """Compute how much more a pixel's gray resembles the surface behind it than its own: (rows, W),
+    0..1; 0 where nothing lies behind.
 
-    images: disparity (MatchedDisparity.best) and left image, (H, W). odds: (rows, W); pixels below ``least`` are left at 0.
+    images: disparity (MatchedDisparity.best) and left image, (H, W). odds: (rows, W); pixels below
+    ``least`` are left at 0.
     """
     best, left = images
     found = np.zeros(odds.shape, np.float32)
@@ -225,7 +278,9 @@ def fattening(images: tuple[Map, Gray], context: Context, rows: slice, odds: Map
 
 
 @compiled
-def _fattening(images: Any, first: int, samples: tuple[Map, Map, Map], odds: Any, least: Any, found: Any) -> None:
+def _fattening(
+    images: Any, first: int, samples: tuple[Map, Map, Map], odds: Any, least: Any, found: Any
+) -> None:
     best, left = images
     farthest = samples[1]
     height, width = farthest.shape
@@ -237,12 +292,18 @@ def _fattening(images: Any, first: int, samples: tuple[Map, Map, Map], odds: Any
             end = best.shape[1] if column == width - 1 else (column + 1) * _EVERY
             for x in range(column * _EVERY, end):
                 if odds[y, x] >= least and best[y, x] > far:
-                    found[y, x] = _likeness(best[y, x], np.float32(left[y, x]) * scale, row, column, samples)
+                    found[y, x] = _likeness(
+                        best[y, x], np.float32(left[y, x]) * scale, row, column, samples
+                    )
 
 
 @compiled(inline=True)
-def _likeness(disparity: Any, level: Any, row: int, column: int, samples: tuple[Map, Map, Map]) -> Any:
-    """How much nearer the gray is to the mean of the samples behind than to that of those on the same surface."""
+def _likeness(
+    disparity: Any, level: Any, row: int, column: int, samples: tuple[Map, Map, Map]
+) -> Any:
+    """How much nearer the gray is to the mean of the samples behind than to that of those on the
+    same surface.
+    """
     disparities, _, levels = samples
     height, width = disparities.shape
     step, same = np.float32(_STEP), np.float32(_SAME)

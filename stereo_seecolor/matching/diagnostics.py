@@ -1,4 +1,6 @@
-"""Diagnostics of a pair: images that cannot be matched, and warnings about range maps that should not be trusted."""
+"""Diagnostics of a pair: images that cannot be matched, and warnings about range maps that should
+not be trusted.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,18 +23,26 @@ FULL_SCALE = 65280
 
 @dataclass(frozen=True)
 class DiagnosticsConstants:
-    """Gray levels are of FULL_SCALE. All were set on the synthetic reef and on real frames spoilt on purpose.
+    """Gray levels are of FULL_SCALE. All were set on the synthetic reef and on real frames spoilt
+    on purpose.
 
-    black, saturated: the brightest hundredth of a black image is darker, half of a saturated image is brighter.
-    texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit level, which is rounding alone.
-    blank, blank_px: a black frame has less contrast than this (rounding alone) in windows of so many pixels of the reduced image,
-    and is darker than blank_level, as that of a JPEG may be. rim_px: its edge, which lies at the same place in both images
+    black, saturated: the brightest hundredth of a black image is darker, half of a saturated image
+    is brighter.
+    texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit
+    level, which is rounding alone.
+    blank, blank_px: a black frame has less contrast than this (rounding alone) in windows of so
+    many pixels of the reduced image, and is darker than blank_level, as that of a JPEG may be.
+    rim_px: its edge, which lies at the same place in both images
     whatever the range, is left out with it: to half of this less half of blank_px.
-    window: rows and columns of a window, pixels of the reduced image, in which texture may repeat itself.
-    repeated_similarity: second peak of the autocorrelation over the first, from which on any of them would match.
+    window: rows and columns of a window, pixels of the reduced image, in which texture may repeat
+    itself.
+    repeated_similarity: second peak of the autocorrelation over the first, from which on any of
+    them would match.
     repeated, one_sided: fractions of the image above which there is a warning.
-    excess_px: how much longer than an occlusion a hole in a row must be to be something that the right image lacks.
-    vertical_gain: rows shifted must agree better than unshifted ones by this fraction to count; unshifted ones than some others.
+    excess_px: how much longer than an occlusion a hole in a row must be to be something that the
+    right image lacks.
+    vertical_gain: rows shifted must agree better than unshifted ones by this fraction to count;
+    unshifted ones than some others.
     vertical_search_px, vertical_px: shifts of rows that are tried, and the least that is warned of.
     """
 
@@ -72,36 +82,50 @@ def unusable(left: Gray, right: Gray) -> str | None:
 
 
 def blank(image: Gray) -> NDArray[np.bool_]:
-    """Mark the pixels of a reduced image that are black and even: a frame around the picture, the corners of a round or an
-    undistorted one, shadows cut off at black. (H, W) bool.
+    """Mark the pixels of a reduced image that are black and even: a frame around the picture, the
+    corners of a round or an undistorted one, shadows cut off at black. (H, W) bool.
     """
     around = np.ones((DIAGNOSTICS_CONSTANTS.blank_px, DIAGNOSTICS_CONSTANTS.blank_px), np.uint8)
     most, least = cv2.dilate(image, around), cv2.erode(image, around)
-    black = (most < DIAGNOSTICS_CONSTANTS.blank_level) & (most - least < DIAGNOSTICS_CONSTANTS.blank)
+    black = (most < DIAGNOSTICS_CONSTANTS.blank_level) & (
+        most - least < DIAGNOSTICS_CONSTANTS.blank
+    )
     return np.asarray(
-        cv2.dilate(black.view(np.uint8), np.ones((DIAGNOSTICS_CONSTANTS.rim_px, DIAGNOSTICS_CONSTANTS.rim_px), np.uint8)) > 0
+        cv2.dilate(
+            black.view(np.uint8),
+            np.ones((DIAGNOSTICS_CONSTANTS.rim_px, DIAGNOSTICS_CONSTANTS.rim_px), np.uint8),
+        )
+        > 0
     )
 
 
 def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
-    """Mark the pixels of a reduced image whose rows repeat within the disparities searched, so that any of them would match: (H, W)
-    bool.
+    """Mark the pixels of a reduced image whose rows repeat within the disparities searched, so that
+    any of them would match: (H, W) bool.
 
     From the autocorrelation of windows: a second peak nearly as high as the first.
     """
     height, width = image.shape
     mask = np.zeros(image.shape, np.bool_)
-    rows, columns = min(DIAGNOSTICS_CONSTANTS.window[0], height), min(DIAGNOSTICS_CONSTANTS.window[1], width)
+    rows, columns = (
+        min(DIAGNOSTICS_CONSTANTS.window[0], height),
+        min(DIAGNOSTICS_CONSTANTS.window[1], width),
+    )
     tops = [*range(0, height - rows, rows), height - rows]
     lefts = [*range(0, width - columns, columns // 2), width - columns]
-    windows = np.stack([[image[y : y + rows, x : x + columns] for x in lefts] for y in tops]).astype(np.float32)
+    windows = np.stack(
+        [[image[y : y + rows, x : x + columns] for x in lefts] for y in tops]
+    ).astype(np.float32)
     windows -= windows.mean(axis=-1, keepdims=True)
     power = (np.abs(np.fft.rfft(windows, 2 * columns)) ** 2).sum(axis=-2)
     lags = np.arange(min(search_px, columns // 2) + 1)
     similarity = np.fft.irfft(power)[..., : lags.size] * (columns / (columns - lags))
     energy = np.maximum(similarity[..., :1], rows * columns * DIAGNOSTICS_CONSTANTS.texture**2)
     past_first_peak = np.maximum.accumulate(similarity < 0.3 * energy, axis=-1)
-    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > DIAGNOSTICS_CONSTANTS.repeated_similarity
+    again = (
+        np.where(past_first_peak, similarity / energy, 0).max(axis=-1)
+        > DIAGNOSTICS_CONSTANTS.repeated_similarity
+    )
     for i, j in np.argwhere(again):
         mask[tops[i] : tops[i] + rows, lefts[j] : lefts[j] + columns] = True
     return mask
@@ -112,20 +136,30 @@ def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
     fraction = float(repeated.mean())
     if fraction < DIAGNOSTICS_CONSTANTS.repeated:
         return None
-    return f"the texture repeats over {fraction:.0%} of the left image: many ranges match there, so none is given"
+    return (
+        f"the texture repeats over {fraction:.0%} of the left image: many ranges match there, "
+        "so none is given"
+    )
 
 
-def one_sided_warning(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int) -> str | None:
-    """Warn if the left image shows something textured that the right one lacks: a fish, or a lens half covered; None if not.
+def one_sided_warning(
+    left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int
+) -> str | None:
+    """Warn if the left image shows something textured that the right one lacks: a fish, or a lens
+    half covered; None if not.
 
-    left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A hole in a row as long as the
-    disparity jumps up across it is an occlusion; a longer one is not.
+    left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A
+    hole in a row as long as the disparity jumps up across it is an occlusion; a longer one is not.
     """
     unmatched = np.zeros(disparity.shape, np.uint8)
     _long_holes(disparity, np.float32(scale), DIAGNOSTICS_CONSTANTS.excess_px, unmatched)
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
     unmatched &= texture & ~repeated
-    fraction = float(cv2.morphologyEx(cv2.medianBlur(unmatched, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
+    fraction = float(
+        cv2.morphologyEx(
+            cv2.medianBlur(unmatched, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)
+        ).mean()
+    )
     if fraction < DIAGNOSTICS_CONSTANTS.one_sided:
         return None
     why = "it moved, covers one lens, or lies outside matching.min_range_m to matching.max_range_m"
@@ -134,14 +168,20 @@ def one_sided_warning(left: Gray, disparity: Map, repeated: NDArray[np.bool_], s
 
 @compiled
 def _long_holes(disparity: Map, scale: Any, excess_px: float, hole: NDArray[np.uint8]) -> None:
-    """1 in the holes of a row that are longer than the occlusion that the disparities at their ends make."""
+    """1 in the holes of a row that are longer than the occlusion that the disparities at their ends
+    make.
+    """
     height, width = disparity.shape
     for y in range(height):
         before = width
         for x in range(width):
             if not np.isfinite(disparity[y, x]):
                 continue
-            if x - before > 1 and x - before - 1 - max(disparity[y, x] - disparity[y, before], 0) / scale > excess_px:
+            if (
+                x - before > 1
+                and x - before - 1 - max(disparity[y, x] - disparity[y, before], 0) / scale
+                > excess_px
+            ):
                 hole[y, before + 1 : x] = 1
             before = x
 
@@ -150,17 +190,24 @@ def vertical_disparity_warning(vertical_px: float) -> str | None:
     """Warn if the same point lies on different rows of the two images; None if not."""
     if not abs(vertical_px) >= DIAGNOSTICS_CONSTANTS.vertical_px:
         return None
-    return f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration no longer fits, ranges are biased"
+    return (
+        f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration "
+        "no longer fits, ranges are biased"
+    )
 
 
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
-    """Estimate how many pixels the right image's rows lie below the matching left ones; NaN where that cannot be estimated."""
+    """Estimate how many pixels the right image's rows lie below the matching left ones; NaN where
+    that cannot be estimated.
+    """
     most = DIAGNOSTICS_CONSTANTS.vertical_search_px
     return vertical_px_of(_row_costs(padded(left), padded(right), PATTERN, disparity, most))
 
 
 def vertical_px_of(cost: NDArray[np.float64]) -> float:
-    """The shift of rows, pixels, with the least of the costs of shifts -most..most; NaN where none stands out."""
+    """The shift of rows, pixels, with the least of the costs of shifts -most..most; NaN where none
+    stands out.
+    """
     best, most = int(np.argmin(cost)), len(cost) // 2
     compared = cost.max() if best == most else cost[most]
     if cost[best] >= (1 - DIAGNOSTICS_CONSTANTS.vertical_gain) * compared:
@@ -172,8 +219,12 @@ def vertical_px_of(cost: NDArray[np.float64]) -> float:
 
 
 @compiled
-def _row_costs(left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: Map, most: int) -> NDArray[np.float64]:
-    """Bits by which matched pixels differ, for shifts of rows from -most to most; every 16th pixel of every 16th row."""
+def _row_costs(
+    left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: Map, most: int
+) -> NDArray[np.float64]:
+    """Bits by which matched pixels differ, for shifts of rows from -most to most; every 16th pixel
+    of every 16th row.
+    """
     height, width = disparity.shape
     cost = np.zeros(2 * most + 1, np.float64)
     for y in range(most, height - most, 16):
@@ -185,7 +236,9 @@ def _row_costs(left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: M
             for i in range(cost.size):
                 different = here ^ census_at(right, pattern, y + i - most, met)
                 different -= (different >> np.uint32(1)) & np.uint32(0x55555555)
-                different = (different & np.uint32(0x33333333)) + ((different >> np.uint32(2)) & np.uint32(0x33333333))
+                different = (different & np.uint32(0x33333333)) + (
+                    (different >> np.uint32(2)) & np.uint32(0x33333333)
+                )
                 different = (different + (different >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
                 cost[i] += np.uint32(different * np.uint32(0x01010101)) >> np.uint32(24)
     return cost
@@ -199,9 +252,11 @@ def _row_costs(left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: M
 class PairCheckConstants:
     """Thresholds of the check.
 
-    least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (synthetic reef).
-    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs reach 0.6 and more. swap_tries:
-    so many pairs of a dive are matched the other way round, since that costs as much as matching itself.
+    least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach
+    0.01 to 0.02 (synthetic reef).
+    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs
+    reach 0.6 and more. swap_tries: so many pairs of a dive are matched the other way round, since
+    that costs as much as matching itself.
     """
 
     least_coverage: float = 0.05
@@ -222,8 +277,8 @@ def coverage(range_map: RangeMap) -> float:
 class PairCheck:
     """The check of the pairs of a dive; safe to call from many threads.
 
-    match: the range map of a pair as the cameras gave it. The same function tells whether another pairing would fit:
-    ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
+    match: the range map of a pair as the cameras gave it. The same function tells whether another
+    pairing would fit: ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
     """
 
     def __init__(self, match: Callable[[StereoFrame], RangeMap]) -> None:
@@ -233,12 +288,14 @@ class PairCheck:
         self._lock = Lock()
 
     def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> RangeMap:
-        """Return the range map, or one without a known pixel where both images lack the texture to be matched (open water, sand).
+        """Return the range map, or one without a known pixel where both images lack the texture to
+        be matched (open water, sand).
 
-        Raises MatchingError if the sides look swapped, or if so little matched that the images are not of one scene, or one of
-        them alone lacks texture (a covered lens).
+        Raises MatchingError if the sides look swapped, or if so little matched that the images are
+        not of one scene, or one of them alone lacks texture (a covered lens).
 
-        raw: gives the pair as the cameras gave it, which is hardly ever needed and need not stay in memory until here.
+        raw: gives the pair as the cameras gave it, which is hardly ever needed and need not stay in
+        memory until here.
         """
         matched = coverage(range_map)
         if matched >= PAIR_CHECK_CONSTANTS.swap_coverage:
@@ -248,13 +305,16 @@ class PairCheck:
         too_little = matched < PAIR_CHECK_CONSTANTS.least_coverage
         if too_little and (plain := sides_without_texture(raw())):
             if len(plain) == 1:
-                raise MatchingError(f"{name}: {_without_texture(f'the {plain[0]} image shows', matched)}")
+                raise MatchingError(
+                    f"{name}: {_without_texture(f'the {plain[0]} image shows', matched)}"
+                )
             unknown = _without_texture("both images show", matched)
             return RangeMap.unknown(range_map.range_m.shape, unknown)  # what matched may be noise
         self._check_swapped(name, matched, raw)
         if too_little:
             raise MatchingError(
-                f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
+                f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of "
+                "one pair?), or "
                 "all of it lies outside matching.min_range_m to matching.max_range_m"
             )
         return range_map
@@ -267,17 +327,25 @@ class PairCheck:
                 other = coverage(self._match(StereoFrame(name, frame.right, frame.left)))
                 if other > 3 * matched + 0.1:
                     self._swapped_pair = name
-                    numbers = f"{matched:.0%} of the pixels match as given and {other:.0%} the other way round"
-                    raise MatchingError(f"{name}: left and right look swapped: {numbers}: exchange --left and --right")
+                    numbers = (
+                        f"{matched:.0%} of the pixels match as given and {other:.0%} the "
+                        "other way round"
+                    )
+                    raise MatchingError(
+                        f"{name}: left and right look swapped: {numbers}: exchange --left and "
+                        "--right"
+                    )
         if self._swapped_pair is not None:
             raise MatchingError(
-                f"{name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
+                f"{name}: left and right look swapped: {matched:.0%} of the pixels match as "
+                f"given, and {self._swapped_pair} "
                 "matched better the other way round: exchange --left and --right"
             )
 
 
 def _without_texture(show: str, matched: float) -> str:
     return (
-        f"only {matched:.1%} of the pixels match: {show} too little texture to match (open water, even sand, turbid water, a dark "
+        f"only {matched:.1%} of the pixels match: {show} too little texture to match (open water, "
+        "even sand, turbid water, a dark "
         "frame): no range is known"
     )

@@ -20,12 +20,15 @@ UNKNOWN = np.float32(np.nan)
 class MatchedDisparity:
     """Disparities of the left image of a pair.
 
-    disparity: (H, W) float32 pixels, x_left - x_right, NaN where nothing was found that passes the engine's checks.
+    disparity: (H, W) float32 pixels, x_left - x_right, NaN where nothing was found that passes the
+    engine's checks.
 
-    best: (H, W) the same, but also where the checks failed; NaN where nothing was found at all. The same array for an engine
-    that gives only what it checked.
-    uniqueness: (H, W) how much worse the best disparity beyond +-1 px is, as a fraction of P2; large where no other fits.
-    reduced_fraction: of the pixels at reduced size, those that passed the checks; 0 for an engine that does not look there.
+    best: (H, W) the same, but also where the checks failed; NaN where nothing was found at all. The
+    same array for an engine that gives only what it checked.
+    uniqueness: (H, W) how much worse the best disparity beyond +-1 px is, as a fraction of P2;
+    large where no other fits.
+    reduced_fraction: of the pixels at reduced size, those that passed the checks; 0 for an engine
+    that does not look there.
     """
 
     disparity: Map
@@ -49,21 +52,28 @@ class Engine(Protocol):
 
 
 FIXED_UNIQUENESS = 0.5
-"""Uniqueness for engines that give none: the median of well matched pixels of the synthetic reef."""
+"""Uniqueness for engines that give none: the median of well matched pixels of the synthetic
+reef.
+"""
 
 
 # Interpolation of disparities where none was found.
 
 REACH = 0.1
-"""How far from a measured pixel of its row, as a fraction of the width, a pixel may be interpolated."""
+"""How far from a measured pixel of its row, as a fraction of the width, a pixel may be
+interpolated.
+"""
 
 
 def fill(disparity: Map) -> Map:
-    """Close the holes of a disparity map (H, W); measured pixels stay as they are, and pixels too far from any measured one stay
+    """Close the holes of a disparity map (H, W); measured pixels stay as they are, and pixels too
+    far from any measured one stay
     NaN.
 
-    What one camera does not see lies behind, so a hole takes the smaller disparity of its two ends in the row (Hirschmueller
-    2008, section 2.5), then the median of 5 x 5, which joins the rows. Smoothing across the hole instead (WLS) was worse.
+    What one camera does not see lies behind, so a hole takes the smaller disparity of its two ends
+    in the row (Hirschmueller
+    2008, section 2.5), then the median of 5 x 5, which joins the rows. Smoothing across the hole
+    instead (WLS) was worse.
     """
     ends = np.empty_like(disparity)
     _ends(disparity, REACH * disparity.shape[1], ends)
@@ -74,7 +84,9 @@ def fill(disparity: Map) -> Map:
 
 @compiled
 def _ends(disparity: Map, reach: float, ends: Map) -> None:
-    """Each pixel of a hole the smaller of the known disparities at its ends in the row, NaN where both are beyond the reach."""
+    """Each pixel of a hole the smaller of the known disparities at its ends in the row, NaN where
+    both are beyond the reach.
+    """
     height, width = disparity.shape
     for y in range(height):
         last = -width
@@ -106,7 +118,8 @@ def _keep(disparity: Map, ends: Map, joined: Map) -> None:
 class RangeMaps:
     """The maps of a pair while they are filled, strip by strip, as in RangeMap.
 
-    Until ``measure`` has converted it to meters, range_std_m holds the standard error of the disparity, pixels.
+    Until ``measure`` has converted it to meters, range_std_m holds the standard error of the
+    disparity, pixels.
     """
 
     disparity: Map
@@ -119,23 +132,43 @@ class RangeMaps:
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> "RangeMaps":
         """Allocate maps of this shape; only ``filled`` has defined content, False."""
-        # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it again.
+        # One block: the allocator then keeps its memory from pair to pair, and the system need not
+        # clear it again.
         disparity, confidence, depth_m, range_m, range_std_m = np.empty((5, *shape), np.float32)
         return cls(disparity, confidence, depth_m, range_m, range_std_m, np.zeros(shape, np.bool_))
 
     def measure(self, pair: RectifiedPair, limits_m: tuple[float, float], rows: slice) -> None:
         """Compute depth, range and the standard error of range in these rows.
 
-        What lies outside the limits of range becomes unknown; what was not measured has no confidence and no standard error.
+        What lies outside the limits of range becomes unknown; what was not measured has no
+        confidence and no standard error.
         """
-        shift_px, scale = np.float32(pair.cx_left_px - pair.cx_right_px), np.float32(pair.focal_px * pair.baseline_m)
-        changed = self.disparity[rows], self.confidence[rows], self.filled[rows], self.range_std_m[rows]
-        found, limits = (self.depth_m[rows], self.range_m[rows]), (np.float32(limits_m[0]), np.float32(limits_m[1]))
+        shift_px, scale = (
+            np.float32(pair.cx_left_px - pair.cx_right_px),
+            np.float32(pair.focal_px * pair.baseline_m),
+        )
+        changed = (
+            self.disparity[rows],
+            self.confidence[rows],
+            self.filled[rows],
+            self.range_std_m[rows],
+        )
+        found, limits = (
+            (self.depth_m[rows], self.range_m[rows]),
+            (np.float32(limits_m[0]), np.float32(limits_m[1])),
+        )
         _measure(pair.ray_length[rows], changed, found, (shift_px, scale), limits)
 
     def range_map(self) -> RangeMap:
         """The finished range map."""
-        return RangeMap(self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
+        return RangeMap(
+            self.disparity,
+            self.depth_m,
+            self.range_m,
+            self.range_std_m,
+            self.confidence,
+            self.filled,
+        )
 
 
 @compiled

@@ -19,7 +19,9 @@ Gray = NDArray[np.uint16]
 """(H, W) uint16 luma, 0..65535; 256 is a gray level of an 8-bit image."""
 
 SMOOTHING_PX = 0.7
-"""Sigma of the blur before the census, which compares single pixels: without it noise decides the comparisons."""
+"""Sigma of the blur before the census, which compares single pixels: without it noise decides the
+comparisons.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,51 +43,86 @@ class GrayPair:
 
 
 def gray(image: Image) -> Gray:
-    """Convert an RGB image to blurred luma: (H, W) uint16, 0..65535 at any depth, since in haze the signal is finer than one step
-    of 8 bits.
+    """Convert an RGB image to blurred luma: (H, W) uint16, 0..65535 at any depth, since in haze the
+    signal is finer than one step of 8 bits.
     """
     blurred = np.empty(image.shape[:2], np.uint16)
     outer, near, center = cv2.getGaussianKernel(5, SMOOTHING_PX, cv2.CV_32F)[:3, 0]
     full = np.float32(1 / 256 if image.dtype == np.uint16 else 1)
-    _blurred_luma(np.ascontiguousarray(image).reshape(image.shape[0], -1), full, (center, near, outer), blurred)
+    _blurred_luma(
+        np.ascontiguousarray(image).reshape(image.shape[0], -1),
+        full,
+        (center, near, outer),
+        blurred,
+    )
     return blurred
 
 
 def shrink(image: Gray, scale: int) -> Gray:
-    """Reduce an image to 1 / scale, each pixel the mean of scale x scale; incomplete blocks at the end are filled up from the
-    border.
+    """Reduce an image to 1 / scale, each pixel the mean of scale x scale; incomplete blocks at the
+    end are filled up from the border.
     """
     height, width = image.shape
     padded = image
     if height % scale or width % scale:
-        padded = cv2.copyMakeBorder(image, 0, -height % scale, 0, -width % scale, cv2.BORDER_REPLICATE)
-    small: Gray = cv2.resize(padded, (-(-width // scale), -(-height // scale)), interpolation=cv2.INTER_AREA)
+        padded = cv2.copyMakeBorder(
+            image, 0, -height % scale, 0, -width % scale, cv2.BORDER_REPLICATE
+        )
+    small: Gray = cv2.resize(
+        padded, (-(-width // scale), -(-height // scale)), interpolation=cv2.INTER_AREA
+    )
     return small
 
 
 @compiled
 def _blurred_luma(pixels: Any, full: Any, weights: tuple[Any, Any, Any], blurred: Gray) -> None:
-    """pixels: (H, 3 W), red, green, blue in turn. weights: of the center, and of the first and second pixel on each side."""
+    """pixels: (H, 3 W), red, green, blue in turn. weights: of the center, and of the first and
+    second pixel on each side.
+    """
     height, width = blurred.shape
     row, ring = np.empty(width + 4, np.float32), np.empty((5, width), np.float32)
     for y in range(-2, height + 2):
         _luma(pixels[min(max(y, 0), height - 1)], full, row[2 : width + 2])
         row[:2], row[width + 2 :] = row[2], row[width + 1]
-        _blur(row[2:-2], row[1:-3], row[3:-1], row[:-4], row[4:], weights, np.float32(0), ring[y % 5])
+        _blur(
+            row[2:-2], row[1:-3], row[3:-1], row[:-4], row[4:], weights, np.float32(0), ring[y % 5]
+        )
         if y >= 2:
             above, here, below = ring[(y - 3) % 5], ring[(y - 2) % 5], ring[(y - 1) % 5]
-            _blur(here, above, below, ring[(y - 4) % 5], ring[y % 5], weights, np.float32(0.5), blurred[y - 2])
+            _blur(
+                here,
+                above,
+                below,
+                ring[(y - 4) % 5],
+                ring[y % 5],
+                weights,
+                np.float32(0.5),
+                blurred[y - 2],
+            )
 
 
 @compiled
 def _luma(pixels: Any, full: Any, luma: Any) -> None:
     red, green, blue = np.float32(77) * full, np.float32(150) * full, np.float32(29) * full
     for x in range(luma.size):
-        luma[x] = red * np.float32(pixels[3 * x]) + green * np.float32(pixels[3 * x + 1]) + blue * np.float32(pixels[3 * x + 2])
+        luma[x] = (
+            red * np.float32(pixels[3 * x])
+            + green * np.float32(pixels[3 * x + 1])
+            + blue * np.float32(pixels[3 * x + 2])
+        )
 
 
 @compiled
-def _blur(center: Any, a: Any, b: Any, c: Any, d: Any, weights: tuple[Any, Any, Any], rounding: Any, blurred: Any) -> None:
+def _blur(
+    center: Any,
+    a: Any,
+    b: Any,
+    c: Any,
+    d: Any,
+    weights: tuple[Any, Any, Any],
+    rounding: Any,
+    blurred: Any,
+) -> None:
     own, near, outer = weights
     for x in range(blurred.size):
         blurred[x] = own * center[x] + near * (a[x] + b[x]) + outer * (c[x] + d[x]) + rounding
@@ -101,16 +138,20 @@ class TextureConstants:
 
     block: side of a block that is judged as a whole, pixels of the reduced image.
 
-    least_ratio: of the amplitude at half the reduced size to that at the reduced size. White noise 0.50 to 0.70; nine of ten blocks
-    of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom of which a third still matches through haze 0.85 (median).
+    least_ratio: of the amplitude at half the reduced size to that at the reduced size. White noise
+    0.50 to 0.70; nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom
+    of which a third still matches through haze 0.85 (median).
 
-    strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a pixel.
+    strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a
+    pixel.
 
-    least_levels: amplitude at half the reduced size, of 255, below which there is rounding and compression alone: 0.1 to 0.2 in the
-    water of FLSea's frames; a synthetic bottom through haze of which hardly a pixel matches 0.15, one of which most does 0.4.
+    least_levels: amplitude at half the reduced size, of 255, below which there is rounding and
+    compression alone: 0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom through haze of
+    which hardly a pixel matches 0.15, one of which most does 0.4.
 
-    least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in the dark 0.44; the water in
-    FLSea's frames 0.00 to 0.20, drawn open water, even sand and haze 0.00 to 0.19.
+    least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in
+    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, drawn open water, even sand and haze
+    0.00 to 0.19.
     """
 
     block: int = 32
@@ -124,15 +165,21 @@ CONSTANTS = TextureConstants()
 
 
 def sides_without_texture(frame: StereoFrame) -> tuple[str, ...]:
-    """Name the sides, of "left" and "right", that show too little texture to be matched with anything."""
+    """Name the sides, of "left" and "right", that show too little texture to be matched with
+    anything.
+    """
     images = (("left", frame.left), ("right", frame.right))
-    return tuple(side for side, image in images if textured_fraction(image) < CONSTANTS.least_fraction)
+    return tuple(
+        side for side, image in images if textured_fraction(image) < CONSTANTS.least_fraction
+    )
 
 
 def textured_fraction(image: Image) -> float:
-    """Compute the fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show texture.
+    """Compute the fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show
+    texture.
 
-    Averaging 2 x 2 pixels halves white noise and leaves texture. Medians, since drifting particles are few and bright.
+    Averaging 2 x 2 pixels halves white noise and leaves texture. Medians, since drifting particles
+    are few and bright.
     """
     whole = gray(image)
     small = shrink(whole, 4 if whole.size > LARGE_IMAGE_PX else 2)
@@ -140,12 +187,16 @@ def textured_fraction(image: Image) -> float:
         return 1.0  # too small to tell
     fine = _amplitude(small, CONSTANTS.block)
     coarse = _amplitude(shrink(small, 2), CONSTANTS.block // 2)[: fine.shape[0], : fine.shape[1]]
-    textured = (coarse > CONSTANTS.least_ratio * fine) & (coarse > CONSTANTS.least_levels) | (fine > CONSTANTS.strong_levels)
+    textured = (coarse > CONSTANTS.least_ratio * fine) & (coarse > CONSTANTS.least_levels) | (
+        fine > CONSTANTS.strong_levels
+    )
     return float(textured.mean())
 
 
 def _amplitude(image: Gray, block: int) -> NDArray[Any]:
-    """Median departure of a block's pixels from the mean of 5 x 5 around them, gray levels of 255."""
+    """Median departure of a block's pixels from the mean of 5 x 5 around them, gray levels of
+    255.
+    """
     departure = cv2.absdiff(image, cv2.blur(image, (5, 5)))
     rows, columns = (length // block for length in image.shape)
     blocks = departure[: rows * block, : columns * block].reshape(rows, block, columns, block)

@@ -8,7 +8,14 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
-from stereo_seecolor.matching.confidence import Context, fattening, judge_rows, least_odds, surroundings, weigh_rows
+from stereo_seecolor.matching.confidence import (
+    Context,
+    fattening,
+    judge_rows,
+    least_odds,
+    surroundings,
+    weigh_rows,
+)
 from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity, RangeMaps, fill
 from stereo_seecolor.matching.engines import Network, OpenCvMatching
 from stereo_seecolor.matching.gray import Gray, GrayPair
@@ -23,8 +30,8 @@ from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 class MatcherConstants:
     """Constants that do not depend on the engine.
 
-    speckle_px: connected patches smaller than this are mismatches. strip: rows that are refined, judged and triangulated together,
-    while they are in the processor's cache.
+    speckle_px: connected patches smaller than this are mismatches. strip: rows that are refined,
+    judged and triangulated together, while they are in the processor's cache.
     """
 
     speckle_px: int = 100
@@ -37,11 +44,14 @@ CONSTANTS = MatcherConstants()
 class Matcher:
     """Computes range maps of rectified pairs; built once for a run, safe to call from many threads.
 
-    pair: the geometry of the rectified images. seen_left: (H, W) bool, True where the rectified left image shows something; None
-    where it does everywhere. Raises ConfigError, DeviceError or PluginError for an engine that cannot run.
+    pair: the geometry of the rectified images. seen_left: (H, W) bool, True where the rectified
+    left image shows something; None where it does everywhere. Raises ConfigError, DeviceError or
+    PluginError for an engine that cannot run.
     """
 
-    def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
+    def __init__(
+        self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None
+    ) -> None:
         self._pair = pair
         self._config = config
         self.seen_left = seen_left
@@ -57,42 +67,59 @@ class Matcher:
             return OpenCvMatching(self._lowest, self._highest)
         if self._config.engine == "sgm":
             return SemiGlobalMatching(self._lowest, self._highest)
-        added: Engine = load("matching_engines", self._config.engine)(self._config, self._lowest, self._highest)
+        added: Engine = load("matching_engines", self._config.engine)(
+            self._config, self._lowest, self._highest
+        )
         return added
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair of 8 or 16 bit RGB images; it depends on nothing but that pair.
+        """Compute the range map of a rectified pair of 8 or 16 bit RGB images; it depends on
+        nothing but that pair.
 
         A pair that cannot be matched gives a map without a known pixel; ``warnings`` says why.
         """
         return self.matched(frame)[0]
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """Compute the range map as ``match`` does, and the detail that the images hold at their full size.
+        """Compute the range map as ``match`` does, and the detail that the images hold at their
+        full size.
 
-        Detail is the fraction of known pixels over that at reduced size: about 1 where the images are sharp, less where full size
-        adds noise alone, 1 where the engine does not match at reduced size.
+        Detail is the fraction of known pixels over that at reduced size: about 1 where the images
+        are sharp, less where full size adds noise alone, 1 where the engine does not match at
+        reduced size.
         """
         pair = GrayPair.from_frame(frame, self._scale)
         reason = diagnostics.unusable(pair.small_left, pair.small_right)
         if reason:
-            return RangeMap.unknown(self._pair.image_size[::-1], f"{reason}: no range is known"), 1.0
+            return RangeMap.unknown(
+                self._pair.image_size[::-1], f"{reason}: no range is known"
+            ), 1.0
         if self._config.engine == "onnx":
             return self.range_map(self._engine.find(frame, pair), pair), 1.0
-        repeating = core_pool().submit(diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale)
+        repeating = core_pool().submit(
+            diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale
+        )
         found = self._engine.find(frame, pair)
         vertical_px = diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
         repeated = repeating.result()
         no_match = repeated | diagnostics.blank(pair.small_left)
         if no_match.any():
             height, width = found.disparity.shape
-            found.forget(no_match.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
+            found.forget(
+                no_match.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width]
+            )
         range_map = self.range_map(found, pair)
-        detail = float(np.isfinite(found.disparity).mean()) / found.reduced_fraction if found.reduced_fraction else 1.0
+        detail = (
+            float(np.isfinite(found.disparity).mean()) / found.reduced_fraction
+            if found.reduced_fraction
+            else 1.0
+        )
         warnings = self._warnings(pair.small_left, range_map, repeated, vertical_px)
         return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
 
-    def _warnings(self, small_left: Gray, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
+    def _warnings(
+        self, small_left: Gray, range_map: RangeMap, repeated: Mask, vertical_px: float
+    ) -> tuple[str, ...]:
         every = slice(None, None, self._scale), slice(None, None, self._scale)
         measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
         warnings = (
@@ -105,7 +132,8 @@ class Matcher:
     def range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Turn disparities into a range map, in strips of rows on all cores.
 
-        Remove speckles, refine to sub-pixels, estimate the confidence, forget what is not confident enough, and triangulate.
+        Remove speckles, refine to sub-pixels, estimate the confidence, forget what is not confident
+        enough, and triangulate.
         """
         remove_speckles(found.disparity, CONSTANTS.speckle_px)
         if self.seen_left is not None:
@@ -117,14 +145,21 @@ class Matcher:
         least = self._config.min_confidence
         limits_m = self._config.min_range_m, self._config.max_range_m
         height = len(found.disparity)
-        strips = [slice(first, min(first + CONSTANTS.strip, height)) for first in range(0, height, CONSTANTS.strip)]
+        strips = [
+            slice(first, min(first + CONSTANTS.strip, height))
+            for first in range(0, height, CONSTANTS.strip)
+        ]
 
         def judge(rows: slice) -> None:
             disparity, confidence = maps.disparity[rows], maps.confidence[rows]
-            support, relief = refine_rows(pair, gain, found, rows.start, disparity, maps.range_std_m[rows])
+            support, relief = refine_rows(
+                pair, gain, found, rows.start, disparity, maps.range_std_m[rows]
+            )
             if self._engine.refined:
                 disparity[:] = found.best[rows]
-            weigh_rows((found.uniqueness[rows], support, relief, around[rows]), confidence)  # log odds until judge_rows
+            weigh_rows(
+                (found.uniqueness[rows], support, relief, around[rows]), confidence
+            )  # log odds until judge_rows
             doubt = fattening((found.best, pair.left), context, rows, confidence, least_odds(least))
             judge_rows(least, doubt, disparity, confidence)
             if not self._config.fill:
@@ -134,7 +169,9 @@ class Matcher:
         if self._config.fill:
             whole = fill(maps.disparity)
             self._forget_unseen(whole)
-            maps = replace(maps, disparity=whole, filled=np.isnan(maps.disparity) & np.isfinite(whole))
+            maps = replace(
+                maps, disparity=whole, filled=np.isnan(maps.disparity) & np.isfinite(whole)
+            )
             list(core_pool().map(lambda rows: maps.measure(self._pair, limits_m, rows), strips))
         return maps.range_map()
 
@@ -144,8 +181,12 @@ class Matcher:
 
 
 def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:
-    """Compute the least and the largest disparity, pixels, of points of the left image from min_range_m to max_range_m away."""
-    nearest_m = config.min_range_m / float(pair.ray_length.max())  # depth, in the corner farthest from the axis
+    """Compute the least and the largest disparity, pixels, of points of the left image from
+    min_range_m to max_range_m away.
+    """
+    nearest_m = config.min_range_m / float(
+        pair.ray_length.max()
+    )  # depth, in the corner farthest from the axis
     limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))
     lowest = int(np.floor(limits[0]))
     return lowest, max(lowest + 1, min(int(np.ceil(limits[1])), pair.image_size[0] - 1))

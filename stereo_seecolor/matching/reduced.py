@@ -17,12 +17,14 @@ from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame
 
 SIZES = (2, 4)
 LEAST_DETAIL = 0.88
-"""Of what matches at reduced size, the fraction that must match at full size. Real reef, Teddy, drawn scenes, with much noise too:
-0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97 (half size knows 4 to 7 % more), by 4: 0.66 to 0.82 (24 to 40 % more).
+"""Of what matches at reduced size, the fraction that must match at full size. Real reef, Teddy,
+drawn scenes, with much noise too: 0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97 (half size
+knows 4 to 7 % more), by 4: 0.66 to 0.82 (24 to 40 % more).
 """
 LEAST_PIXELS = 1_000_000
-"""Of an image at reduced size. What smaller ones lack is texture and not size: at half of 450x375 Teddy with noise and half its
-contrast is 74 % known instead of 49 %, but 10 % of that is wrong by over two pixels instead of 3 % (at a quarter 19 %).
+"""Of an image at reduced size. What smaller ones lack is texture and not size: at half of 450x375
+Teddy with noise and half its contrast is 74 % known instead of 49 %, but 10 % of that is wrong by
+over two pixels instead of 3 % (at a quarter 19 %).
 """
 
 
@@ -31,26 +33,42 @@ MakeMatcher = Callable[[RectifiedPair, MatchingConfig, Mask | None], Matcher]
 
 
 def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
-    """Give the geometry of images whose every pixel is the mean of shrink x shrink pixels; incomplete blocks at the end are left
-    out.
+    """Give the geometry of images whose every pixel is the mean of shrink x shrink pixels;
+    incomplete blocks at the end are left out.
     """
     focal_px, centers = pair.focal_px / shrink, (pair.cx_left_px, pair.cx_right_px, pair.cy_px)
     cx_left_px, cx_right_px, cy_px = ((center + 0.5) / shrink - 0.5 for center in centers)
     width, height = (length // shrink for length in pair.image_size)
-    return RectifiedPair(focal_px, cx_left_px, cx_right_px, cy_px, pair.baseline_m, (width, height), pair.quarter_turns)
+    return RectifiedPair(
+        focal_px,
+        cx_left_px,
+        cx_right_px,
+        cy_px,
+        pair.baseline_m,
+        (width, height),
+        pair.quarter_turns,
+    )
 
 
 class ReducedMatcher:
-    """A Matcher on images ``shrink`` times smaller along both axes; each value is repeated over shrink x shrink pixels.
+    """A Matcher on images ``shrink`` times smaller along both axes; each value is repeated over
+    shrink x shrink pixels.
 
     The last pixels of a row or column that do not fill a block are unknown.
     """
 
     def __init__(
-        self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None, shrink: int, make: MakeMatcher = Matcher
+        self,
+        pair: RectifiedPair,
+        config: MatchingConfig,
+        seen_left: Mask | None,
+        shrink: int,
+        make: MakeMatcher = Matcher,
     ) -> None:
         self._shrink, self._size = shrink, pair.image_size
-        seen: Mask | None = None if seen_left is None else np.asarray(self._blocks(seen_left).all(axis=(1, 3)))
+        seen: Mask | None = (
+            None if seen_left is None else np.asarray(self._blocks(seen_left).all(axis=(1, 3)))
+        )
         self._matcher = make(smaller(pair, shrink), config, seen)
 
     def match(self, frame: StereoFrame) -> RangeMap:
@@ -59,11 +77,15 @@ class ReducedMatcher:
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
         """Compute range map and detail, as Matcher.matched does, of the smaller images."""
-        small = StereoFrame(frame.name, self._smaller(frame.left), self._smaller(frame.right), frame.timestamp_s)
+        small = StereoFrame(
+            frame.name, self._smaller(frame.left), self._smaller(frame.right), frame.timestamp_s
+        )
         return self._matcher.matched(small)
 
     def known(self, found: RangeMap) -> float:
-        """Compute the fraction of the pixels at full size whose range ``found``, of ``matched``, knows."""
+        """Compute the fraction of the pixels at full size whose range ``found``, of ``matched``,
+        knows.
+        """
         width, height = self._size
         return int(np.isfinite(found.disparity).sum()) * self._shrink**2 / (width * height)
 
@@ -99,28 +121,39 @@ _NOTHING = ((0, 0), (0, 0))
 
 
 class DetailMatcher:
-    """A Matcher that matches a large pair at half or a quarter of its size where full size shows too little detail.
+    """A Matcher that matches a large pair at half or a quarter of its size where full size shows
+    too little detail.
 
-    So it is with large sensors behind soft optics, in turbid water, and with enlarged or strongly compressed images: noise decides
-    the comparisons of neighboring pixels there.
+    So it is with large sensors behind soft optics, in turbid water, and with enlarged or strongly
+    compressed images: noise decides the comparisons of neighboring pixels there.
     """
 
     def __init__(
-        self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None, make: MakeMatcher = Matcher
+        self,
+        pair: RectifiedPair,
+        config: MatchingConfig,
+        seen_left: Mask | None = None,
+        make: MakeMatcher = Matcher,
     ) -> None:
         self._full = make(pair, config, seen_left)
         width, height = pair.image_size
-        self._sizes = tuple(shrink for shrink in SIZES if width * height >= LEAST_PIXELS * shrink**2)
+        self._sizes = tuple(
+            shrink for shrink in SIZES if width * height >= LEAST_PIXELS * shrink**2
+        )
         self._smaller = partial(ReducedMatcher, pair, config, seen_left, make=make)
         self._built: dict[int, ReducedMatcher] = {}
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair; a warning says where it was matched at a smaller size."""
+        """Compute the range map of a rectified pair; a warning says where it was matched at a
+        smaller size.
+        """
         found, detail = self._full.matched(frame)
         if detail >= LEAST_DETAIL or not self._sizes:
             return found
         known = float(np.isfinite(found.disparity).mean())
-        del found  # half the memory of a large pair; where no smaller size knows more, which is rare, it is made again
+        # half the memory of a large pair; where no smaller size knows more, which is rare, it is
+        # made again
+        del found
         return self._at_smaller_size(frame, known) or self._full.match(frame)
 
     def at(self, shrink: int) -> ReducedMatcher:
@@ -128,7 +161,9 @@ class DetailMatcher:
         return self._built.setdefault(shrink, self._smaller(shrink))
 
     def _at_smaller_size(self, frame: StereoFrame, known: float) -> RangeMap | None:
-        """The range map at a size that knows more than this fraction of the pixels; None if there is none."""
+        """The range map at a size that knows more than this fraction of the pixels; None if there
+        is none.
+        """
         best: tuple[ReducedMatcher, RangeMap, int] | None = None
         for shrink in self._sizes:
             matcher = self.at(shrink)

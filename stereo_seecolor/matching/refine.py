@@ -1,4 +1,6 @@
-"""Sub-pixel refinement without pixel locking: one least-squares step of registration over a window (Lucas and Kanade 1981)."""
+"""Sub-pixel refinement without pixel locking: one least-squares step of registration over a window
+(Lucas and Kanade 1981).
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +14,9 @@ from stereo_seecolor.matching.gray import SMOOTHING_PX, Gray, GrayPair
 from stereo_seecolor.records import Map
 
 WINDOW, SMOOTHED = 7, 5
-"""Sides of the windows of the registration and of the smoothing before it, pixels; sums below are written out for them."""
+"""Sides of the windows of the registration and of the smoothing before it, pixels; sums below are
+written out for them.
+"""
 MOMENTS = 7
 
 
@@ -20,9 +24,10 @@ MOMENTS = 7
 class RefineConstants:
     """How far registration may move a disparity, and how much it is trusted.
 
-    largest_step_px: the largest move; matching is right to a pixel or wrong. matching_std_px: standard error of what matching
-    gives; where the images say less than that, the step shrinks to none. samples: independent pixels in a window: the blur before
-    matching has correlated their noise over 4 pi sigma^2.
+    largest_step_px: the largest move; matching is right to a pixel or wrong. matching_std_px:
+    standard error of what matching gives; where the images say less than that, the step shrinks to
+    none. samples: independent pixels in a window: the blur before matching has correlated their
+    noise over 4 pi sigma^2.
     """
 
     largest_step_px: float = 1.0
@@ -31,39 +36,60 @@ class RefineConstants:
 
 
 CONSTANTS = RefineConstants()
-_LARGEST_STEP, _PRIOR, _SAMPLES = CONSTANTS.largest_step_px, 1 / CONSTANTS.matching_std_px**2, CONSTANTS.samples
+_LARGEST_STEP, _PRIOR, _SAMPLES = (
+    CONSTANTS.largest_step_px,
+    1 / CONSTANTS.matching_std_px**2,
+    CONSTANTS.samples,
+)
 
 
 def contrast_gain(left: Gray, right: Gray) -> float:
     """The standard deviation of the left image's gray levels over that of the right one's."""
-    of_left, of_right = (float(cv2.meanStdDev(image[::4, ::4].copy())[1][0, 0]) for image in (left, right))
+    of_left, of_right = (
+        float(cv2.meanStdDev(image[::4, ::4].copy())[1][0, 0]) for image in (left, right)
+    )
     return of_left / max(of_right, 1e-6)
 
 
-def refine_rows(pair: GrayPair, gain: float, found: MatchedDisparity, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
-    """Refine disparities: fill ``refined`` and ``std``, pixels, from row ``first`` of found.best on; return support and relief.
+def refine_rows(
+    pair: GrayPair, gain: float, found: MatchedDisparity, first: int, refined: Map, std: Map
+) -> tuple[Map, Map]:
+    """Refine disparities: fill ``refined`` and ``std``, pixels, from row ``first`` of found.best
+    on; return support and relief.
 
-    gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
-    summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
-    n var(g). The window sees each neighbor at its own, smoothed disparity, so slopes do no harm; neighbors that failed a check
-    are left out of it.
+    gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient
+    g of both images are
+    summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of
+    what is left of e over n var(g). The window sees each neighbor at its own, smoothed disparity,
+    so slopes do no harm; neighbors that failed a check are left out of it.
     support: fraction of the window that passed the checks.
-    relief: |disparity - its mean over those|, pixels: large beside an edge. All are (rows, W), NaN where found.best is.
+    relief: |disparity - its mean over those|, pixels: large beside an edge. All are (rows, W), NaN
+    where found.best is.
     """
     support, relief = np.empty_like(refined), np.empty_like(refined)
     images, rows = (pair.left, pair.right), (first, first + refined.shape[0])
-    _refine(images, np.float32(gain), (found.disparity, found.best), rows, (refined, std, support, relief))
+    _refine(
+        images,
+        np.float32(gain),
+        (found.disparity, found.best),
+        rows,
+        (refined, std, support, relief),
+    )
     return support, relief
 
 
 @compiled
 def _refine(
-    images: tuple[Gray, Gray], gain: Any, matched: tuple[Map, Map], rows: tuple[int, int], found: tuple[Map, Map, Map, Map]
+    images: tuple[Gray, Gray],
+    gain: Any,
+    matched: tuple[Map, Map],
+    rows: tuple[int, int],
+    found: tuple[Map, Map, Map, Map],
 ) -> None:
     """Fill the four maps of ``refine_rows`` in one pass over the rows rows[0] to rows[1] - 1.
 
-    found: refined, std, support, relief. Intermediate values are kept in rings of as many rows as a window has, which fit the
-    processor's cache.
+    found: refined, std, support, relief. Intermediate values are kept in rings of as many rows as a
+    window has, which fit the processor's cache.
     """
     left, right = images
     disparity, best = matched
@@ -86,7 +112,10 @@ def _refine(
                 _smooth_across(disparity[y + near], across[(y + near) % SMOOTHED])
             here = base[y % WINDOW]
             above, above2 = across[max(y - 1, 0) % SMOOTHED], across[max(y - 2, 0) % SMOOTHED]
-            below, below2 = across[min(y + 1, height - 1) % SMOOTHED], across[min(y + 2, height - 1) % SMOOTHED]
+            below, below2 = (
+                across[min(y + 1, height - 1) % SMOOTHED],
+                across[min(y + 2, height - 1) % SMOOTHED],
+            )
             _mean_near(across[y % SMOOTHED], above2, above, below, below2, here)
             _residuals(left[y], right[y], here, gain, samples, half, places, fetched)
             for moment in range(MOMENTS):
@@ -105,14 +134,23 @@ def _refine(
 
 @compiled
 def _smooth_across(disparity: Any, mean: Any) -> None:
-    for x in (0, 1, -2, -1):  # one by one: for whole slices numba would compile a message about shapes, for two seconds
+    for x in (
+        0,
+        1,
+        -2,
+        -1,
+    ):  # one by one: for whole slices numba would compile a message about shapes, for two seconds
         mean[x] = disparity[x]
-    _mean_near(disparity[2:-2], disparity[:-4], disparity[1:-3], disparity[3:-1], disparity[4:], mean[2:-2])
+    _mean_near(
+        disparity[2:-2], disparity[:-4], disparity[1:-3], disparity[3:-1], disparity[4:], mean[2:-2]
+    )
 
 
 @compiled
 def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> None:
-    """Mean with those neighbors that are within one pixel: steps of matching taken out, edges kept."""
+    """Mean with those neighbors that are within one pixel: steps of matching taken out, edges
+    kept.
+    """
     one, none = np.float32(1), np.float32(0)
     for x in range(center.size):
         here = center[x]
@@ -123,25 +161,59 @@ def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> No
             abs(n3[x] - here) < one,
         )
         total = (
-            here + (n0[x] if near0 else none) + (n1[x] if near1 else none) + (n2[x] if near2 else none) + (n3[x] if near3 else none)
+            here
+            + (n0[x] if near0 else none)
+            + (n1[x] if near1 else none)
+            + (n2[x] if near2 else none)
+            + (n3[x] if near3 else none)
         )
-        count = one + (one if near0 else none) + (one if near1 else none) + (one if near2 else none) + (one if near3 else none)
+        count = (
+            one
+            + (one if near0 else none)
+            + (one if near1 else none)
+            + (one if near2 else none)
+            + (one if near3 else none)
+        )
         mean[x] = total / count
 
 
 @compiled
-def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, margin: int, first: Any, fetched: Any) -> None:
-    """Write one row's samples: 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then scratch.
+def _residuals(
+    left: Any,
+    right: Any,
+    disparity: Any,
+    gain: Any,
+    samples: Any,
+    margin: int,
+    first: Any,
+    fetched: Any,
+) -> None:
+    """Write one row's samples: 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where
+    nothing is known; then scratch.
 
-    Pixels of the right image, whose places follow the disparity, are gathered first; the arithmetic then runs as vector code.
+    Pixels of the right image, whose places follow the disparity, are gathered first; the arithmetic
+    then runs as vector code.
     """
     width = disparity.size
     scale, half = np.float32(1 / 256), np.float32(0.5)
-    one, g, e = samples[0, margin : margin + width], samples[1, margin : margin + width], samples[2, margin : margin + width]
-    gg, ge, ee = samples[3, margin : margin + width], samples[4, margin : margin + width], samples[5, margin : margin + width]
+    one, g, e = (
+        samples[0, margin : margin + width],
+        samples[1, margin : margin + width],
+        samples[2, margin : margin + width],
+    )
+    gg, ge, ee = (
+        samples[3, margin : margin + width],
+        samples[4, margin : margin + width],
+        samples[5, margin : margin + width],
+    )
     d = samples[6, margin : margin + width]
     fraction = samples[7, margin : margin + width]
-    nearest, none, last, low = np.float32(1), np.float32(0), np.float32(width - 3), np.uint64(0xFFFF)
+    nearest, none, last, low = (
+        np.float32(1),
+        np.float32(0),
+        np.float32(width - 3),
+        np.uint64(0xFFFF),
+    )
     for x in range(width):
         place = np.float32(x) - disparity[x]
         inside = (place >= nearest) & (place < last) & (x > 0) & (x < width - 1)
@@ -152,12 +224,19 @@ def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, m
     for x in range(width):
         at = first[x]
         near = np.uint64(right[at]) | np.uint64(right[at + 1]) << np.uint64(16)
-        fetched[x] = near | np.uint64(right[at + 2]) << np.uint64(32) | np.uint64(right[at + 3]) << np.uint64(48)
+        fetched[x] = (
+            near
+            | np.uint64(right[at + 2]) << np.uint64(32)
+            | np.uint64(right[at + 3]) << np.uint64(48)
+        )
     before, here, after = left[: width - 2], left[1 : width - 1], left[2:]
     for x in range(1, width - 1):
         t, met = fraction[x], fetched[x]
         a, b = np.float32(np.int32(met & low)), np.float32(np.int32((met >> np.uint64(16)) & low))
-        c, f = np.float32(np.int32((met >> np.uint64(32)) & low)), np.float32(np.int32(met >> np.uint64(48)))
+        c, f = (
+            np.float32(np.int32((met >> np.uint64(32)) & low)),
+            np.float32(np.int32(met >> np.uint64(48))),
+        )
         # Catmull-Rom cubic through b and c
         c1 = half * (c - a)
         c2 = a - np.float32(2.5) * b + np.float32(2) * c - half * f
@@ -195,7 +274,8 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
 def _solve(base: Any, best: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
     """Solve one row: refined disparity, its standard error, and relief.
 
-    base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its place.
+    base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its
+    place.
     """
     one, largest = np.float32(1), np.float32(_LARGEST_STEP)
     prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)

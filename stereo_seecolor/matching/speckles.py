@@ -8,14 +8,20 @@ from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
 
 LARGE_IMAGE_PX = 600_000
-"""Beyond this size every second pixel decides: the filter is not compiled for cores, and patches are larger, too."""
+"""Beyond this size every second pixel decides: the filter is not compiled for cores, and patches
+are larger, too.
+"""
 _UNKNOWN = -0x8000
 PER_PX = 16
-"""OpenCV's fixed-point disparities; neighbors that differ by a pixel or less belong to one patch."""
+"""OpenCV's fixed-point disparities; neighbors that differ by a pixel or less belong to one
+patch.
+"""
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Set disparities to NaN, in place, where fewer than ``pixels`` connected pixels share a disparity to within one pixel."""
+    """Set disparities to NaN, in place, where fewer than ``pixels`` connected pixels share a
+    disparity to within one pixel.
+    """
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
     fixed = np.empty((-(-disparity.shape[0] // every), -(-disparity.shape[1] // every)), np.int16)
     _thin(disparity, every, fixed)

@@ -1,4 +1,6 @@
-"""The matcher's work on a picture of noise, to have its functions compiled before a first run (``compute/compiled.py``)."""
+"""The matcher's work on a picture of noise, to have its functions compiled before a first run
+(``compute/compiled.py``).
+"""
 
 import numpy as np
 
@@ -11,7 +13,9 @@ from stereo_seecolor.matching.matcher import Matcher, disparity_limits
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching, is_first_run
 from stereo_seecolor.records import StereoFrame
 
-PAIR = RectifiedPair(focal_px=160, cx_left_px=96, cx_right_px=96, cy_px=64, baseline_m=0.1, image_size=(192, 128))
+PAIR = RectifiedPair(
+    focal_px=160, cx_left_px=96, cx_right_px=96, cy_px=64, baseline_m=0.1, image_size=(192, 128)
+)
 SHIFT_PX = 5
 
 
@@ -24,7 +28,9 @@ def search_noise() -> None:
 
 
 def load_search() -> None:
-    """Load the compiled search where it is kept on disk; elsewhere each process compiles it when it needs it."""
+    """Load the compiled search where it is kept on disk; elsewhere each process compiles it when it
+    needs it.
+    """
     if not is_first_run():
         search_noise()
 
@@ -32,12 +38,16 @@ def load_search() -> None:
 def judge_noise() -> None:
     """Run all that is done with disparities on noise, so that it is compiled."""
     frame = _noise()
-    left, right = (image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right))  # gray() is compiled elsewhere
+    left, right = (
+        image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right)
+    )  # gray() is compiled elsewhere
     pair = GrayPair(left, right, shrink(left, 2), shrink(right, 2), 2)
     disparity = np.full(pair.left.shape, SHIFT_PX, np.float32)
     found = MatchedDisparity(disparity, disparity.copy(), np.ones_like(disparity))
     Matcher(PAIR, MatchingConfig()).range_map(found, pair)
-    diagnostics.one_sided_warning(pair.small_left, disparity[::2, ::2].copy(), np.zeros(pair.small_left.shape, np.bool_), 2)
+    diagnostics.one_sided_warning(
+        pair.small_left, disparity[::2, ::2].copy(), np.zeros(pair.small_left.shape, np.bool_), 2
+    )
 
 
 def _noise() -> StereoFrame:

@@ -1,4 +1,6 @@
-"""The part of the calibration in the standard errors of a run's measurements, its source, and the page's note on it."""
+"""The part of the calibration in the standard errors of a run's measurements, its source, and the
+page's note on it.
+"""
 
 import math
 from dataclasses import dataclass
@@ -16,8 +18,9 @@ from stereo_seecolor.run_folder.finished_run import FinishedRun
 class CalibrationStd:
     """Relative standard errors of a length by the calibration.
 
-    known_from: "setting": measuring.length_error; "file": the calibration, as stated_by says; or "assumed". length: from that
-    source. yaw: by the refined yaw, at range_m; None where the run refined none, or the setting includes it.
+    known_from: "setting": measuring.length_error; "file": the calibration, as stated_by says; or
+    "assumed". length: from that source. yaw: by the refined yaw, at range_m; None where the run
+    refined none, or the setting includes it.
     """
 
     known_from: Literal["setting", "file", "assumed"]
@@ -33,14 +36,18 @@ class CalibrationStd:
 
 
 def calibration_std(run: FinishedRun) -> CalibrationStd:
-    """The standard errors of a run, at its median range; assumed ones where its rig cannot be read."""
+    """The standard errors of a run, at its median range; assumed ones where its rig cannot be
+    read.
+    """
     if run.config.measuring.length_error is not None:
         return CalibrationStd("setting", run.config.measuring.length_error, None, None)
     try:
         rig = run.rig
     except (InputError, CalibrationError, OSError):
         return CalibrationStd("assumed", LIMITS.calibration_std, None, None)
-    ranges = [frame.facts["median_range_m"] for frame in run.frames if "median_range_m" in frame.facts]
+    ranges = [
+        frame.facts["median_range_m"] for frame in run.frames if "median_range_m" in frame.facts
+    ]
     range_m = median(ranges) if ranges else None
     yaw = _yaw(rig, range_m)
     if rig.errors is None:
@@ -49,8 +56,8 @@ def calibration_std(run: FinishedRun) -> CalibrationStd:
 
 
 def _yaw(rig: StereoRig, range_m: float | None) -> float | None:
-    """The relative error by the refined yaw. Yaw shifts disparities by focal length times yaw, and so ranges by the fraction
-    range / baseline times yaw.
+    """The relative error by the refined yaw. Yaw shifts disparities by focal length times yaw, and
+    so ranges by the fraction range / baseline times yaw.
     """
     if rig.refinement is None or range_m is None:
         return None
@@ -62,7 +69,17 @@ def calibration_note(known: CalibrationStd) -> str:
     """Sentences on the size of the error, its source, and the part of the refined yaw."""
     sentences = [phrase("measure.calibration", percent=digits(100 * known.total, 2))]
     if known.yaw is not None and known.range_m is not None:
-        sentences.append(phrase("measure.calibration_yaw", percent=digits(100 * known.yaw, 2), range=digits(known.range_m, 3)))
+        sentences.append(
+            phrase(
+                "measure.calibration_yaw",
+                percent=digits(100 * known.yaw, 2),
+                range=digits(known.range_m, 3),
+            )
+        )
     percent = digits(100 * known.length, 2)
-    sentences.append(phrase(f"measure.calibration_{known.known_from}", percent=percent, stated_by=known.stated_by))
+    sentences.append(
+        phrase(
+            f"measure.calibration_{known.known_from}", percent=percent, stated_by=known.stated_by
+        )
+    )
     return " ".join(sentences)

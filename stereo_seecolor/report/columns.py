@@ -28,7 +28,9 @@ def columns(facts: DiveFacts) -> dict[str, Any]:
         "status": [row.status for row in facts.rows],
         "errors": {str(i): row.error for i, row in enumerate(facts.rows) if row.error},
         "problems": [problem.what for problem in problems],
-        "problems_of": {str(i): of_frame[row.name] for i, row in enumerate(facts.rows) if row.name in of_frame},
+        "problems_of": {
+            str(i): of_frame[row.name] for i, row in enumerate(facts.rows) if row.name in of_frame
+        },
         "plots": plots(facts),
     }
 
@@ -38,9 +40,18 @@ def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
     known = sorted({key for row in facts.rows for key in row.facts})
     made = {key: {"": [row.facts.get(key) for row in facts.rows]} for key in known}
     made |= _water(facts) | _track(facts)
-    made["seconds"] = {stage: [row.seconds.get(stage) for row in facts.rows] for stage in _stages(facts.rows)}
-    rounded = {plot: {name: _rounded(column) for name, column in curves.items()} for plot, curves in made.items()}
-    return {plot: curves for plot, curves in rounded.items() if any(_varies(column) for column in curves.values())}
+    made["seconds"] = {
+        stage: [row.seconds.get(stage) for row in facts.rows] for stage in _stages(facts.rows)
+    }
+    rounded = {
+        plot: {name: _rounded(column) for name, column in curves.items()}
+        for plot, curves in made.items()
+    }
+    return {
+        plot: curves
+        for plot, curves in rounded.items()
+        if any(_varies(column) for column in curves.values())
+    }
 
 
 def _stages(rows: Sequence[FrameRow]) -> list[str]:
@@ -53,23 +64,37 @@ def _varies(column: Column) -> bool:
 
 
 def _rounded(column: Iterable[float | None]) -> Column:
-    return [float(f"{value:.{DIGITS}g}") if value is not None and math.isfinite(value) else None for value in column]
+    return [
+        float(f"{value:.{DIGITS}g}") if value is not None and math.isfinite(value) else None
+        for value in column
+    ]
 
 
 def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
-    """Each frame's water at 1 m, and the standard error of its attenuation; empty where all frames share one water."""
+    """Each frame's water at 1 m, and the standard error of its attenuation; empty where all frames
+    share one water.
+    """
     if facts.water is not None or not facts.waters:
         return {}
     near = np.array(1.0)
     unknown = np.full(3, np.nan)
     of_frame = {
-        name: (-np.log(water.attenuation(near)), water.backscatter(near), water.standard_errors.get("y", unknown))
+        name: (
+            -np.log(water.attenuation(near)),
+            water.backscatter(near),
+            water.standard_errors.get("y", unknown),
+        )
         for name, water in facts.waters.items()
     }
     made: dict[str, dict[str, Column]] = {}
-    for kind, plot in enumerate(("water_attenuation", "water_backscatter", "water_attenuation_std")):
+    for kind, plot in enumerate(
+        ("water_attenuation", "water_backscatter", "water_attenuation_std")
+    ):
         made[plot] = {
-            channel: [float(of_frame[row.name][kind][c]) if row.name in of_frame else None for row in facts.rows]
+            channel: [
+                float(of_frame[row.name][kind][c]) if row.name in of_frame else None
+                for row in facts.rows
+            ]
             for c, channel in enumerate(("red", "green", "blue"))
         }
     return made
@@ -84,14 +109,23 @@ def _track(facts: DiveFacts) -> dict[str, dict[str, Column]]:
         "height_m": {point.name: point.z_m for point in track},
         "position_residual_m": {point.name: point.position_residual_m for point in track},
     }
-    return {plot: {"": [values.get(row.name) for row in facts.rows]} for plot, values in of_frame.items()}
+    return {
+        plot: {"": [values.get(row.name) for row in facts.rows]}
+        for plot, values in of_frame.items()
+    }
 
 
 def _speeds(track: Sequence[TrackPoint]) -> Mapping[str, float | None]:
-    """Frame -> speed from the frame before it, m/s; None where times are unknown or do not rise. None of the first frame."""
+    """Frame -> speed from the frame before it, m/s; None where times are unknown or do not rise.
+    None of the first frame.
+    """
     speeds: dict[str, float | None] = {}
     for a, b in pairwise(track):
-        seconds = b.timestamp_s - a.timestamp_s if a.timestamp_s is not None and b.timestamp_s is not None else 0.0
+        seconds = (
+            b.timestamp_s - a.timestamp_s
+            if a.timestamp_s is not None and b.timestamp_s is not None
+            else 0.0
+        )
         distance_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
         speeds[b.name] = distance_m / seconds if seconds > 0 else None
     return speeds

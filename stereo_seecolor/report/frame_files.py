@@ -1,4 +1,6 @@
-"""The page's files of one frame: thumbnail, image before and after correction, and ranges to measure in."""
+"""The page's files of one frame: thumbnail, image before and after correction, and ranges to
+measure in.
+"""
 
 import contextlib
 import hashlib
@@ -46,14 +48,18 @@ class Pixels:
 
 @dataclass(frozen=True, eq=False)
 class FrameFiles:
-    """Makes the page's files of a run's frames. rectification: None where the run's rig is not known."""
+    """Makes the page's files of a run's frames. rectification: None where the run's rig is not
+    known.
+    """
 
     run: FinishedRun
     rectification: Rectification | None
 
     @classmethod
     def of(cls, run: FinishedRun) -> "FrameFiles":
-        """The maker of a run's files; without a readable rig, images before correction are left out."""
+        """The maker of a run's files; without a readable rig, images before correction are left
+        out.
+        """
         try:
             return cls(run, Rectification.from_rig(run.rig))
         except (InputError, CalibrationError, OSError):
@@ -68,18 +74,25 @@ class FrameFiles:
             contents = self._contents(frame)
         except InputError as error:
             raise FrameError(frame.name, str(error)) from error
-        return {product: (page_path(product, frame.name), content) for product, content in contents.items()}
+        return {
+            product: (page_path(product, frame.name), content)
+            for product, content in contents.items()
+        }
 
     def _contents(self, frame: FinishedFrame) -> dict[str, bytes]:
         before = None
         with contextlib.suppress(InputError, CalibrationError):  # the input is gone
             before = self.raw(frame)
-        return contents_of(Pixels(frame.name, frame.products, frame.read), before, self.run.geometry)
+        return contents_of(
+            Pixels(frame.name, frame.products, frame.read), before, self.run.geometry
+        )
 
     def raw(self, frame: FinishedFrame) -> Image:
-        """(H, W, 3) the frame's left image, rectified and upright, uncorrected. Raises InputError, CalibrationError.
+        """(H, W, 3) the frame's left image, rectified and upright, uncorrected. Raises InputError,
+        CalibrationError.
 
-        Records of others may name any image of this machine: one is shown only where it is what the run read.
+        Records of others may name any image of this machine: one is shown only where it is what the
+        run read.
         """
         if hashlib.sha256(read_bytes(frame.left)).hexdigest() != frame.sha256:
             raise InputError(f"{frame.left}: is not the image that the run read")
@@ -87,13 +100,18 @@ class FrameFiles:
         if self.run.geometry is None:
             return image
         if self.rectification is None:
-            raise InputError(f"{frame.name}: cannot be rectified: {self.run.root / RIG} is gone or damaged")
+            raise InputError(
+                f"{frame.name}: cannot be rectified: {self.run.root / RIG} is gone or damaged"
+            )
         rectified: Image = self.rectification.upright(self.rectification.apply_left(image))
         return rectified
 
 
-def contents_of(frame: Pixels, before: Image | None, geometry: RectifiedPair | None) -> dict[str, bytes]:
-    """Product -> content of the page's files of a frame. before: its rectified image, uncorrected; None where it is missing.
+def contents_of(
+    frame: Pixels, before: Image | None, geometry: RectifiedPair | None
+) -> dict[str, bytes]:
+    """Product -> content of the page's files of a frame. before: its rectified image, uncorrected;
+    None where it is missing.
 
     Raises InputError if one of the frame's files is missing or damaged.
     """
@@ -147,7 +165,9 @@ COUNT = 6
 
 
 def example_frames(facts: DiveFacts) -> list[tuple[str, str]]:
-    """(frame, key of the text with the reason), at most six: extremes of what was measured, then frames spread over the dive."""
+    """(frame, key of the text with the reason), at most six: extremes of what was measured, then
+    frames spread over the dive.
+    """
     rows = [row for row in facts.pairs if row.status == "ok"]
     picks: dict[str, str] = {}
     if rows:
@@ -177,8 +197,8 @@ FILE = f"{PAGE}/charts.json"
 
 @dataclass(frozen=True)
 class ShownChart:
-    """A chart in a frame. published, before, after: colors of its patches as CSS, after one exposure gain; published, and before
-    and after correction.
+    """A chart in a frame. published, before, after: colors of its patches as CSS, after one
+    exposure gain; published, and before and after correction.
 
     before_ciede2000, after_ciede2000: median over patches, None where the input image is missing.
     """
@@ -193,7 +213,9 @@ class ShownChart:
 
 
 def write_charts(folder: RunFolder, charts: Sequence[ShownChart], spread: Any) -> None:
-    """Keep charts and differences between views (plain values, or None) for pages of the same frames. Raises OutputError."""
+    """Keep charts and differences between views (plain values, or None) for pages of the same
+    frames. Raises OutputError.
+    """
     content = plain({"charts": charts, "spread": spread})
     folder.dive.write(FILE, json.dumps(content).encode(), made_from=folder.dive.digest("corrected"))
 
@@ -201,7 +223,9 @@ def write_charts(folder: RunFolder, charts: Sequence[ShownChart], spread: Any) -
 def kept_charts(folder: RunFolder) -> dict[str, Any]:
     """The content that ``write_charts`` kept; empty where it is of other corrected frames."""
     path = folder.root / FILE
-    if not path.is_file() or folder.dive.record.made_from.get(FILE) != folder.dive.digest("corrected"):
+    if not path.is_file() or folder.dive.record.made_from.get(FILE) != folder.dive.digest(
+        "corrected"
+    ):
         return {}
     try:
         return load_object(path)

@@ -35,7 +35,9 @@ class LivePace:
     """How often the page is written."""
 
     every_s: float = 5.0  # as a person looks on; the browser loads the page as often
-    most_of_time: float = 0.01  # of the run's time goes into its page: large images are shown less often
+    most_of_time: float = (
+        0.01  # of the run's time goes into its page: large images are shown less often
+    )
 
 
 PACE = LivePace()
@@ -108,27 +110,42 @@ class LivePage:
         return [Fact(phrase(key), value) for key, value in values.items() if value]
 
     def _pictures(self, row: FrameRow) -> list[tuple[str, str]]:
-        """(label, data address) of the images that a pair has so far; images that cannot be read are left out."""
+        """(label, data address) of the images that a pair has so far; images that cannot be read
+        are left out.
+        """
         made: list[tuple[str, str]] = []
         record = self.folder.manifest.frame(row.name)
-        current = [stage for stage in record.stages if self.folder.dive.record.is_current(record, stage)] if record else []
+        current = (
+            [stage for stage in record.stages if self.folder.dive.record.is_current(record, stage)]
+            if record
+            else []
+        )
         try:
             made.append((phrase("live.left"), _address(read_image(Path(row.left), self.images))))
             if record and "range" in current:
                 picture, near_m, far_m = range_picture(self.folder.frames.read(record, "range"))
                 label = (
-                    phrase("live.range", low=length(near_m), high=length(far_m)) if np.isfinite(near_m) else phrase("view.unknown")
+                    phrase("live.range", low=length(near_m), high=length(far_m))
+                    if np.isfinite(near_m)
+                    else phrase("view.unknown")
                 )
                 made.append((label, _address(picture)))
             if record and "corrected" in current:
-                made.append((phrase("live.corrected"), _address(self.folder.frames.read(record, "corrected"))))
+                made.append(
+                    (
+                        phrase("live.corrected"),
+                        _address(self.folder.frames.read(record, "corrected")),
+                    )
+                )
         except (InputError, FrameError):
             pass
         return made
 
 
 def _address(pixels: NDArray[Any]) -> str:
-    """A data address, which holds an image within the page, so that page and image are always written together."""
+    """A data address, which holds an image within the page, so that page and image are always
+    written together.
+    """
     return f"data:image/jpeg;base64,{base64.b64encode(preview(pixels, LIVE)).decode('ascii')}"
 
 
@@ -136,16 +153,22 @@ def _address(pixels: NDArray[Any]) -> str:
 # need not be decoded again.
 
 FORMAT = "2"
-"""Version of the files of a frame; increased when their content changes, so that those of an earlier program are made again."""
+"""Version of the files of a frame; increased when their content changes, so that those of an
+earlier program are made again.
+"""
 BRIEF_FRAMES = 24
-"""Frames, spread over the dive, that a brief page shows in full; of the others it shows only the corrected images.
+"""Frames, spread over the dive, that a brief page shows in full; of the others it shows only the
+corrected images.
 
-A pair of 1280x1024 takes some 50 ms of processor time while the run has it in memory: 1 % of a run over 500 pairs.
+A pair of 1280x1024 takes some 50 ms of processor time while the run has it in memory: 1 % of a run
+over 500 pairs.
 """
 
 
 def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
-    """The record of a frame's files on the page, made from a corrected frame of that key. with_before: with its input image."""
+    """The record of a frame's files on the page, made from a corrected frame of that key.
+    with_before: with its input image.
+    """
     settings = content_key(FORMAT)
     return StageRecord(content_key(settings, corrected_key, with_before), settings)
 
@@ -167,6 +190,10 @@ class EarlyFrames:
         return page_stage(corrected_key, with_before=True)
 
     def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame. before: its rectified image, uncorrected. products: product -> array, as it is stored."""
+        """The page's files of a frame. before: its rectified image, uncorrected. products: product
+        -> array, as it is stored.
+        """
         contents = contents_of(Pixels(name, products, products.__getitem__), before, self.geometry)
-        return {product: (page_path(product, name), content) for product, content in contents.items()}
+        return {
+            product: (page_path(product, name), content) for product, content in contents.items()
+        }

@@ -1,4 +1,6 @@
-"""The page's files of a map: mesh, orthomosaic and terrain; made again only after another fusion."""
+"""The page's files of a map: mesh, orthomosaic and terrain; made again only after another
+fusion.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +24,9 @@ from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN, 
 
 FORMAT = "4"
 STRIP_VOXELS = 1
-"""Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to cell, and deflate well."""
+"""Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
+cell, and deflate well.
+"""
 FOLDER = f"{PAGE}/map"
 SQUARES = "reef_metrics.csv"
 Files = Iterator[tuple[str, bytes]]
@@ -31,8 +35,9 @@ Files = Iterator[tuple[str, bytes]]
 def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None:
     """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
-    with_raw: also write the map in uncorrected colors, from frames whose image before correction is on the page; it is made again
-    when more of them are. Without it, such files of an earlier page are kept.
+    with_raw: also write the map in uncorrected colors, from frames whose image before correction is
+    on the page; it is made again when more of them are. Without it, such files of an earlier page
+    are kept.
     """
     made = facts.map
     key = content_key(FORMAT, False, *_stamps(made)) if made else ""
@@ -45,16 +50,24 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None
     if earlier:
         folder.dive.remove(FOLDER)
     if made is not None:
-        folder.dive.write_folder(FOLDER, _MapFiles.of(facts, made, with_raw).contents(key), made_from=f"{key} {painted}")
+        folder.dive.write_folder(
+            FOLDER, _MapFiles.of(facts, made, with_raw).contents(key), made_from=f"{key} {painted}"
+        )
 
 
 def _stamps(made: FinishedMap) -> list[str]:
-    return [Stamp.of(made.folder / name).digest for name in (MESH, MOSAIC, TERRAIN) if (made.folder / name).is_file()]
+    return [
+        Stamp.of(made.folder / name).digest
+        for name in (MESH, MOSAIC, TERRAIN)
+        if (made.folder / name).is_file()
+    ]
 
 
 @dataclass(frozen=True, eq=False)
 class _MapFiles:
-    """Makes the page's files of a map. terrain, raw: None where it has none. std_m: standard error of a height, NaN if unknown."""
+    """Makes the page's files of a map. terrain, raw: None where it has none. std_m: standard error
+    of a height, NaN if unknown.
+    """
 
     made: FinishedMap
     std_m: float
@@ -64,11 +77,15 @@ class _MapFiles:
     @classmethod
     def of(cls, facts: DiveFacts, made: FinishedMap, with_raw: bool) -> "_MapFiles":
         terrain = Terrain.open(made.folder / TERRAIN) if (made.folder / TERRAIN).is_file() else None
-        raw = RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
+        raw = (
+            RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
+        )
         return cls(made, height_std_m(facts.run), terrain, raw)
 
     def contents(self, key: str) -> Files:
-        """(path in page/map, content) of all files; map.js, which lists them, comes last. key: identifies the map."""
+        """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
+        identifies the map.
+        """
         about: dict[str, Any] = {
             "id": key[:16],
             "pieces": {},
@@ -77,7 +94,9 @@ class _MapFiles:
         }
         about["squares"] = _squares(self.made)
         yield from self._mesh(about["pieces"])
-        if (self.made.folder / MOSAIC).is_file() and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
+        if (self.made.folder / MOSAIC).is_file() and (
+            mosaic := mosaic_tiles(self.made.folder / MOSAIC)
+        ):
             about["mosaic"], tiles = mosaic
             yield from ((f"mosaic/{name}", content) for name, content in tiles)
         yield from self._terrain(about)
@@ -91,10 +110,20 @@ class _MapFiles:
         for level, (cell_m, tiles) in enumerate(levels(mesh, voxel_m)):
             for place, piece in tiles.items():
                 name, strips = _name(level, place), piece.in_strips(STRIP_VOXELS * cell_m)
-                about[name] = {**_box(piece), "cell_m": cell_m, "finer": _finer(about, level, place)}
-                yield f"{name}.js", script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel))
+                about[name] = {
+                    **_box(piece),
+                    "cell_m": cell_m,
+                    "finer": _finer(about, level, place),
+                }
+                yield (
+                    f"{name}.js",
+                    script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel)),
+                )
                 if self.raw is not None:
-                    yield f"{name}_raw.js", script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
+                    yield (
+                        f"{name}_raw.js",
+                        script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m)),
+                    )
 
     def _terrain(self, about: dict[str, Any]) -> Files:
         terrain = self.terrain
@@ -105,12 +134,21 @@ class _MapFiles:
         for name, content in height_tiles(width, height, terrain.heights_m):
             tiles.append(name)
             yield f"heights/{name}.js", script("heights", name, content)
-        about["terrain"] = {**terrain.about, "tiles": tiles, "std_m": self.std_m if np.isfinite(self.std_m) else 0.0}
+        about["terrain"] = {
+            **terrain.about,
+            "tiles": tiles,
+            "std_m": self.std_m if np.isfinite(self.std_m) else 0.0,
+        }
         yield from ((f"terrain/{name}", content) for name, content in terrain.colored())
         yield from ((f"hillshade/{name}", content) for name, content in terrain.hillshade())
         if self.raw is not None:
-            about["raw"] = {key: terrain.about[key] for key in ("width", "height", "west_m", "north_m", "pixel_m")}
-            yield from ((f"raw/{name}", content) for name, content in pyramid(width, height, self.raw.read))
+            about["raw"] = {
+                key: terrain.about[key]
+                for key in ("width", "height", "west_m", "north_m", "pixel_m")
+            }
+            yield from (
+                (f"raw/{name}", content) for name, content in pyramid(width, height, self.raw.read)
+            )
 
 
 def _name(level: int, place: Place) -> str:
@@ -119,25 +157,39 @@ def _name(level: int, place: Place) -> str:
 
 def _finer(about: dict[str, Any], level: int, place: Place) -> list[str]:
     """Names of the pieces of the next finer level that cover the same area."""
-    around = [_name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)]
+    around = [
+        _name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)
+    ]
     return [name for name in around if name in about]
 
 
 def _box(piece: Piece) -> dict[str, Any]:
     low, high = piece.points_m.min(axis=0), piece.points_m.max(axis=0)
-    corners = {name: [round(float(value), 4) for value in corner] for name, corner in (("low_m", low), ("high_m", high))}
+    corners = {
+        name: [round(float(value), 4) for value in corner]
+        for name, corner in (("low_m", low), ("high_m", high))
+    }
     return {**corners, "triangles": len(piece.triangles)}
 
 
 def _squares(made: FinishedMap) -> dict[str, Any] | None:
-    """The metrics of each square (reef_metrics.csv): names, and center x, y with the values, None where unknown."""
+    """The metrics of each square (reef_metrics.csv): names, and center x, y with the values, None
+    where unknown.
+    """
     path: Path = made.folder / SQUARES
     if not path.is_file():
         return None
     try:
-        rows = [[*row.values()][1:] for row in table_rows(path.read_bytes()) if row["square"] != "site"]
-        values = [[float(cell) if cell and np.isfinite(float(cell)) else None for cell in row] for row in rows]
+        rows = [
+            [*row.values()][1:] for row in table_rows(path.read_bytes()) if row["square"] != "site"
+        ]
+        values = [
+            [float(cell) if cell and np.isfinite(float(cell)) else None for cell in row]
+            for row in rows
+        ]
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse") from error
+        raise InputError(
+            f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"
+        ) from error
     head = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
     return {"edge_m": made.cell_m["metrics_m"], "names": head[3:], "rows": values}

@@ -1,4 +1,6 @@
-"""The orthomosaic and the terrain for deep zoom: tiles of all levels, the terrain in colors and as light and shade alone."""
+"""The orthomosaic and the terrain for deep zoom: tiles of all levels, the terrain in colors and as
+light and shade alone.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,9 +28,11 @@ Read = Callable[[Box, tuple[int, int]], NDArray[Any]]
 
 
 def pyramid(width: int, height: int, read: Read) -> Iterator[tuple[str, bytes]]:
-    """(LEVEL/COLUMN_ROW.webp, content) of all tiles; each level is half as fine as the next, and level 0 would be a pixel.
+    """(LEVEL/COLUMN_ROW.webp, content) of all tiles; each level is half as fine as the next, and
+    level 0 would be a pixel.
 
-    read: (left, top, width, height) of the image and a size (width, height) -> (h, w, 4) RGBA of that size.
+    read: (left, top, width, height) of the image and a size (width, height) -> (h, w, 4) RGBA of
+    that size.
     """
     finest = levels(width, height) - 1
     for level in range(min(FIRST_LEVEL, finest), finest + 1):
@@ -36,7 +40,10 @@ def pyramid(width: int, height: int, read: Read) -> Iterator[tuple[str, bytes]]:
         for row in range(-(-height // (TILE_PX * scale))):
             for column in range(-(-width // (TILE_PX * scale))):
                 left, top = column * TILE_PX * scale, row * TILE_PX * scale
-                across, down = min(TILE_PX * scale, width - left), min(TILE_PX * scale, height - top)
+                across, down = (
+                    min(TILE_PX * scale, width - left),
+                    min(TILE_PX * scale, height - top),
+                )
                 size = -(-across // scale), -(-down // scale)
                 yield f"{level}/{column}_{row}.webp", _webp(read((left, top, across, down), size))
 
@@ -47,7 +54,9 @@ def levels(width: int, height: int) -> int:
 
 
 def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]]] | None:
-    """Size and place of orthomosaic.tif and its tiles; None where the library that reads it is missing."""
+    """Size and place of orthomosaic.tif and its tiles; None where the library that reads it is
+    missing.
+    """
     try:
         import rasterio
     except ImportError:  # pragma: no cover: where the geo extra is missing
@@ -58,14 +67,18 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
     def read(box: Box, size: tuple[int, int]) -> NDArray[Any]:
         with open_raster(path, 4) as mosaic:
             window = rasterio.windows.Window(*box)
-            return np.moveaxis(mosaic.read([1, 2, 3, 4], window=window, out_shape=(4, size[1], size[0])), 0, -1)
+            return np.moveaxis(
+                mosaic.read([1, 2, 3, 4], window=window, out_shape=(4, size[1], size[0])), 0, -1
+            )
 
     return about, pyramid(about["width"], about["height"], read)
 
 
 @dataclass(frozen=True)
 class Terrain:
-    """dem.tif for the page. about: its size and place, and between which heights its colors lie (low_m, high_m)."""
+    """dem.tif for the page. about: its size and place, and between which heights its colors lie
+    (low_m, high_m).
+    """
 
     path: Path
     about: dict[str, Any]
@@ -85,7 +98,9 @@ class Terrain:
             return cls(path, {**_place(file), **limits})
 
     def heights_m(self, box: Box, size: tuple[int, int] | None = None) -> NDArray[np.float32]:
-        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where unknown."""
+        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where
+        unknown.
+        """
         import rasterio
 
         with open_raster(self.path) as file:
@@ -96,30 +111,56 @@ class Terrain:
 
     def colored(self) -> Iterator[tuple[str, bytes]]:
         """Tiles of heights in colors, lit from the north-west."""
-        return pyramid(self.about["width"], self.about["height"], lambda box, size: self._shaded(box, size, True))
+        return pyramid(
+            self.about["width"],
+            self.about["height"],
+            lambda box, size: self._shaded(box, size, True),
+        )
 
     def hillshade(self) -> Iterator[tuple[str, bytes]]:
         """Tiles of light and shade alone, to be laid over the mosaic."""
-        return pyramid(self.about["width"], self.about["height"], lambda box, size: self._shaded(box, size, False))
+        return pyramid(
+            self.about["width"],
+            self.about["height"],
+            lambda box, size: self._shaded(box, size, False),
+        )
 
     def _shaded(self, box: Box, size: tuple[int, int], colored: bool) -> NDArray[np.uint8]:
-        """(h, w, 4) RGBA, clear where the height is unknown; neighbors beyond the box are used, so that no seam is seen."""
+        """(h, w, 4) RGBA, clear where the height is unknown; neighbors beyond the box are used, so
+        that no seam is seen.
+        """
         step = max(1, round(box[2] / size[0]))
         left, top = int(box[0] > 0), int(box[1] > 0)
-        right, bottom = int(box[0] + box[2] < self.about["width"]), int(box[1] + box[3] < self.about["height"])
-        wider = (box[0] - left * step, box[1] - top * step, box[2] + (left + right) * step, box[3] + (top + bottom) * step)
-        heights = self.heights_m(wider, (size[0] + left + right, size[1] + top + bottom)).astype(np.float64)
+        right, bottom = (
+            int(box[0] + box[2] < self.about["width"]),
+            int(box[1] + box[3] < self.about["height"]),
+        )
+        wider = (
+            box[0] - left * step,
+            box[1] - top * step,
+            box[2] + (left + right) * step,
+            box[3] + (top + bottom) * step,
+        )
+        heights = self.heights_m(wider, (size[0] + left + right, size[1] + top + bottom)).astype(
+            np.float64
+        )
         inner = np.s_[top : top + size[1], left : left + size[0]]
         light, heights = _light(heights, self.about["pixel_m"] * step)[inner], heights[inner]
         known = np.isfinite(heights)
         alpha = np.where(known, 255, 0).astype(np.uint8)
         if not colored:
-            gray = np.clip(255 * light / LIGHT[2], 0, 255).astype(np.uint8)  # level ground is white: it darkens nothing
+            gray = np.clip(255 * light / LIGHT[2], 0, 255).astype(
+                np.uint8
+            )  # level ground is white: it darkens nothing
             return np.dstack([gray, gray, gray, alpha])
         low_m, high_m = self.about["low_m"], self.about["high_m"]
-        level = np.clip((np.where(known, heights, low_m) - low_m) / max(high_m - low_m, 1e-9) * 255, 0, 255).astype(np.uint8)
+        level = np.clip(
+            (np.where(known, heights, low_m) - low_m) / max(high_m - low_m, 1e-9) * 255, 0, 255
+        ).astype(np.uint8)
         color = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)[..., ::-1].astype(np.float64)
-        return np.dstack([np.clip(color * (0.35 + 0.9 * light[..., None]), 0, 255).astype(np.uint8), alpha])
+        return np.dstack(
+            [np.clip(color * (0.35 + 0.9 * light[..., None]), 0, 255).astype(np.uint8), alpha]
+        )
 
 
 def _place(image: Any) -> dict[str, Any]:
@@ -140,12 +181,16 @@ def _percentile(values: NDArray[np.float64], percent: float) -> float:
 
 
 def _light(heights: NDArray[np.float64], cell_m: float) -> NDArray[np.float64]:
-    """(h, w) of 0 to 1: how much light falls on each cell; level ground where a neighbor is unknown."""
+    """(h, w) of 0 to 1: how much light falls on each cell; level ground where a neighbor is
+    unknown.
+    """
     if min(heights.shape) < 2:
         return np.full(heights.shape, LIGHT[2])
     down, right = np.gradient(heights, cell_m)
     normal = np.stack([-np.nan_to_num(right), np.nan_to_num(down), np.ones_like(heights)], axis=-1)
-    light: NDArray[np.float64] = np.clip((normal / np.linalg.norm(normal, axis=-1, keepdims=True)) @ LIGHT, 0, 1)
+    light: NDArray[np.float64] = np.clip(
+        (normal / np.linalg.norm(normal, axis=-1, keepdims=True)) @ LIGHT, 0, 1
+    )
     return light
 
 

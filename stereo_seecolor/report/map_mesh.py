@@ -22,7 +22,9 @@ class MeshSizes:
     first_triangles: int = 100_000  # of the coarsest level: 0.7 MB, drawn at once by any computer
     tile_triangles: int = 150_000  # loaded in a tenth of a second
     most_columns: int = 64  # of the finest level: a long, thin map is cut into no more tiles
-    steps_per_voxel: int = 16  # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
+    steps_per_voxel: int = (
+        16  # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
+    )
     color_step: int = 4  # of 255: noise hides it, and colors take 40 % less
 
 
@@ -43,9 +45,11 @@ class Piece:
         return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
 
     def clustered(self, cell_m: float, low: NDArray[np.float32]) -> "Piece":
-        """A coarser piece: the vertices in each cube of that edge are replaced by their mean (Rossignac and Borrel 1993).
+        """A coarser piece: the vertices in each cube of that edge are replaced by their mean
+        (Rossignac and Borrel 1993).
 
-        low: (2,) x and y of a corner of cubes, so that cubes of a coarser level contain whole cubes of a finer one.
+        low: (2,) x and y of a corner of cubes, so that cubes of a coarser level contain whole cubes
+        of a finer one.
         """
         corner = self.points_m.min(axis=0)
         corner[:2] = low - np.ceil((low - corner[:2]) / cell_m) * cell_m
@@ -58,20 +62,28 @@ class Piece:
         triangles = member[self.triangles]
         a, b, c = triangles.T
         triangles = triangles[(a != b) & (b != c) & (c != a)]
-        return Piece(means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles)
+        return Piece(
+            means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles
+        )
 
     def in_strips(self, strip_m: float) -> "Piece":
-        """The piece with triangles ordered by strips across the map, and vertices in the order in which triangles use them."""
+        """The piece with triangles ordered by strips across the map, and vertices in the order in
+        which triangles use them.
+        """
         centers = self.points_m[self.triangles, :2].mean(axis=1)
         strips = np.floor(centers[:, 1] / strip_m).astype(np.int64)
-        walked = self._of_vertices(*_by_first_use(self.triangles[np.lexsort((centers[:, 0], strips))]))
+        walked = self._of_vertices(
+            *_by_first_use(self.triangles[np.lexsort((centers[:, 0], strips))])
+        )
         return walked._of_vertices(*_by_first_use(_newest_first(walked.triangles)))
 
     def _of_vertices(self, vertices: NDArray[np.int64], triangles: NDArray[np.int64]) -> "Piece":
         return Piece(self.points_m[vertices], self.colors[vertices], triangles)
 
     def packed(self, step_m: float) -> dict[str, Any]:
-        """The piece as the page reads it: differences of positions between vertices, in steps; indices relative to the newest."""
+        """The piece as the page reads it: differences of positions between vertices, in steps;
+        indices relative to the newest.
+        """
         low = self.points_m.min(axis=0).astype(np.float64)
         positions = np.rint((self.points_m - low) / step_m).astype(np.int64)
         indices = self.triangles.ravel()
@@ -81,9 +93,13 @@ class Piece:
             "triangles": len(self.triangles),
             "low_m": [round(float(value), 5) for value in low],
             "step_m": step_m,
-            "positions": text(deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), "repeats")),
+            "positions": text(
+                deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), "repeats")
+            ),
             "colors": packed_colors(self.colors),
-            "indices": text(deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), "repeats")),
+            "indices": text(
+                deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), "repeats")
+            ),
         }
 
 
@@ -94,7 +110,9 @@ def packed_colors(colors: NDArray[np.uint8]) -> str:
 
 
 def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The vertices in the order in which triangles (T, 3) use them, and the triangles with the vertices' new numbers."""
+    """The vertices in the order in which triangles (T, 3) use them, and the triangles with the
+    vertices' new numbers.
+    """
     used, first, inverse = np.unique(triangles.ravel(), return_index=True, return_inverse=True)
     order = np.argsort(first)
     place = np.empty_like(order)
@@ -103,7 +121,9 @@ def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDAr
 
 
 def _newest_first(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The triangles, each starting at its highest vertex: neighbors are then similar, and compress better."""
+    """The triangles, each starting at its highest vertex: neighbors are then similar, and compress
+    better.
+    """
     corners = (np.arange(3) + triangles.argmax(axis=1)[:, None]) % 3
     return np.take_along_axis(triangles, corners, axis=1)
 
@@ -114,24 +134,36 @@ def _planes(differences: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
 
 
 def _bytes(numbers: NDArray[np.uint64], count: int) -> NDArray[np.uint8]:
-    return np.stack([(numbers >> np.uint64(8 * i)) & np.uint64(255) for i in range(count)]).astype(np.uint8)
+    return np.stack([(numbers >> np.uint64(8 * i)) & np.uint64(255) for i in range(count)]).astype(
+        np.uint8
+    )
 
 
 def read_mesh(path: Path) -> Piece:
     """Read a map's mesh.ply."""
     vertices, faces = read_vertices(path), read_triangles(path)
-    return Piece(vertices["position"].astype(np.float32), vertices["color"].copy(), faces["indices"].astype(np.int64))
+    return Piece(
+        vertices["position"].astype(np.float32),
+        vertices["color"].copy(),
+        faces["indices"].astype(np.int64),
+    )
 
 
 def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Piece]]]:
-    """(cell_m, tiles by column and row) of each level of detail, the finest first: each has half as fine cells as the one before.
+    """(cell_m, tiles by column and row) of each level of detail, the finest first: each has half as
+    fine cells as the one before.
 
-    A tile of a level covers four of the level before, and holds about as many triangles as each of those.
+    A tile of a level covers four of the level before, and holds about as many triangles as each of
+    those.
     """
     centers = mesh.points_m[mesh.triangles, :2].mean(axis=1)
     low, high = centers.min(axis=0), centers.max(axis=0)
     tiles, side_m = len(mesh.triangles) / SIZES.tile_triangles, float((high - low).max()) + voxel_m
-    edge_m = side_m if tiles <= 1 else max(float(np.sqrt(np.prod(high - low) / tiles)), side_m / SIZES.most_columns)
+    edge_m = (
+        side_m
+        if tiles <= 1
+        else max(float(np.sqrt(np.prod(high - low) / tiles)), side_m / SIZES.most_columns)
+    )
     cell_m = voxel_m
     while True:
         made = dict(_tiles(mesh, low, edge_m))
@@ -146,7 +178,9 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
 
 def _tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tuple[Place, Piece]]:
     """The triangles of a mesh by the square that their centers lie in."""
-    places = np.floor((mesh.points_m[mesh.triangles, :2].mean(axis=1) - low) / edge_m).astype(np.int64)
+    places = np.floor((mesh.points_m[mesh.triangles, :2].mean(axis=1) - low) / edge_m).astype(
+        np.int64
+    )
     places = np.maximum(places, 0)
     keys = places[:, 1] << 32 | places[:, 0]
     order = np.argsort(keys, kind="stable")

@@ -1,4 +1,6 @@
-"""The page's overview of the dive: facts, methods, settings and citations, as values of the template."""
+"""The page's overview of the dive: facts, methods, settings and citations, as values of the
+template.
+"""
 
 import json
 import math
@@ -29,7 +31,9 @@ from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 @dataclass(frozen=True)
 class RowFacts:
-    """Facts from the rows of frames.csv, of a finished dive or one under way. rows: in the dive's order."""
+    """Facts from the rows of frames.csv, of a finished dive or one under way. rows: in the dive's
+    order.
+    """
 
     rows: tuple[FrameRow, ...]
 
@@ -55,7 +59,9 @@ class RowFacts:
 
 @dataclass(frozen=True)
 class DiveFacts(RowFacts):
-    """Facts of a finished run. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None without a map."""
+    """Facts of a finished run. rows: of frames.csv. waters: by frame name, empty where unknown.
+    map, posed: None without a map.
+    """
 
     run: FinishedRun
     waters: Mapping[str, Water]
@@ -64,7 +70,9 @@ class DiveFacts(RowFacts):
 
     @classmethod
     def of(cls, run: FinishedRun) -> "DiveFacts":
-        """Read the facts of a run. Raises InputError if frames.csv or the map is missing or damaged."""
+        """Read the facts of a run. Raises InputError if frames.csv or the map is missing or
+        damaged.
+        """
         rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
         made = open_map(run.root)
         return cls(rows, run, _waters(run), made, open_posed_run(run.root) if made else None)
@@ -120,19 +128,26 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     """The dive in numbers; what is unknown is left out."""
     done = phrase("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
     range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
-    rugosity, cell_m = (facts.map.site.get("surface_rugosity"), facts.map.cell_m["dem_m"]) if facts.map else (None, 0.0)
+    rugosity, cell_m = (
+        (facts.map.site.get("surface_rugosity"), facts.map.cell_m["dem_m"])
+        if facts.map
+        else (None, 0.0)
+    )
     area_m2 = facts.map.area_m2 if facts.map else None
     values = {
         "frames": done,
         "duration": facts.duration_s and duration(facts.duration_s),
         "track": facts.track_m and length(facts.track_m),
         "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
-        "rugosity": rugosity and phrase("fact.rugosity_value", rugosity=f"{rugosity:.2f}", cell=length(cell_m)),
+        "rugosity": rugosity
+        and phrase("fact.rugosity_value", rugosity=f"{rugosity:.2f}", cell=length(cell_m)),
         "range": range_m and length(range_m),
         "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
         "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
     }
-    return [Fact(phrase(f"fact.{key}"), value) for key, value in values.items() if value] + _halving(facts)
+    return [
+        Fact(phrase(f"fact.{key}"), value) for key, value in values.items() if value
+    ] + _halving(facts)
 
 
 def _halving(facts: DiveFacts) -> list[Fact]:
@@ -142,7 +157,9 @@ def _halving(facts: DiveFacts) -> list[Fact]:
         return []
     rates = -np.log(facts.water.attenuation(np.array(range_m))) / range_m
     return [
-        Fact(phrase("fact.halving", channel=phrase(f"channel.{channel}")), length(math.log(2) / rate))
+        Fact(
+            phrase("fact.halving", channel=phrase(f"channel.{channel}")), length(math.log(2) / rate)
+        )
         for channel, rate in zip(CHANNELS, rates, strict=True)
         if rate > 0
     ]
@@ -154,7 +171,11 @@ def methods(facts: DiveFacts) -> str:
 
 
 def _methods_of_pairs(facts: DiveFacts) -> list[str]:
-    geometry, range_m, coverage = facts.run.geometry, facts.typical("median_range_m"), facts.typical("coverage")
+    geometry, range_m, coverage = (
+        facts.run.geometry,
+        facts.typical("median_range_m"),
+        facts.typical("coverage"),
+    )
     if geometry is None or range_m is None or coverage is None:
         return []
     width, height = geometry.image_size
@@ -183,7 +204,9 @@ def _methods_of_pairs(facts: DiveFacts) -> list[str]:
 def _methods_of_water(facts: DiveFacts) -> list[str]:
     if not facts.waters:
         return []
-    through = np.median([water.attenuation(np.array(1.0)) for water in facts.waters.values()], axis=0)
+    through = np.median(
+        [water.attenuation(np.array(1.0)) for water in facts.waters.values()], axis=0
+    )
     lock = phrase(f"methods.lock.{facts.run.config.color.lock}")
     sentences = [phrase("methods.water", lock=lock, **_by_channel(through))]
     errors = facts.water.standard_errors.get("y") if facts.water else None
@@ -197,19 +220,28 @@ def _methods_of_water(facts: DiveFacts) -> list[str]:
 
 
 def _methods_of_white(facts: DiveFacts) -> list[str]:
-    """How the white point was found, with its standard error where that is known: the largest of the three channels'."""
+    """How the white point was found, with its standard error where that is known: the largest of
+    the three channels'.
+    """
     robust = facts.run.config.color.robust
     if robust.white_point == "scene":
         errors = facts.water.standard_errors.get("white") if facts.water else None
         known = facts.water is not None and errors is not None and bool(np.isfinite(errors).all())
-        percent = f"{np.max(np.asarray(errors) / facts.water.white):.0%}" if known and facts.water else ""
+        percent = (
+            f"{np.max(np.asarray(errors) / facts.water.white):.0%}" if known and facts.water else ""
+        )
         said = phrase("methods.white_error", percent=percent) if known else ""
         return [phrase(f"methods.white.{robust.scene_colors}") + said + "."]
-    return [phrase("methods.white.none" if robust.white_point == "none" else "methods.white.given") + "."]
+    return [
+        phrase("methods.white.none" if robust.white_point == "none" else "methods.white.given")
+        + "."
+    ]
 
 
 def _by_channel(values: Any) -> dict[str, str]:
-    return {channel: digits(float(value), 2) for channel, value in zip(CHANNELS, values, strict=True)}
+    return {
+        channel: digits(float(value), 2) for channel, value in zip(CHANNELS, values, strict=True)
+    }
 
 
 def _methods_of_map(facts: DiveFacts) -> list[str]:
@@ -227,8 +259,14 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
         sentences.append(phrase("methods.scale", factor=digits(made.range_scale, 4)))
     if "surface_rugosity" in made.site:
         cell = digits(1000 * made.cell_m["dem_m"])
-        sentences.append(phrase("methods.map_rugosity", rugosity=f"{made.site['surface_rugosity']:.2f}", cell=cell))
-    residuals = [point.position_residual_m for point in made.track if point.position_residual_m is not None]
+        sentences.append(
+            phrase(
+                "methods.map_rugosity", rugosity=f"{made.site['surface_rugosity']:.2f}", cell=cell
+            )
+        )
+    residuals = [
+        point.position_residual_m for point in made.track if point.position_residual_m is not None
+    ]
     if residuals:
         sentences.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
     return sentences
@@ -241,14 +279,20 @@ def _kind_of_track(made: FinishedMap) -> str:
 
 def citations(facts: DiveFacts) -> list[str]:
     """The works to cite."""
-    return [phrase("cite.program", version=facts.run.version), phrase("cite.deepseecolor"), phrase("cite.seathru")]
+    return [
+        phrase("cite.program", version=facts.run.version),
+        phrase("cite.deepseecolor"),
+        phrase("cite.seathru"),
+    ]
 
 
 def changed_settings(config: RunConfig) -> list[Fact]:
     """Settings that differ from the defaults, by their full name."""
     default = flat(RunConfig().model_dump(mode="json"))
     mine = flat(config.model_dump(mode="json"))
-    return [Fact(key, json.dumps(value)) for key, value in mine.items() if default.get(key) != value]
+    return [
+        Fact(key, json.dumps(value)) for key, value in mine.items() if default.get(key) != value
+    ]
 
 
 # The page's verdict on a dive: whether it is good, and what to examine before using the results.
@@ -258,8 +302,11 @@ def changed_settings(config: RunConfig) -> list[Fact]:
 class VerdictLimits:
     """Limits beyond which the page tells the user to examine the results."""
 
-    warned_fraction: float = 0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
-    unmatched_fraction: float = 0.05  # less of a frame that moves, a fish or a soft coral, is left out and changes nothing else
+    warned_fraction: float = (
+        0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
+    )
+    # less of a frame that moves, a fish or a soft coral, is left out and changes nothing else
+    unmatched_fraction: float = 0.05
     coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
     unrecoverable_fraction: float = 0.1  # more of a frame without one of its colors is seen by eye
     placed_fraction: float = 0.95  # a frame in twenty may point into the blue
@@ -270,7 +317,9 @@ LIMITS = VerdictLimits()
 
 @dataclass(frozen=True)
 class Verdict:
-    """A verdict. good: nothing needs to be examined. line: the verdict in a sentence. reasons: what to examine, a sentence each."""
+    """A verdict. good: nothing needs to be examined. line: the verdict in a sentence. reasons: what
+    to examine, a sentence each.
+    """
 
     good: bool
     line: str
@@ -280,12 +329,20 @@ class Verdict:
 def judge_so_far(facts: RowFacts) -> Verdict:
     """The verdict on the pairs that a run has processed so far."""
     reasons = (*_of_pairs(facts), *_of_pixels(facts))
-    return Verdict(not reasons, phrase("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons)
+    return Verdict(
+        not reasons, phrase("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons
+    )
 
 
 def judge(facts: DiveFacts) -> Verdict:
     """The verdict on a finished run."""
-    reasons = (*_of_shards(facts), *_of_pairs(facts), *_of_pixels(facts), *_of_white(facts), *_of_map(facts))
+    reasons = (
+        *_of_shards(facts),
+        *_of_pairs(facts),
+        *_of_pixels(facts),
+        *_of_white(facts),
+        *_of_map(facts),
+    )
     if not facts.run.frames:
         return Verdict(False, phrase("verdict.nothing"), reasons)
     return Verdict(not reasons, phrase("verdict.look" if reasons else "verdict.good"), reasons)
@@ -308,7 +365,9 @@ def _of_pairs(facts: RowFacts) -> list[str]:
 
 
 def _matters(warning: str) -> bool:
-    """Whether a warning of a frame says more than that something small moved in it, as a soft coral does."""
+    """Whether a warning of a frame says more than that something small moved in it, as a soft coral
+    does.
+    """
     if warning.startswith(DOUBT):  # of the white point: the verdict has a reason of its own
         return False
     small = re.match(r"([\d.]+)% of the left image finds no counterpart", warning)
@@ -327,7 +386,10 @@ def _of_pixels(facts: RowFacts) -> list[str]:
 
 def _of_white(facts: DiveFacts) -> list[str]:
     """The doubt of the white point of most frames, as in frames.csv."""
-    doubts = [white_doubt(water) for water in {id(water): water for water in facts.waters.values()}.values()]
+    doubts = [
+        white_doubt(water)
+        for water in {id(water): water for water in facts.waters.values()}.values()
+    ]
     named = [f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts if doubt]
     return named[:1] if len(named) > len(doubts) / 2 else []
 

@@ -16,7 +16,15 @@ from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.frame_files import FrameFiles, example_frames, kept_charts, raw_is_there
 from stereo_seecolor.report.live_page import FORMAT, frames_in_full, page_stage
 from stereo_seecolor.report.map_files import write_map_files
-from stereo_seecolor.report.overview import NAMED_FRAMES, DiveFacts, changed_settings, citations, dive_facts, judge, methods
+from stereo_seecolor.report.overview import (
+    NAMED_FRAMES,
+    DiveFacts,
+    changed_settings,
+    citations,
+    dive_facts,
+    judge,
+    methods,
+)
 from stereo_seecolor.report.texts import STATIC, filled_in, phrase, script, texts
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -31,7 +39,8 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class PageSummary:
-    """The page that was written: the file to open. made, kept: numbers of frames whose files were made now, or earlier.
+    """The page that was written: the file to open. made, kept: numbers of frames whose files were
+    made now, or earlier.
 
     left_out: frames whose files are gone or damaged, with the reason.
     """
@@ -46,25 +55,36 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
     """Write OUT/index.html and OUT/page. Frames that an earlier page shows are not read again.
 
     brief: show only some frames of a long dive in full, so that a run takes hardly longer.
-    Raises OutputError; InputError if files that the page is made from are missing or damaged. A frame whose files are, is named in
-    the summary and left out.
+    Raises OutputError; InputError if files that the page is made from are missing or damaged. A
+    frame whose files are, is named in the summary and left out.
     """
     facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
     whole = _spread(facts) if brief else {frame.name for frame in run.frames}
     maker = _FrameMaker(folder, FrameFiles.of(run), frozenset(whole))
     made, left_out, shown = 0, {}, {}
-    for number, (frame, record) in enumerate(zip(run.frames, Threads(cores()).each(maker.of, run.frames), strict=True)):
+    for number, (frame, record) in enumerate(
+        zip(run.frames, Threads(cores()).each(maker.of, run.frames), strict=True)
+    ):
         progress(number + 1, len(run.frames))
         if isinstance(record, FrameError):
             left_out[frame.name] = str(record)
         elif record is not None:
             made += "page" in folder.frames.written.stages(frame.name)
             shown[frame.name] = tuple(record.stages["page"].outputs)
-    folder.dive.update(replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings}))
+    folder.dive.update(
+        replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
+    )
     write_map_files(folder, facts, with_raw=not brief)
-    files = {f"{PAGE}/{name}": (STATIC / name).read_bytes() for name in ASSETS if (STATIC / name).is_file()}
-    files |= {f"{PAGE}/dive.js": script("dive", _data(facts, shown)), INDEX: render(facts, shown, kept_charts(folder))}
+    files = {
+        f"{PAGE}/{name}": (STATIC / name).read_bytes()
+        for name in ASSETS
+        if (STATIC / name).is_file()
+    }
+    files |= {
+        f"{PAGE}/dive.js": script("dive", _data(facts, shown)),
+        INDEX: render(facts, shown, kept_charts(folder)),
+    }
     folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
     return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
 
@@ -77,18 +97,24 @@ def _spread(facts: DiveFacts) -> set[str]:
 
 @dataclass(frozen=True, eq=False)
 class _FrameMaker:
-    """Makes the page's files of a frame, unless they exist. whole: names of the frames to show in full."""
+    """Makes the page's files of a frame, unless they exist. whole: names of the frames to show in
+    full.
+    """
 
     folder: RunFolder
     files: FrameFiles
     whole: frozenset[str]
 
     def of(self, frame: FinishedFrame) -> FrameRecord | FrameError | None:
-        """The frame's record; a FrameError where it cannot be shown; None where only its corrected image is shown."""
+        """The frame's record; a FrameError where it cannot be shown; None where only its corrected
+        image is shown.
+        """
         record = self.folder.manifest.frame(frame.name)
         if record is None or "corrected" not in record.stages:
             return None
-        stages = {before: page_stage(record.stages["corrected"].key, before) for before in (True, False)}
+        stages = {
+            before: page_stage(record.stages["corrected"].key, before) for before in (True, False)
+        }
         with_before = raw_is_there(frame)
         good = [stages[True]] if with_before else [stages[True], stages[False]]
         if any(self.folder.frames.finished("page", frame.name, stage.key) for stage in good):
@@ -99,7 +125,9 @@ class _FrameMaker:
             files = self.files.make(frame)
         except FrameError as error:
             return error
-        return self.folder.frames.save(record.with_stage("page", stages[with_before]), "page", files)
+        return self.folder.frames.save(
+            record.with_stage("page", stages[with_before]), "page", files
+        )
 
 
 Shown = dict[str, tuple[str, ...]]
@@ -121,13 +149,18 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "image_suffix": _suffix(run),
         "shelves": _shelves(run),
         **_white(facts.water),
-        "shown": {name: [product.split("/")[1] for product in products] for name, products in shown.items()},
+        "shown": {
+            name: [product.split("/")[1] for product in products]
+            for name, products in shown.items()
+        },
         **columns(facts),
     }
 
 
 def _white(water: Water | None) -> dict[str, Any]:
-    """The water that all frames share, as in water.json, and the errors of its white point; empty where each has its own."""
+    """The water that all frames share, as in water.json, and the errors of its white point; empty
+    where each has its own.
+    """
     return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
 
 
@@ -140,17 +173,32 @@ def _poses(facts: DiveFacts) -> dict[str, list[float]]:
 
 
 def _shelves(run: FinishedRun) -> dict[str, str]:
-    """Frame -> its folder in OUT/corrected, in a dive with so many frames that they are divided among folders."""
-    folders = {frame.name: frame.products["corrected"].parent.name for frame in run.frames if "corrected" in frame.products}
+    """Frame -> its folder in OUT/corrected, in a dive with so many frames that they are divided
+    among folders.
+    """
+    folders = {
+        frame.name: frame.products["corrected"].parent.name
+        for frame in run.frames
+        if "corrected" in frame.products
+    }
     return {name: folder for name, folder in folders.items() if folder != "corrected"}
 
 
 def _suffix(run: FinishedRun) -> str:
-    return next((frame.products["corrected"].suffix for frame in run.frames if "corrected" in frame.products), "")
+    return next(
+        (
+            frame.products["corrected"].suffix
+            for frame in run.frames
+            if "corrected" in frame.products
+        ),
+        "",
+    )
 
 
 def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
-    """The content of index.html, with the overview. found: charts and spread, empty where they were not searched for."""
+    """The content of index.html, with the overview. found: charts and spread, empty where they were
+    not searched for.
+    """
     run = facts.run
     return filled_in(
         "index.html.j2",
@@ -175,5 +223,7 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
 
 
 def dive_name(inputs: Mapping[str, str], root: Path) -> str:
-    """The name of the dive: that of the folder that holds its left images' folder, else that of OUT."""
+    """The name of the dive: that of the folder that holds its left images' folder, else that of
+    OUT.
+    """
     return Path(inputs.get("left", "")).parent.name or root.resolve().name

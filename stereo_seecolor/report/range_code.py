@@ -27,7 +27,9 @@ UNKNOWN = -1
 
 
 def predicted(codes: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """(2, H, W) low and high bytes of the prediction's errors, of codes (H, W) from 0 to 65535 or UNKNOWN."""
+    """(2, H, W) low and high bytes of the prediction's errors, of codes (H, W) from 0 to 65535 or
+    UNKNOWN.
+    """
     planes = np.empty((2, *codes.shape), np.uint8)
     _predict(codes, planes)
     return planes
@@ -61,7 +63,9 @@ def _predict(codes, planes):  # type: ignore[no-untyped-def]
 class RangeCode:
     """Settings of the code."""
 
-    step_per_m: float = 1.9e-4  # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
+    step_per_m: float = (
+        1.9e-4  # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
+    )
     std_floor_m: float = 1e-5  # no stereo measures better
     std_steps_per_octave: int = 12  # 3 % of the standard error; 8 bits reach 24 m
     std_block_px: int = 4  # standard errors vary slowly
@@ -74,7 +78,8 @@ STRIP = 64 * RANGE_CODE_CODE.std_block_px
 
 @dataclass(frozen=True, eq=False)
 class CodedRanges:
-    """A coded range map. step_per_m: of the codes. planes: (2, H, W) uint8, low and high bytes of the prediction's errors.
+    """A coded range map. step_per_m: of the codes. planes: (2, H, W) uint8, low and high bytes of
+    the prediction's errors.
     known: (H, W) bool.
     """
 
@@ -84,7 +89,9 @@ class CodedRanges:
 
     @classmethod
     def of(cls, range_m: Map) -> "CodedRanges":
-        """Code ranges (H, W), NaN where unknown; the step is coarser if the nearest range requires it."""
+        """Code ranges (H, W), NaN where unknown; the step is coarser if the nearest range requires
+        it.
+        """
         known = range_m > 0
         nearest_m = float(np.min(range_m, where=known, initial=np.inf))
         step = max(RANGE_CODE_CODE.step_per_m, 1 / (65535 * nearest_m))
@@ -112,22 +119,31 @@ def _code(range_m, step, codes):  # type: ignore[no-untyped-def]
 
 
 def std_codes(range_std_m: Map) -> NDArray[np.uint8]:
-    """(ceil(H/4), ceil(W/4)) of standard errors (H, W): 0 unknown, else logarithmic steps of each block's median."""
+    """(ceil(H/4), ceil(W/4)) of standard errors (H, W): 0 unknown, else logarithmic steps of each
+    block's median.
+    """
     blocks = std_blocks(range_std_m)
     known = np.isfinite(blocks)
-    octaves = np.log2(np.maximum(np.where(known, blocks, 1), RANGE_CODE_CODE.std_floor_m) / RANGE_CODE_CODE.std_floor_m)
+    octaves = np.log2(
+        np.maximum(np.where(known, blocks, 1), RANGE_CODE_CODE.std_floor_m)
+        / RANGE_CODE_CODE.std_floor_m
+    )
     codes = 1 + np.rint(octaves * RANGE_CODE_CODE.std_steps_per_octave)
     return np.where(known, np.clip(codes, 1, 255), 0).astype(np.uint8)
 
 
 def std_from_codes(codes: NDArray[np.uint8]) -> Map:
     """The standard errors of ``std_codes`` in meters, NaN where unknown."""
-    values = RANGE_CODE_CODE.std_floor_m * 2 ** ((codes.astype(np.float64) - 1) / RANGE_CODE_CODE.std_steps_per_octave)
+    values = RANGE_CODE_CODE.std_floor_m * 2 ** (
+        (codes.astype(np.float64) - 1) / RANGE_CODE_CODE.std_steps_per_octave
+    )
     return np.where(codes > 0, values, np.nan).astype(np.float32)
 
 
 def std_blocks(range_std_m: Map) -> Map:
-    """The median of the known values of each block of 4x4 pixels (the lower of two middle ones); NaN where there is none."""
+    """The median of the known values of each block of 4x4 pixels (the lower of two middle ones);
+    NaN where there is none.
+    """
     strips = range(0, len(range_std_m), STRIP)
     return np.concatenate([_medians(range_std_m[first : first + STRIP]) for first in strips])
 
@@ -138,7 +154,9 @@ def _medians(range_std_m: Map) -> Map:
     rows, columns = -(-height // step), -(-width // step)
     padded = np.full((rows * step, columns * step), np.inf, np.float32)
     padded[:height, :width] = np.where(np.isfinite(range_std_m), range_std_m, np.float32(np.inf))
-    blocks = np.ascontiguousarray(padded.reshape(rows, step, columns, step).transpose(1, 3, 0, 2)).reshape(step**2, rows, columns)
+    blocks = np.ascontiguousarray(
+        padded.reshape(rows, step, columns, step).transpose(1, 3, 0, 2)
+    ).reshape(step**2, rows, columns)
     count = np.isfinite(blocks).sum(axis=0)
     _sort_planes(blocks)
     medians = np.take_along_axis(blocks, np.maximum((count - 1) // 2, 0)[None], axis=0)[0]
@@ -146,7 +164,8 @@ def _medians(range_std_m: Map) -> Map:
 
 
 def _sort_planes(planes: NDArray[np.float32]) -> None:
-    """Sort (2^n, H, W) along its first axis: Batcher's merge exchange (Knuth, Sorting and Searching, 5.2.2, algorithm M).
+    """Sort (2^n, H, W) along its first axis: Batcher's merge exchange (Knuth, Sorting and
+    Searching, 5.2.2, algorithm M).
 
     Whole planes are compared at a time, which takes a fifth of numpy's sort of many short lists.
     """
@@ -187,20 +206,29 @@ def text(content: bytes) -> str:
 class HeightCode:
     """Settings of the code."""
 
-    step_m: float = 5e-5  # an error of 0.025 mm; 3.2 m of relief in a tile, and coarser steps where there is more
+    # an error of 0.025 mm; 3.2 m of relief in a tile, and coarser steps where there is more
+    step_m: float = 5e-5
     tile_px: int = 512  # as the tiles of the mosaic
-    sampled_frames: int = 12  # spread over the dive: the median of their standard errors is steady to a few percent
+    sampled_frames: int = (
+        12  # spread over the dive: the median of their standard errors is steady to a few percent
+    )
 
 
 HEIGHT_CODE_CODE = HeightCode()
 
 
 def coded_heights(heights_m: Map) -> dict[str, Any]:
-    """The content of a script with a tile (H, W) of heights, NaN where unknown; it includes the lowest height and the step."""
+    """The content of a script with a tile (H, W) of heights, NaN where unknown; it includes the
+    lowest height and the step.
+    """
     known = np.isfinite(heights_m)
-    low_m, high_m = (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
+    low_m, high_m = (
+        (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
+    )
     step_m = max(HEIGHT_CODE_CODE.step_m, (high_m - low_m) / 65535)
-    codes = np.where(known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), UNKNOWN).astype(np.int32)
+    codes = np.where(
+        known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), UNKNOWN
+    ).astype(np.int32)
     return {
         "height": heights_m.shape[0],
         "width": heights_m.shape[1],
@@ -211,22 +239,40 @@ def coded_heights(heights_m: Map) -> dict[str, Any]:
     }
 
 
-def height_tiles(width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(COLUMN_ROW, content) of all tiles with a known height. read: (left, top, width, height) -> heights, NaN where unknown."""
+def height_tiles(
+    width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(COLUMN_ROW, content) of all tiles with a known height. read: (left, top, width, height) ->
+    heights, NaN where unknown.
+    """
     for top in range(0, height, HEIGHT_CODE_CODE.tile_px):
         for left in range(0, width, HEIGHT_CODE_CODE.tile_px):
-            heights_m = read((left, top, min(HEIGHT_CODE_CODE.tile_px, width - left), min(HEIGHT_CODE_CODE.tile_px, height - top)))
+            heights_m = read(
+                (
+                    left,
+                    top,
+                    min(HEIGHT_CODE_CODE.tile_px, width - left),
+                    min(HEIGHT_CODE_CODE.tile_px, height - top),
+                )
+            )
             if np.isfinite(heights_m).any():
-                yield f"{left // HEIGHT_CODE_CODE.tile_px}_{top // HEIGHT_CODE_CODE.tile_px}", coded_heights(heights_m)
+                yield (
+                    f"{left // HEIGHT_CODE_CODE.tile_px}_{top // HEIGHT_CODE_CODE.tile_px}",
+                    coded_heights(heights_m),
+                )
 
 
 def height_std_m(run: FinishedRun) -> float:
-    """The standard error of a height of the map, meters: that of a typical range in one frame of the dive.
+    """The standard error of a height of the map, meters: that of a typical range in one frame of
+    the dive.
 
-    Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be read.
+    Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be
+    read.
     """
     frames = run.frames[:: max(1, len(run.frames) // HEIGHT_CODE_CODE.sampled_frames)]
-    known = [value for value in (_typical_std_m(run, frame) for frame in frames) if np.isfinite(value)]
+    known = [
+        value for value in (_typical_std_m(run, frame) for frame in frames) if np.isfinite(value)
+    ]
     return float(np.median(known)) if known else float("nan")
 
 

@@ -1,7 +1,8 @@
 """The map in uncorrected colors, from the page's images before correction.
 
-Each cell of the terrain takes its color from the frame that looks down on it most steeply, of those whose range maps confirm that
-they see it. Nothing is blended, unlike in the orthomosaic: it serves for comparison, and has a quarter of its pixels.
+Each cell of the terrain takes its color from the frame that looks down on it most steeply, of those
+whose range maps confirm that they see it. Nothing is blended, unlike in the orthomosaic: it serves
+for comparison, and has a quarter of its pixels.
 """
 
 import tempfile
@@ -38,8 +39,8 @@ LIMITS = RawLimits()
 
 @dataclass(frozen=True, eq=False)
 class RawMosaic:
-    """The map in uncorrected colors. rgba: (H, W, 4) uint8 on the terrain's cells, alpha 0 where no frame sees the cell; in an
-    unnamed temporary file.
+    """The map in uncorrected colors. rgba: (H, W, 4) uint8 on the terrain's cells, alpha 0 where no
+    frame sees the cell; in an unnamed temporary file.
     """
 
     rgba: NDArray[np.uint8]
@@ -56,7 +57,12 @@ class RawMosaic:
             rgba = np.memmap(file, np.uint8, "w+", shape=(height, width, 4))
         for top in range(0, height, LIMITS.tile_px):
             for left in range(0, width, LIMITS.tile_px):
-                box = (left, top, min(LIMITS.tile_px, width - left), min(LIMITS.tile_px, height - top))
+                box = (
+                    left,
+                    top,
+                    min(LIMITS.tile_px, width - left),
+                    min(LIMITS.tile_px, height - top),
+                )
                 points_m = _points(terrain, box, posed.offset_m)
                 if np.isfinite(points_m[..., 2]).any():
                     rgba[top : top + box[3], left : left + box[2]] = views.paint(points_m)
@@ -66,14 +72,21 @@ class RawMosaic:
         """A box resized to ``size``, for ``pyramid``."""
         left, top, width, height = box
         part = self.rgba[top : top + height, left : left + width]
-        return np.asarray(cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray(
+            cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8
+        )
 
     def colors_of(self, piece: Piece, offset_m: list[float]) -> str:
-        """The colors of a piece's vertices, packed like those of the piece; gray where no frame sees them."""
+        """The colors of a piece's vertices, packed like those of the piece; gray where no frame
+        sees them.
+        """
         about = self.terrain.about
         x = (piece.points_m[:, 0] + offset_m[0] - about["west_m"]) / about["pixel_m"]
         y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
-        columns, rows = np.clip(x.astype(int), 0, about["width"] - 1), np.clip(y.astype(int), 0, about["height"] - 1)
+        columns, rows = (
+            np.clip(x.astype(int), 0, about["width"] - 1),
+            np.clip(y.astype(int), 0, about["height"] - 1),
+        )
         found = self.rgba[rows, columns]
         colors = np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
         return packed_colors(colors)
@@ -81,11 +94,17 @@ class RawMosaic:
 
 def painted_from(posed: PosedRun) -> list[str]:
     """Names of the map's frames whose image before correction is on the page."""
-    return [frame.name for frame in posed.frames if (posed.run.root / page_path("page/before", frame.name)).is_file()]
+    return [
+        frame.name
+        for frame in posed.frames
+        if (posed.run.root / page_path("page/before", frame.name)).is_file()
+    ]
 
 
 def _points(terrain: Terrain, box: Box, offset_m: Floats) -> Floats:
-    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is unknown."""
+    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is
+    unknown.
+    """
     about, (left, top, width, height) = terrain.about, box
     x = about["west_m"] + (left + np.arange(width) + 0.5) * about["pixel_m"] - offset_m[0]
     y = about["north_m"] - (top + np.arange(height) + 0.5) * about["pixel_m"] - offset_m[1]
@@ -105,15 +124,23 @@ class _Views:
     def _open(self, number: int) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """(h, w, 3) RGB picture and (H, W) measured ranges; None where one cannot be read."""
         path = self._posed.run.root / page_path("page/before", self._posed.frames[number].name)
-        bgr = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR)
+        bgr = cv2.imread(
+            str(path), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR
+        )
         try:
-            return None if bgr is None else (bgr[..., ::-1], self._posed.measured_range_m(self._posed.frames[number]))
+            return (
+                None
+                if bgr is None
+                else (bgr[..., ::-1], self._posed.measured_range_m(self._posed.frames[number]))
+            )
         except InputError:
             return None
 
     @property
     def _is_fine(self) -> bool:
-        return self._geometry.image_size[0] >= 1600  # half of the picture's pixels are still finer than the cells
+        return (
+            self._geometry.image_size[0] >= 1600
+        )  # half of the picture's pixels are still finer than the cells
 
     def paint(self, points_m: Floats) -> NDArray[np.uint8]:
         """(h, w, 4) RGBA of cells (h, w, 3)."""
@@ -122,7 +149,9 @@ class _Views:
         known = np.isfinite(points_m[..., 2])
         middle = points_m[known].mean(axis=0)
         T = self._posed.T_map_camera
-        for number in sorted(self.names, key=lambda i: float(np.hypot(*(T[i, :2, 3] - middle[:2]))))[: LIMITS.views]:
+        for number in sorted(
+            self.names, key=lambda i: float(np.hypot(*(T[i, :2, 3] - middle[:2])))
+        )[: LIMITS.views]:
             cost, u, v = self._cost(points_m, number)
             wins = cost < best
             view = self._read(number) if wins.any() else None
@@ -133,27 +162,41 @@ class _Views:
             scale = picture.shape[1] / self._geometry.image_size[0]
             rows = np.clip((v[seen] + 0.5) * scale, 0, picture.shape[0] - 1).astype(int)
             columns = np.clip((u[seen] + 0.5) * scale, 0, picture.shape[1] - 1).astype(int)
-            painted[seen, :3], painted[seen, 3], best[seen] = picture[rows, columns], 255, cost[seen]
+            painted[seen, :3], painted[seen, 3], best[seen] = (
+                picture[rows, columns],
+                255,
+                cost[seen],
+            )
         return painted
 
     def _cost(self, points_m: Floats, number: int) -> tuple[Floats, Floats, Floats]:
-        """Tangent of each cell's viewing angle from the vertical, infinite outside of the image; and its pixel u, v."""
+        """Tangent of each cell's viewing angle from the vertical, infinite outside of the image;
+        and its pixel u, v.
+        """
         g, T = self._geometry, self._posed.T_map_camera[number]
         local = (points_m - T[:3, 3]) @ T[:3, :3]
         with np.errstate(invalid="ignore", divide="ignore"):
             u = g.focal_px * local[..., 0] / local[..., 2] + g.cx_left_px
             v = g.focal_px * local[..., 1] / local[..., 2] + g.cy_px
             width, height = g.image_size
-            inside = (local[..., 2] > 0.05) & (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+            inside = (
+                (local[..., 2] > 0.05) & (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+            )
             offset = points_m - T[:3, 3]
             tangent = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
         return np.where(inside, tangent, np.inf), np.where(inside, u, 0), np.where(inside, v, 0)
 
 
-def _is_seen(points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats) -> NDArray[np.bool_]:
-    """False where a frame's measured range differs from that of a cell, so that it sees something else there."""
+def _is_seen(
+    points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats
+) -> NDArray[np.bool_]:
+    """False where a frame's measured range differs from that of a cell, so that it sees something
+    else there.
+    """
     distance = np.linalg.norm(points_m - T_map_camera[:3, 3], axis=-1)
     measured = range_m[np.rint(v).astype(int), np.rint(u).astype(int)]
     with np.errstate(invalid="ignore"):
-        seen: NDArray[np.bool_] = np.abs(measured - distance) <= LIMITS.hidden_m + LIMITS.hidden_fraction * distance
+        seen: NDArray[np.bool_] = (
+            np.abs(measured - distance) <= LIMITS.hidden_m + LIMITS.hidden_fraction * distance
+        )
     return seen

@@ -26,11 +26,19 @@ def phrase(key: str, **values: Any) -> str:
 
 
 def digits(value: float, count: int = 3) -> str:
-    """A number with ``count`` significant digits, never in powers of ten; what is below a millionth is 0."""
+    """A number with ``count`` significant digits, never in powers of ten; what is below a millionth
+    is 0.
+    """
     if abs(value) < 1e-6:
         return "0"
     text = f"{value:.{count}g}"
-    return f"{value:.0f}" if "e" in text and abs(value) >= 1 else f"{value:.6f}".rstrip("0") if "e" in text else text
+    return (
+        f"{value:.0f}"
+        if "e" in text and abs(value) >= 1
+        else f"{value:.6f}".rstrip("0")
+        if "e" in text
+        else text
+    )
 
 
 def duration(seconds: float) -> str:
@@ -55,8 +63,12 @@ def length(meters: float) -> str:
 
 
 def filled_in(name: str, **values: Any) -> bytes:
-    """A template of static/, filled in with values. Raises jinja2's UndefinedError for a missing value."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    """A template of static/, filled in with values. Raises jinja2's UndefinedError for a missing
+    value.
+    """
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters["path"] = _path
     template = environment.from_string((STATIC / name).read_text(encoding="utf-8"))
     return template.render(**values).encode("utf-8", errors="replace")
@@ -68,9 +80,13 @@ def _path(name: str) -> str:
 
 
 def script(receiver: str, *values: Any) -> bytes:
-    """Data as a script, ``seecolor.RECEIVER(VALUE, ...)``: a page opened from a file may load scripts and images, and nothing else.
+    """Data as a script, ``seecolor.RECEIVER(VALUE, ...)``: a page opened from a file may load
+    scripts and images, and nothing else.
 
     ASCII; NaN and infinity must be None.
     """
-    parts = (json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":")) for value in values)
+    parts = (
+        json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+        for value in values
+    )
     return f"seecolor.{receiver}({','.join(parts)});\n".encode("ascii")

@@ -1,4 +1,6 @@
-"""The files of the whole dive in OUT, such as run.json and the map, and the manifest's record of the dive."""
+"""The files of the whole dive in OUT, such as run.json and the map, and the manifest's record of
+the dive.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -31,23 +33,35 @@ class DiveFiles:
         self._owned, self._manifest = owned, manifest
 
     def digest(self, stage: Stage) -> str:
-        """Hash all frames whose stage is current, to tell whether what is made from them is up to date."""
-        current = (frame for frame in self._manifest.frames() if self.record.is_current(frame, stage))
+        """Hash all frames whose stage is current, to tell whether what is made from them is up to
+        date.
+        """
+        current = (
+            frame for frame in self._manifest.frames() if self.record.is_current(frame, stage)
+        )
         return content_key_of((frame.name, frame.stages[stage].key) for frame in current)
 
     def begin(self, settings: dict[Stage, str]) -> None:
-        """Begin a run: results made with these settings (stage -> hash) are current from now on. Raises OutputError."""
-        kept = self.record.waters if settings.get("corrected") == self.record.settings.get("corrected") else {}
+        """Begin a run: results made with these settings (stage -> hash) are current from now on.
+        Raises OutputError.
+        """
+        kept = (
+            self.record.waters
+            if settings.get("corrected") == self.record.settings.get("corrected")
+            else {}
+        )
         self.update(replace(self.record, state="running", settings=settings, waters=kept))
 
     def set_waters(self, keys: Mapping[str, str]) -> None:
-        """Set each frame's water by name ("*": of all), as its hash; corrections with another water are no longer current. Raises
-        OutputError.
+        """Set each frame's water by name ("*": of all), as its hash; corrections with another water
+        are no longer current. Raises OutputError.
         """
         self.update(replace(self.record, waters=dict(keys)))
 
     def update(self, record: DiveRecord) -> None:
-        """Replace the record of the dive, once all files written before are durable. Raises OutputError."""
+        """Replace the record of the dive, once all files written before are durable. Raises
+        OutputError.
+        """
         self._owned.flush()
         self.record = record
         self._manifest.save_dive(record)
@@ -60,16 +74,23 @@ class DiveFiles:
         self.write_files({name: content}, {name: made_from} if made_from else {})
 
     def write_files(self, contents: Mapping[str, Content], made_from: Mapping[str, str]) -> None:
-        """Write several files of the whole dive; the manifest is written once. made_from: as in ``write``, by name. Raises
-        OutputError.
+        """Write several files of the whole dive; the manifest is written once. made_from: as in
+        ``write``, by name. Raises OutputError.
         """
-        new = {name: content for name, content in contents.items() if isinstance(content, Iterator) or not self._has(name, content)}
+        new = {
+            name: content
+            for name, content in contents.items()
+            if isinstance(content, Iterator) or not self._has(name, content)
+        }
         if new:
             self._put(self._owned.write_temporaries(new.items()), made_from)
             self.written.update(new)
 
-    def write_folder(self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str) -> None:
-        """Write all files of a folder of OUT: path in it, content. made_from: hash of what they were made from. Raises
+    def write_folder(
+        self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str
+    ) -> None:
+        """Write all files of a folder of OUT: path in it, content. made_from: hash of what they
+        were made from. Raises
         OutputError.
         """
         temporaries: dict[str, Path] = {}
@@ -79,22 +100,38 @@ class DiveFiles:
 
     def _put(self, temporaries: Mapping[str, Path], made_from: Mapping[str, str]) -> None:
         """Put written files into their places, once the manifest knows them."""
-        files = {path: (Stamp.of(temporary), *self.record.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
-        self.update(replace(self.record, files=self.record.files | files, made_from={**self.record.made_from, **made_from}))
+        files = {
+            path: (Stamp.of(temporary), *self.record.files.get(path, ())[:2])
+            for path, temporary in temporaries.items()
+        }
+        self.update(
+            replace(
+                self.record,
+                files=self.record.files | files,
+                made_from={**self.record.made_from, **made_from},
+            )
+        )
         self._owned.move_into_place(temporaries, files)
 
     def _has(self, name: str, content: Content) -> bool:
         return is_ours(self.root, name, self.record.files) and holds(self.root / name, content)
 
     def remove(self, *names: str) -> None:
-        """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
+        """Delete files of the whole dive, or all files of a folder such as map, that the program
+        wrote.
+        """
         folders = tuple(f"{name}/" for name in names)
         gone = [path for path in self.record.files if path in names or path.startswith(folders)]
         lost = [name for name in names if name != INDEX and not name.startswith(f"{PAGE}/")]
-        self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in lost]
+        self.removed += [
+            f"{self.root / name}: was made from other frames or settings, and was removed"
+            for name in lost
+        ]
         self._owned.delete(gone, self.record.files)
         files = {path: stamps for path, stamps in self.record.files.items() if path not in gone}
-        made_from = {name: made for name, made in self.record.made_from.items() if name not in names}
+        made_from = {
+            name: made for name, made in self.record.made_from.items() if name not in names
+        }
         self.update(replace(self.record, files=files, made_from=made_from))
         for name in names:
             remove_empty_folders(self.root / name)
@@ -104,11 +141,15 @@ class DiveFiles:
 
 
 def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None = None) -> JsonText:
-    """Make the content of a water.json: one water if all frames share it, else each frame's under its name.
+    """Make the content of a water.json: one water if all frames share it, else each frame's under
+    its name.
 
     light: what was divided out of the frames before.
     """
-    contents = {id(water): water.content() for water in {id(water): water for water in waters.values()}.values()}
+    contents = {
+        id(water): water.content()
+        for water in {id(water): water for water in waters.values()}.values()
+    }
     first = next(iter(contents.values()), None)
     shared = first is not None and all(content == first for content in contents.values())
     frames = Streamed(lambda: ((name, contents[id(water)]) for name, water in waters.items()))
@@ -119,7 +160,8 @@ def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None 
 def read_waters(path: Path, names: Iterable[str]) -> Mapping[str, Water]:
     """Read the water of each of ``names``: the file's one water, or each frame's own.
 
-    Raises InputError if the file is no water.json, or holds waters of single frames and one of ``names`` is not among them.
+    Raises InputError if the file is no water.json, or holds waters of single frames and one of
+    ``names`` is not among them.
     """
     content = read_water_document(path)
     if "water" in content:
@@ -130,7 +172,10 @@ def read_waters(path: Path, names: Iterable[str]) -> Mapping[str, Water]:
     found, read = ByName[Water](), dict[str, Water]()
     for name in names:
         if name not in frames:
-            raise InputError(f"{path}: holds each frame's own water, and none for {name!r}: fit it with color.lock=survey")
+            raise InputError(
+                f"{path}: holds each frame's own water, and none for {name!r}: fit it with "
+                "color.lock=survey"
+            )
         text = repr(frames[name])
         if text not in read:
             read[text] = _water(frames[name], path)

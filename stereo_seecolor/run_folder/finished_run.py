@@ -33,7 +33,8 @@ YEAR_2000 = 946_684_800
 class FinishedFrame:
     """A pair that went through all stages.
 
-    timestamp_s: as the inputs give it. left: the raw left image as it was given, which may be gone since. sha256: of that image.
+    timestamp_s: as the inputs give it. left: the raw left image as it was given, which may be gone
+    since. sha256: of that image.
     sha256_right: of the right one, "" where there is none.
     products: name -> file in OUT. facts: the frame's columns of frames.csv.
     """
@@ -48,26 +49,32 @@ class FinishedFrame:
 
     @property
     def taken(self) -> datetime | None:
-        """The time of the frame in UTC; None without a time stamp, and for one before the year 2000, which is a counter and no
-        date.
+        """The time of the frame in UTC; None without a time stamp, and for one before the year
+        2000, which is a counter and no date.
         """
         stamp_s = self.timestamp_s or 0.0
         return datetime.fromtimestamp(stamp_s, UTC) if stamp_s > YEAR_2000 else None
 
     def read(self, product: str) -> NDArray[Any]:
-        """Read the pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it was not written, or is
-        damaged.
+        """Read the pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it
+        was not written, or is damaged.
         """
         path = self.products.get(product)
         if path is None:
-            raise InputError(f"{self.name}: the run wrote no {product}: run again with it turned on")
+            raise InputError(
+                f"{self.name}: the run wrote no {product}: run again with it turned on"
+            )
         try:
             return read_array(path)
         except InputError as error:
-            raise InputError(f"{path}: is gone or damaged: run again, which makes it again") from error
+            raise InputError(
+                f"{path}: is gone or damaged: run again, which makes it again"
+            ) from error
 
     def measured_range_m(self) -> Map:
-        """Read the measured ranges: (H, W) float32 meters along the ray, NaN where nothing was measured. Raises InputError."""
+        """Read the measured ranges: (H, W) float32 meters along the ray, NaN where nothing was
+        measured. Raises InputError.
+        """
         return np.where(self.read("confidence") > 0, self.read("range"), np.float32(np.nan))
 
 
@@ -98,10 +105,14 @@ class _Totals:
 class FinishedRun:
     """OUT/ as it is now; made by ``open_run``.
 
-    config: the run's own settings. geometry: of the rectified images; None for ``correct``, which knows no camera.
-    T_rectified_left: (4, 4), from the raw left camera's axes. frames: those that are finished and current, in the dive's order.
-    state: whether the latest run came to its end. stale: frames whose products are of earlier settings.
-    totals: the numbers of the latest run's summary. inputs: what the run was given, by name. version: of the program.
+    config: the run's own settings. geometry: of the rectified images; None for ``correct``, which
+    knows no camera.
+    T_rectified_left: (4, 4), from the raw left camera's axes. frames: those that are finished and
+    current, in the dive's order.
+    state: whether the latest run came to its end. stale: frames whose products are of earlier
+    settings.
+    totals: the numbers of the latest run's summary. inputs: what the run was given, by name.
+    version: of the program.
     made: when, as ISO 8601. libraries: versions by name. command_line: as it was given.
     """
 
@@ -126,23 +137,33 @@ class FinishedRun:
 
     @cached_property
     def rig(self) -> StereoRig:
-        """The calibration as the run used it. Raises InputError for a run that knows no camera, CalibrationError if damaged."""
+        """The calibration as the run used it. Raises InputError for a run that knows no camera,
+        CalibrationError if damaged.
+        """
         if self.geometry is None:
-            raise InputError(f"{self.root}: the run knows no camera (made by correct?): this needs the output of run")
+            raise InputError(
+                f"{self.root}: the run knows no camera (made by correct?): this needs the output "
+                "of run"
+            )
         return load_rig(str(self.root / RIG))
 
     def frame(self, name: str) -> FinishedFrame:
         """Find a frame by its name. Raises InputError if the run holds none of that name."""
         found = self._by_name.get(name)
         if found is None:
-            raise InputError(f"{self.root}: holds no finished frame {name!r}: {FRAMES_TABLE} lists what became of each pair")
+            raise InputError(
+                f"{self.root}: holds no finished frame {name!r}: {FRAMES_TABLE} lists what became "
+                "of each pair"
+            )
         return found
 
     @cached_property
     def stalled(self) -> tuple[str, ...]:
-        """Names of the frames of which an image is that of the frame before: a camera stalled, or files were copied.
+        """Names of the frames of which an image is that of the frame before: a camera stalled, or
+        files were copied.
 
-        Where both did, the frame shows nothing new; where one did, its ranges are wrong by the motion since.
+        Where both did, the frame shows nothing new; where one did, its ranges are wrong by the
+        motion since.
         """
         return tuple(
             frame.name
@@ -165,8 +186,8 @@ def settings_file(out: Path) -> Path:
 def open_run(out: Path) -> FinishedRun:
     """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
 
-    Raises InputError if ``out`` holds no run of this version of the program, or one that was killed before it could describe what
-    it made; OutputError where its records or links lead out of it.
+    Raises InputError if ``out`` holds no run of this version of the program, or one that was killed
+    before it could describe what it made; OutputError where its records or links lead out of it.
     """
     refuse_links_out(out)
     manifest = Manifest(out)
@@ -175,10 +196,13 @@ def open_run(out: Path) -> FinishedRun:
     described = content["settings"]
     if any(dive.settings.get(stage) != settings for stage, settings in described.items()):
         raise InputError(
-            f"{out}: a run with other settings was killed, or is under way, and {RUN} is of the run before: run the same line again"
+            f"{out}: a run with other settings was killed, or is under way, and {RUN} is of the "
+            "run before: run the same line again"
         )
     order = {name: number for number, name in enumerate(content["frames"])}
-    records = sorted(manifest.frames(), key=lambda record: (order.get(record.name, len(order)), record.name))
+    records = sorted(
+        manifest.frames(), key=lambda record: (order.get(record.name, len(order)), record.name)
+    )
     last = "corrected" if "corrected" in dive.settings else "range"
     current = [record for record in records if dive.is_current(record, last)]  # type: ignore[arg-type]
     names = {record.name for record in current}
@@ -189,7 +213,9 @@ def open_run(out: Path) -> FinishedRun:
         config=content["config"],
         geometry=geometry,
         T_rectified_left=T,
-        frames=tuple(_frame(out, record, dive, Path(content["working_directory"])) for record in current),
+        frames=tuple(
+            _frame(out, record, dive, Path(content["working_directory"])) for record in current
+        ),
         state=dive.state,
         stale=tuple(record.name for record in records if record.name not in names and record.files),
         totals=content["totals"],
@@ -203,20 +229,27 @@ def open_run(out: Path) -> FinishedRun:
 
 def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
-    source, right = record.inputs.get("left") or record.inputs.get("image"), record.inputs.get("right")
+    source, right = (
+        record.inputs.get("left") or record.inputs.get("image"),
+        record.inputs.get("right"),
+    )
     return FinishedFrame(
         name=record.name,
         timestamp_s=record.timestamp_s,
         left=_found(Path(source.path), base) if source else Path(),
         sha256=source.sha256 if source else "",
-        products={product: out / path for stage in stages for product, path in stage.outputs.items()},
+        products={
+            product: out / path for stage in stages for product, path in stage.outputs.items()
+        },
         facts={key: value for stage in stages for key, value in stage.facts.items()},
         sha256_right=right.sha256 if right else "",
     )
 
 
 def _found(given: Path, base: Path) -> Path:
-    """An input from where it was given: relative to the run's working folder, or, where it is not there, to the present one."""
+    """An input from where it was given: relative to the run's working folder, or, where it is not
+    there, to the present one.
+    """
     return given if given.is_file() and not (base / given).is_file() else base / given
 
 
@@ -230,11 +263,17 @@ def _run_content(out: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
         raise InputError(f"{path}: is no {RUN} of this program (its format is not {RUN_FORMAT!r})")
     if content.get("format_version") != RUN_VERSION or not Manifest(out).exists():
-        raise InputError(f"{path}: was written by another version of the program: run again into a new --out")
+        raise InputError(
+            f"{path}: was written by another version of the program: run again into a new --out"
+        )
     try:
         described = vars(as_record(_Described, content))
         as_record(_Totals, described["totals"])
-        return {**described, **_geometry(content), "config": RunConfig.model_validate(content["config"])}
+        return {
+            **described,
+            **_geometry(content),
+            "config": RunConfig.model_validate(content["config"]),
+        }
     except (TypeError, KeyError, ValueError, AttributeError, CalibrationError) as error:
         raise InputError(f"{path}: is damaged: run again, which keeps what is finished") from error
 
@@ -243,7 +282,10 @@ def _geometry(content: dict[str, Any]) -> dict[str, Any]:
     if content["geometry"] is None:
         return {"geometry": None, "T_rectified_left": None}
     geometry = {**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])}
-    return {"geometry": RectifiedPair(**geometry), "T_rectified_left": np.array(content["T_rectified_left"], dtype=np.float64)}
+    return {
+        "geometry": RectifiedPair(**geometry),
+        "T_rectified_left": np.array(content["T_rectified_left"], dtype=np.float64),
+    }
 
 
 # OUT/map read back: the poses of its frames, and the metrics of its site.
@@ -254,7 +296,9 @@ LONGEST_M = 1000.0
 
 @dataclass(frozen=True)
 class TrackPoint:
-    """The position of a frame's rectified left camera, meters in the map's world; residuals are None where no poses were given."""
+    """The position of a frame's rectified left camera, meters in the map's world; residuals are
+    None where no poses were given.
+    """
 
     name: str
     timestamp_s: float | None
@@ -269,10 +313,12 @@ class TrackPoint:
 class FinishedMap:
     """The main component of a map, in ``folder``.
 
-    track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that the map
-    shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name. offset_m: (3,), what to add to the map's own
-    coordinates to get those of its world. pieces: number of further components. origin: of x and y on Earth. range_scale:
-    how many times as long ranges are in the map than in the frames' files.
+    track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that
+    the map
+    shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name. offset_m:
+    (3,), what to add to the map's own coordinates to get those of its world. pieces: number of
+    further components. origin: of x and y on Earth. range_scale: how many times as long ranges are
+    in the map than in the frames' files.
     """
 
     folder: Path
@@ -293,7 +339,10 @@ def open_map(out: Path) -> FinishedMap | None:
         return None
     try:
         description = load_object(folder / "map.json")
-        cell_m = {name: _length(name, description[name]) for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")}
+        cell_m = {
+            name: _length(name, description[name])
+            for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")
+        }
         squares = _rows(folder / "reef_metrics.csv")
         site = next((_numbers(row) for row in squares if row["square"] == "site"), {})
         return FinishedMap(
@@ -308,13 +357,19 @@ def open_map(out: Path) -> FinishedMap | None:
             range_scale=_length("range_scale", description.get("range_scale", 1)),
         )
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
-        raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
+        raise InputError(
+            f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}"
+        ) from error
 
 
 def track_points(out: Path) -> tuple[TrackPoint, ...]:
-    """Read the positions of the frames of all components of a map; none where there is no map, or it is damaged."""
+    """Read the positions of the frames of all components of a map; none where there is no map, or
+    it is damaged.
+    """
     try:
-        return tuple(_point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path))
+        return tuple(
+            _point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path)
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return ()
 
@@ -344,5 +399,11 @@ def _point(row: dict[str, str]) -> TrackPoint:
     number = {key: float(value) if value else None for key, value in row.items() if key != "name"}
     x_m, y_m, z_m = _place(row[key] for key in ("x_m", "y_m", "z_m"))
     return TrackPoint(
-        row["name"], number["timestamp_s"], x_m, y_m, z_m, number["position_residual_m"], number["attitude_residual_deg"]
+        row["name"],
+        number["timestamp_s"],
+        x_m,
+        y_m,
+        z_m,
+        number["position_residual_m"],
+        number["attitude_residual_deg"],
     )

@@ -1,4 +1,6 @@
-"""OUT while a run writes into it: locked for one run at a time, with every file known to the manifest before it is there."""
+"""OUT while a run writes into it: locked for one run at a time, with every file known to the
+manifest before it is there.
+"""
 
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -17,16 +19,25 @@ from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS, ref
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders
-from stereo_seecolor.run_folder.ownership import Claim, Owner, check_claim, refuse_foreign, refuse_inputs, refuse_used
+from stereo_seecolor.run_folder.ownership import (
+    Claim,
+    Owner,
+    check_claim,
+    refuse_foreign,
+    refuse_inputs,
+    refuse_used,
+)
 
 
 class RunFolder:
     """The output folder OUT of one run; a context manager that locks it.
 
-    Entering takes the lock, refuses a folder that is not this dive's, and deletes what a killed run left half written. frames: the
-    products of single frames. dive: files of the whole dive. owned: the files that the program wrote.
+    Entering takes the lock, refuses a folder that is not this dive's, and deletes what a killed run
+    left half written. frames: the products of single frames. dive: files of the whole dive. owned:
+    the files that the program wrote.
 
-    Raises OutputError if the folder cannot be written, is locked by another run, or holds something else.
+    Raises OutputError if the folder cannot be written, is locked by another run, or holds something
+    else.
     """
 
     def __init__(self, root: Path, claim: Claim) -> None:
@@ -41,7 +52,9 @@ class RunFolder:
 
     @classmethod
     def on_worker(cls, root: Path, token: str) -> Self:
-        """Open the folder in another process for work on single frames, while the process whose lease has this token locks it."""
+        """Open the folder in another process for work on single frames, while the process whose
+        lease has this token locks it.
+        """
         folder = cls(root, Claim(Owner("worker", {})))
         folder.frames.token = token
         return folder
@@ -68,7 +81,8 @@ class RunFolder:
     @classmethod
     @contextmanager
     def existing(cls, root: Path, command: str, inputs: Sequence[Path] = ()) -> Iterator[Self]:
-        """Lock a finished run's folder for a command that adds a map or another file of the whole dive.
+        """Lock a finished run's folder for a command that adds a map or another file of the whole
+        dive.
 
         inputs: files that the command reads, which are not to be replaced. Raises OutputError.
         """
@@ -105,8 +119,8 @@ class RunFolder:
 
 @dataclass(frozen=True)
 class BytesAPixel:
-    """Bytes for each pixel of a product, measured on synthetic pairs of 1280x1024 with 8 bits (docs/performance.md, *Disk*); real
-    ones take as much or less.
+    """Bytes for each pixel of a product, measured on synthetic pairs of 1280x1024 with 8 bits
+    (docs/performance.md, *Disk*); real ones take as much or less.
     """
 
     cloud: float = 13.8
@@ -116,14 +130,18 @@ class BytesAPixel:
     deflated_std: float = 1.2
     others: float = 0.25
     least: float = 0.4
-    """Fraction of the need that a run takes at least: clouds hold known pixels only, pictures of haze are small."""
+    """Fraction of the need that a run takes at least: clouds hold known pixels only, pictures of
+    haze are small.
+    """
 
 
 BYTES = BytesAPixel()
 
 
 def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
-    """Estimate the bytes of a pair. corrected: with its picture and cloud, not with its range alone."""
+    """Estimate the bytes of a pair. corrected: with its picture and cloud, not with its range
+    alone.
+    """
     deflated = output.map_compression is not None
     total = BYTES.others + (BYTES.deflated_range if deflated else BYTES.map)
     total += output.range_std * (BYTES.deflated_std if deflated else BYTES.map)
@@ -133,7 +151,9 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
 
 @dataclass(frozen=True)
 class Room:
-    """The bytes that a number of pairs need on the disk of OUT, and the bytes that are free there."""
+    """The bytes that a number of pairs need on the disk of OUT, and the bytes that are free
+    there.
+    """
 
     pairs: int
     need: float
@@ -141,17 +161,23 @@ class Room:
 
     @classmethod
     def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "Room":
-        """Compute need and free space for the pairs that are left. Raises OutputError where the disk is too small."""
+        """Compute need and free space for the pairs that are left. Raises OutputError where the
+        disk is too small.
+        """
         room = cls(pairs, pairs * pair_bytes, shutil.disk_usage(root).free)
         if room.need * BYTES.least > room.free:
-            raise OutputError(f"{root}: {room.line}: set output.preset=lean, or choose an --out on another disk")
+            raise OutputError(
+                f"{root}: {room.line}: set output.preset=lean, or choose an --out on another disk"
+            )
         return room
 
     @property
     def line(self) -> str:
         """One line for the user, before the work begins."""
         needs = f"{counted(self.pairs, 'pair')} need{'s' if self.pairs == 1 else ''}"
-        return f"disk: {needs} about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
+        return (
+            f"disk: {needs} about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
+        )
 
     @property
     def is_tight(self) -> bool:

@@ -14,12 +14,34 @@ from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import ImageFormat, encode_confidence, encode_image, encode_map, encode_mask, rounded
+from stereo_seecolor.files.encode import (
+    ImageFormat,
+    encode_confidence,
+    encode_image,
+    encode_map,
+    encode_mask,
+    rounded,
+)
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.records import Correction, Image, RangeMap
-from stereo_seecolor.run_folder.layout import PAGE, Stage, Stamp, on_shelf, original_path, product_path, shelf_of, table_file
+from stereo_seecolor.run_folder.layout import (
+    PAGE,
+    Stage,
+    Stamp,
+    on_shelf,
+    original_path,
+    product_path,
+    shelf_of,
+    table_file,
+)
 from stereo_seecolor.run_folder.lock import check_lease
-from stereo_seecolor.run_folder.manifest import FrameRecord, InputRecord, Manifest, StageRecord, input_record
+from stereo_seecolor.run_folder.manifest import (
+    FrameRecord,
+    InputRecord,
+    Manifest,
+    StageRecord,
+    input_record,
+)
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours
 
 # The frames that this run has written, stage by stage.
@@ -62,16 +84,22 @@ class FrameProducts:
         self._owned, self._manifest = owned, manifest
 
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
-        """Find what an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""
+        """Find what an earlier run finished of this frame's stage with the same key; None if a file
+        of it is gone or changed.
+        """
         frame = self._manifest.frame(name)
         record = frame.stages.get(stage) if frame else None
         if frame is None or record is None or record.key != key:
             return None
-        return record if all(is_ours(self.root, path, frame.files) for path in record.outputs.values()) else None
+        return (
+            record
+            if all(is_ours(self.root, path, frame.files) for path in record.outputs.values())
+            else None
+        )
 
     def inputs(self, name: str, paths: Mapping[str, Path], verify: bool) -> dict[str, InputRecord]:
-        """Record a frame's input files by side, with their hashes: an earlier run's where size and time are the same, unless
-        ``verify``.
+        """Record a frame's input files by side, with their hashes: an earlier run's where size and
+        time are the same, unless ``verify``.
 
         Raises InputError if one cannot be read.
         """
@@ -79,26 +107,48 @@ class FrameProducts:
         known = frame.inputs if frame and not verify else {}
         return {side: input_record(path, known.get(side)) for side, path in paths.items()}
 
-    def record(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord], place: tuple[int, int]) -> FrameRecord:
-        """Make the record of a frame with its present inputs. place: a new frame's number in the dive, and the number of frames."""
+    def record(
+        self,
+        name: str,
+        timestamp_s: float | None,
+        inputs: dict[str, InputRecord],
+        place: tuple[int, int],
+    ) -> FrameRecord:
+        """Make the record of a frame with its present inputs. place: a new frame's number in the
+        dive, and the number of frames.
+        """
         known = self._manifest.frame(name) or FrameRecord(name, shelf=shelf_of(place))
         return replace(known, timestamp_s=timestamp_s, inputs=inputs)
 
     def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
-        """Read the pixels of a product of a frame. Raises InputError if the file is gone or damaged."""
-        paths = {name: path for stage in frame.stages.values() for name, path in stage.outputs.items()}
+        """Read the pixels of a product of a frame. Raises InputError if the file is gone or
+        damaged.
+        """
+        paths = {
+            name: path for stage in frame.stages.values() for name, path in stage.outputs.items()
+        }
         return read_array(self.root / paths[product])
 
-    def save(self, frame: FrameRecord, stage: Stage, contents: Mapping[str, tuple[str, Content]]) -> FrameRecord:
+    def save(
+        self, frame: FrameRecord, stage: Stage, contents: Mapping[str, tuple[str, Content]]
+    ) -> FrameRecord:
         """Write all files of a frame's finished stage: product -> path relative to OUT, content.
 
-        frame: its record with the stage in it. What the stage, or one that depends on it, wrote before and does no longer, is
-        deleted. Returns the frame's record as it is then. Raises OutputError.
+        frame: its record with the stage in it. What the stage, or one that depends on it, wrote
+        before and does no longer, is deleted. Returns the frame's record as it is then. Raises
+        OutputError.
         """
         old = self._manifest.frame(frame.name)
-        if stage != "page":  # the page asks for its pictures by name, and by default shows few frames
-            contents = {product: (on_shelf(path, frame.shelf), content) for product, (path, content) in contents.items()}
-        record = replace(frame.stages[stage], outputs={product: path for product, (path, _) in contents.items()})
+        if (
+            stage != "page"
+        ):  # the page asks for its pictures by name, and by default shows few frames
+            contents = {
+                product: (on_shelf(path, frame.shelf), content)
+                for product, (path, content) in contents.items()
+            }
+        record = replace(
+            frame.stages[stage], outputs={product: path for product, (path, _) in contents.items()}
+        )
         frame = frame.with_stage(stage, record)
         live = {path for item in frame.stages.values() for path in item.outputs.values()}
         before = dict(old.files) if old else {}
@@ -106,7 +156,11 @@ class FrameProducts:
         temporaries = self._owned.write_temporaries(contents.values())
         with output_errors(self.root):
             stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
-        files = {path: stamps.get(path, ()) + before.get(path, ())[:2] for path in live if path in stamps or path in before}
+        files = {
+            path: stamps.get(path, ()) + before.get(path, ())[:2]
+            for path in live
+            if path in stamps or path in before
+        }
         frame = replace(frame, files=files)
         check_lease(self.root, self.token)
         self._manifest.save_frame(frame)
@@ -115,12 +169,16 @@ class FrameProducts:
         return frame
 
     def adopt(self, other: Path, frame: FrameRecord) -> None:
-        """Take a frame of another run's folder as one of this, its table included; its files get a second name, or are copied.
+        """Take a frame of another run's folder as one of this, its table included; its files get a
+        second name, or are copied.
 
-        What this folder holds of the frame already is kept if it is the same or more. Raises OutputError.
+        What this folder holds of the frame already is kept if it is the same or more. Raises
+        OutputError.
         """
         known = self._manifest.frame(frame.name)
-        if known and all(self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()):
+        if known and all(
+            self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()
+        ):
             return
         self.discard(frame.name)
         table = table_file(frame.name, frame.shelf)
@@ -130,32 +188,47 @@ class FrameProducts:
             with output_errors(self.root / path):
                 temporaries[path] = link_temporary(other / path, self.root / path)
         self._manifest.save_frame(frame)
-        self._owned.move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
+        self._owned.move_into_place(
+            temporaries,
+            {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()},
+        )
 
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
-        """Note what a worker did for a frame: the stages that it wrote, and the files that it moved aside."""
+        """Note what a worker did for a frame: the stages that it wrote, and the files that it moved
+        aside.
+        """
         for stage in written:
             self.written.add(stage, name)
         self._owned.set_aside += [path for path in aside if path not in self._owned.set_aside]
 
     def rewrite(self, frame: FrameRecord, contents: Mapping[str, bytes]) -> None:
-        """Replace files that a frame has by others (path relative to OUT -> content); its stages stay. Raises OutputError."""
+        """Replace files that a frame has by others (path relative to OUT -> content); its stages
+        stay. Raises OutputError.
+        """
         if not contents:
             return
         temporaries = self._owned.write_temporaries(contents.items())
         with output_errors(self.root):
-            files = {path: (Stamp.of(temporary), *frame.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
+            files = {
+                path: (Stamp.of(temporary), *frame.files.get(path, ())[:2])
+                for path, temporary in temporaries.items()
+            }
         self._manifest.save_frame(replace(frame, files={**frame.files, **files}))
         self._owned.move_into_place(temporaries, files)
 
     def retire(self, name: str) -> bool:
         """Remove a frame that fails now, or is no longer in the dive. Raises OutputError.
 
-        What an earlier run made of it is moved aside, since it cannot be made again without its images; True if there was any.
+        What an earlier run made of it is moved aside, since it cannot be made again without its
+        images; True if there was any.
         """
         frame = self._manifest.frame(name)
         earlier = frame is not None and not self.written.stages(name)
-        products = [path for path in frame.files if not path.startswith(f"{PAGE}/")] if frame and earlier else []
+        products = (
+            [path for path in frame.files if not path.startswith(f"{PAGE}/")]
+            if frame and earlier
+            else []
+        )
         kept = self._owned.retire(products)
         self.discard(name)
         return kept
@@ -174,10 +247,17 @@ class FrameProducts:
 
 MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color not recoverable": 3}
 
-FORMAT_OF_SUFFIX: dict[str, ImageFormat] = {".png": "png", ".jpg": "jpg", ".jpeg": "jpg", ".tif": "tiff", ".tiff": "tiff"}
+FORMAT_OF_SUFFIX: dict[str, ImageFormat] = {
+    ".png": "png",
+    ".jpg": "jpg",
+    ".jpeg": "jpg",
+    ".tif": "tiff",
+    ".tiff": "tiff",
+}
 
 Files = dict[str, tuple[str, Content]]
-"""Product -> path relative to OUT, content. Content is encoded when it is written, so that one file at a time is in memory.
+"""Product -> path relative to OUT, content. Content is encoded when it is written, so that one file
+at a time is in memory.
 
 The largest come first: the disk is waited for while the next are encoded.
 """
@@ -196,43 +276,65 @@ def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
 
 
 def correction_files(
-    name: str, correction: Correction, range_map: RangeMap, geometry: RectifiedPair | None, config: OutputConfig, exif: bytes
+    name: str,
+    correction: Correction,
+    range_map: RangeMap,
+    geometry: RectifiedPair | None,
+    config: OutputConfig,
+    exif: bytes,
 ) -> Files:
-    """Give the files of a corrected frame: OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds. exif: the
-    left image's, or b"".
+    """Give the files of a corrected frame: OUT/corrected, OUT/mask and, if wanted and the camera is
+    known, OUT/clouds. exif: the left image's, or b"".
     """
     pixels = correction.image if correction.linear is None else correction.linear
     contents: dict[str, Callable[[], bytes | memoryview]] = {}
     if config.with_clouds and geometry is not None:
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
-    contents["corrected"] = lambda: encode_image(pixels, config.image_format, exif, config.compression)
+    contents["corrected"] = lambda: encode_image(
+        pixels, config.image_format, exif, config.compression
+    )
     contents["mask"] = lambda: encode_mask(mask_codes(correction, range_map), config.compression)
     return _files(name, contents, config)
 
 
 def original_files(left: Path, correction: Correction, range_map: RangeMap, exif: bytes) -> Files:
-    """Give the files of OUT/original: a corrected frame in the pixels of the raw image ``left``, in that image's own format."""
+    """Give the files of OUT/original: a corrected frame in the pixels of the raw image ``left``, in
+    that image's own format.
+    """
     image_format = FORMAT_OF_SUFFIX[left.suffix.lower()]
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "original/corrected": lambda: encode_image(correction.image, image_format, exif),
         "original/range": lambda: encode_map(range_map.range_m),
         "original/mask": lambda: encode_mask(mask_codes(correction, range_map)),
     }
-    return {product: (original_path(product, left), _encoded(encode)) for product, encode in contents.items()}
+    return {
+        product: (original_path(product, left), _encoded(encode))
+        for product, encode in contents.items()
+    }
 
 
 def rectified_files(name: str, left: Image, right: Image, config: OutputConfig) -> Files:
-    """Give the rectified images of one pair, OUT/rectified_left and OUT/rectified_right, always PNG."""
+    """Give the rectified images of one pair, OUT/rectified_left and OUT/rectified_right, always
+    PNG.
+    """
     return _files(
         name,
-        {"rectified_left": lambda: encode_image(left, "png"), "rectified_right": lambda: encode_image(right, "png")},
+        {
+            "rectified_left": lambda: encode_image(left, "png"),
+            "rectified_right": lambda: encode_image(right, "png"),
+        },
         config,
     )
 
 
-def _files(name: str, contents: dict[str, Callable[[], bytes | memoryview]], config: OutputConfig) -> Files:
-    return {product: (product_path(product, name, config.image_format), _encoded(encode)) for product, encode in contents.items()}
+def _files(
+    name: str, contents: dict[str, Callable[[], bytes | memoryview]], config: OutputConfig
+) -> Files:
+    return {
+        product: (product_path(product, name, config.image_format), _encoded(encode))
+        for product, encode in contents.items()
+    }
 
 
 def _encoded(encode: Callable[[], bytes | memoryview]) -> Iterator[bytes | memoryview]:

@@ -36,7 +36,9 @@ _TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "e
 
 
 def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
-    """Write the rows as lines of UTF-8 CSV, with columns in a fixed order and one ``<stage>_s`` column for each stage."""
+    """Write the rows as lines of UTF-8 CSV, with columns in a fixed order and one ``<stage>_s``
+    column for each stage.
+    """
     facts, stages = set[str](), set[str]()
     for row in rows:
         facts.update(row.facts)
@@ -44,24 +46,39 @@ def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
     columns = ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"]
     yield _csv_line([*columns, *sorted(facts), *(f"{stage}_s" for stage in sorted(stages))])
     for start in range(0, len(rows), CHUNK):
-        yield _csv_text(_cells(row, sorted(facts), sorted(stages)) for row in rows[start : start + CHUNK])
+        yield _csv_text(
+            _cells(row, sorted(facts), sorted(stages)) for row in rows[start : start + CHUNK]
+        )
 
 
 def _cells(row: FrameRow, facts: Sequence[str], stages: Sequence[str]) -> list[object]:
     timestamp = "" if row.timestamp_s is None else f"{row.timestamp_s:.9f}"
-    texts = [row.name, row.status, int(row.kept), row.left, row.right, timestamp, row.error, "; ".join(row.warnings)]
+    texts = [
+        row.name,
+        row.status,
+        int(row.kept),
+        row.left,
+        row.right,
+        timestamp,
+        row.error,
+        "; ".join(row.warnings),
+    ]
     numbers = [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
     seconds = [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
     return [*texts, *numbers, *seconds]
 
 
 def read_frames(path: Path, stages: Sequence[str]) -> tuple[FrameRow, ...]:
-    """Read the rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it is gone or damaged."""
+    """Read the rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it
+    is gone or damaged.
+    """
     return _read(path, lambda cells: _with_numbers(_row(cells), cells, stages))
 
 
 def read_rows(path: Path) -> tuple[FrameRow, ...]:
-    """Read name, status, files, time and error alone of each row of a frames.csv. Raises InputError as ``read_frames``."""
+    """Read name, status, files, time and error alone of each row of a frames.csv. Raises InputError
+    as ``read_frames``.
+    """
     return _read(path, _row)
 
 
@@ -69,7 +86,9 @@ def _read(path: Path, row_of: Callable[[dict[str, str]], FrameRow]) -> tuple[Fra
     try:
         return tuple(map(row_of, table_rows(path.read_bytes())))
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: is gone or damaged ({error}): run the same line again, which writes it again") from error
+        raise InputError(
+            f"{path}: is gone or damaged ({error}): run the same line again, which writes it again"
+        ) from error
 
 
 def _row(cells: dict[str, str]) -> FrameRow:
@@ -90,21 +109,35 @@ def _with_numbers(row: FrameRow, cells: dict[str, str], stages: Sequence[str]) -
     numbers = {key: float(value) for key, value in cells.items() if key not in _TEXTS and value}
     seconds = {stage: numbers.pop(f"{stage}_s") for stage in stages if f"{stage}_s" in numbers}
     warnings = tuple(text for text in cells["warnings"].split("; ") if text)
-    return replace(row, warnings=warnings, kept=cells["kept"] == "1", seconds=seconds, facts=numbers)
+    return replace(
+        row, warnings=warnings, kept=cells["kept"] == "1", seconds=seconds, facts=numbers
+    )
 
 
 def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
-    """Replace the residuals of given poses, the last columns of frames.csv, by those of ``points``; none without given poses.
+    """Replace the residuals of given poses, the last columns of frames.csv, by those of ``points``;
+    none without given poses.
 
     Raises ValueError for a table that is damaged.
     """
-    residuals = {point.name: (point.position_residual_m, point.attitude_residual_deg) for point in points}
-    kept = [name for name in next(csv.reader([content.decode().partition("\n")[0]])) if name not in RESIDUALS]
+    residuals = {
+        point.name: (point.position_residual_m, point.attitude_residual_deg) for point in points
+    }
+    kept = [
+        name
+        for name in next(csv.reader([content.decode().partition("\n")[0]]))
+        if name not in RESIDUALS
+    ]
     given = any(value is not None for values in residuals.values() for value in values)
     lines = [_csv_line([*kept, *(RESIDUALS if given else ())])]
     for row in table_rows(content):
         values = residuals.get(row["name"], (None, None)) if given else ()
-        lines.append(_csv_line([row[name] for name in kept] + ["" if value is None else f"{value:.4f}" for value in values]))
+        lines.append(
+            _csv_line(
+                [row[name] for name in kept]
+                + ["" if value is None else f"{value:.4f}" for value in values]
+            )
+        )
     return b"".join(lines)
 
 
@@ -128,7 +161,9 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class FrameTable:
-    """The rows of a dive in the order in which they came. failed: name of a pair that failed -> why."""
+    """The rows of a dive in the order in which they came. failed: name of a pair that failed ->
+    why.
+    """
 
     def __init__(self) -> None:
         self.failed: dict[str, str] = {}
@@ -169,7 +204,8 @@ class ProductSummary:
 class RunSummary:
     """The end of a run.
 
-    notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was interrupted. products: what is current.
+    notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was
+    interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
     missing_shards: of the dive, which were not merged.
     """
@@ -184,7 +220,9 @@ class RunSummary:
 
     @property
     def all_done(self) -> bool:
-        """Tell whether every file of the whole dive found its partner and every pair went through."""
+        """Tell whether every file of the whole dive found its partner and every pair went
+        through.
+        """
         return not self.stopped and not self.missing_shards and self.count("ok") == len(self.rows)
 
     def count(self, status: Status) -> int:
@@ -217,17 +255,22 @@ class RunSummary:
             "kept": self.kept,
             "stopped": self.stopped,
             "wall_seconds": round(self.wall_seconds, 3),
-            "stage_seconds": {stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()},
+            "stage_seconds": {
+                stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()
+            },
             "notes": list(self.notes),
             **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),
         }
 
     def problems(self) -> list[tuple[str, int, str]]:
-        """List errors and warnings, the most frequent first, as (what, how often, first name); those that differ in numbers alone
-        count as one.
+        """List errors and warnings, the most frequent first, as (what, how often, first name);
+        those that differ in numbers alone count as one.
         """
-        return [(problem.what, len(problem.names), problem.names[0]) for problem in problems_of(self.rows)]
+        return [
+            (problem.what, len(problem.names), problem.names[0])
+            for problem in problems_of(self.rows)
+        ]
 
     def stage_seconds(self) -> dict[str, float]:
         """Sum the seconds of each stage over all pairs, the slowest first."""
@@ -236,7 +279,9 @@ class RunSummary:
 
 @dataclass(frozen=True)
 class _Tally:
-    """counts: rows of each status. kept: pairs that an earlier run had finished. seconds: of each stage, over all rows."""
+    """counts: rows of each status. kept: pairs that an earlier run had finished. seconds: of each
+    stage, over all rows.
+    """
 
     counts: Counter[str]
     kept: int
@@ -245,20 +290,27 @@ class _Tally:
 
 @dataclass(frozen=True)
 class Problem:
-    """A kind of error or warning. what: its text, as it came first. names: of the frames that have it, in order."""
+    """A kind of error or warning. what: its text, as it came first. names: of the frames that have
+    it, in order.
+    """
 
     what: str
     names: tuple[str, ...]
 
 
 def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
-    """Group errors and warnings into kinds, the most frequent first; those that differ in numbers alone are one kind."""
+    """Group errors and warnings into kinds, the most frequent first; those that differ in numbers
+    alone are one kind.
+    """
     seen: dict[str, tuple[str, list[str]]] = {}
     for row in rows:
         for text in (*((row.error,) if row.error else ()), *row.warnings):
             what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
             seen.setdefault(_NUMBER.sub("", what), (what, []))[1].append(row.name)
-    return sorted((Problem(what, tuple(names)) for what, names in seen.values()), key=lambda problem: -len(problem.names))
+    return sorted(
+        (Problem(what, tuple(names)) for what, names in seen.values()),
+        key=lambda problem: -len(problem.names),
+    )
 
 
 # The current products of a run, found in one pass over the records of its frames: a dive may have
@@ -272,8 +324,9 @@ GROUP = 250
 class CurrentFrames:
     """What is current in OUT.
 
-    done: the frames of the run whose last stage is current. digests: stage -> hash of all frames of which it is current
-    (``DiveFiles.digest``). made: product -> number of frames that have a current one. written: number of those that this run wrote.
+    done: the frames of the run whose last stage is current. digests: stage -> hash of all frames of
+    which it is current (``DiveFiles.digest``). made: product -> number of frames that have a
+    current one. written: number of those that this run wrote.
     """
 
     done: SomeNames
@@ -282,9 +335,11 @@ class CurrentFrames:
     written: Counter[str]
 
     @classmethod
-    def of(cls, folder: RunFolder, names: Names, last: Stage, compute: Compute | None) -> "CurrentFrames":
-        """Examine the frames of a run with these names. last: its last stage. compute: reads the records; None reads them in this
-        process.
+    def of(
+        cls, folder: RunFolder, names: Names, last: Stage, compute: Compute | None
+    ) -> "CurrentFrames":
+        """Examine the frames of a run with these names. last: its last stage. compute: reads the
+        records; None reads them in this process.
         """
         done, made, written = np.zeros(len(names), np.bool_), Counter[str](), Counter[str]()
         keys: dict[Stage, ContentKey] = {"range": ContentKey(), "corrected": ContentKey()}
@@ -300,7 +355,9 @@ class CurrentFrames:
                     keys[stage].add((frame.name, record.key))
                 if stage == last and (number := names.number(frame.name)) is not None:
                     done[number] = True
-        return cls(SomeNames(names, done), {stage: key.value for stage, key in keys.items()}, made, written)
+        return cls(
+            SomeNames(names, done), {stage: key.value for stage, key in keys.items()}, made, written
+        )
 
 
 def _records(manifest: Manifest, compute: Compute | None) -> Iterable[FrameRecord]:
@@ -319,11 +376,19 @@ class _RecordsOf:
     def __call__(self, names: Sequence[str]) -> list[FrameRecord]:
         found = (self.manifest.frame(name) for name in names)
         return [
-            FrameRecord(frame.name, stages={stage: _without_facts(record) for stage, record in frame.stages.items()})
+            FrameRecord(
+                frame.name,
+                stages={stage: _without_facts(record) for stage, record in frame.stages.items()},
+            )
             for frame in found
             if frame
         ]
 
 
 def _without_facts(record: StageRecord) -> StageRecord:
-    return replace(record, outputs=dict.fromkeys(record.outputs.keys() & PRODUCTS.keys(), ""), facts={}, warnings=())
+    return replace(
+        record,
+        outputs=dict.fromkeys(record.outputs.keys() & PRODUCTS.keys(), ""),
+        facts={},
+        warnings=(),
+    )

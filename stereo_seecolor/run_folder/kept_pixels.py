@@ -22,7 +22,11 @@ from stereo_seecolor.run_folder.layout import scratch_folder
 class KeptPixelsLimits:
     """Limits of memory and disk."""
 
-    memory_bytes: int = 160 << 20  # 16 frames of 1.3 megapixels; reading one back from a file takes 4 ms where decoding takes 30
+    memory_bytes: int = (
+        160 << 20
+        # 16 frames of 1.3 megapixels; reading one back from a file takes 4 ms where decoding takes
+        # 30
+    )
     free_disk_bytes: int = 4 << 30  # no files where less is free: OUT itself needs it
 
 
@@ -31,27 +35,34 @@ LIMITS = KeptPixelsLimits()
 
 @dataclass(frozen=True, eq=False)
 class FramePixels:
-    """A rectified left image; its ranges and which of them were measured, None where they must be read from OUT."""
+    """A rectified left image; its ranges and which of them were measured, None where they must be
+    read from OUT.
+    """
 
     image: Image
     range_m: Map | None = None
     measured: Mask | None = None
 
     def alone(self) -> "FramePixels":
-        """Copy the ranges out of the larger block of memory that a match allocates, so that the block is freed."""
+        """Copy the ranges out of the larger block of memory that a match allocates, so that the
+        block is freed.
+        """
         return replace(self, range_m=None if self.range_m is None else self.range_m.copy())
 
     @property
     def size(self) -> int:
         """The bytes that it takes in memory."""
-        return sum(array.nbytes for array in (self.image, self.range_m, self.measured) if array is not None)
+        return sum(
+            array.nbytes for array in (self.image, self.range_m, self.measured) if array is not None
+        )
 
 
 class KeptPixels:
     """Pixels of frames, each under the hash of what they were made from.
 
-    All processes of the run on this machine share the files: a process that does not hold OUT keeps pixels in files only, as a
-    later pass may run in any process. A process of another machine keeps nothing: its file would cross the network twice.
+    All processes of the run on this machine share the files: a process that does not hold OUT keeps
+    pixels in files only, as a later pass may run in any process. A process of another machine keeps
+    nothing: its file would cross the network twice.
     """
 
     def __init__(self, root: Path | None, in_memory: bool = True) -> None:
@@ -60,7 +71,9 @@ class KeptPixels:
         self._memory: dict[tuple[str, str], FramePixels] = {}
         self._bytes = 0
 
-    def __reduce__(self) -> tuple[Callable[[Path | None, str], "KeptPixels"], tuple[Path | None, str]]:
+    def __reduce__(
+        self,
+    ) -> tuple[Callable[[Path | None, str], "KeptPixels"], tuple[Path | None, str]]:
         return KeptPixels.on_worker, (self._root, platform.node())
 
     @classmethod

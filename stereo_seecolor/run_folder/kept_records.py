@@ -1,6 +1,8 @@
-"""What a run keeps in OUT/.state so that a rerun need not find it again: light, fit of the water, refined rig, and plan.
+"""What a run keeps in OUT/.state so that a rerun need not find it again: light, fit of the water,
+refined rig, and plan.
 
-Each record is JSON under the hash of what it was made from; one that is damaged is as if it were not there.
+Each record is JSON under the hash of what it was made from; one that is damaged is as if it were
+not there.
 """
 
 import hashlib
@@ -20,7 +22,13 @@ from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.run_folder.dive_files import read_waters
-from stereo_seecolor.run_folder.layout import WATER, fit_file, light_file, plan_file, refinement_files
+from stereo_seecolor.run_folder.layout import (
+    WATER,
+    fit_file,
+    light_file,
+    plan_file,
+    refinement_files,
+)
 from stereo_seecolor.water.model import Water
 
 
@@ -28,7 +36,8 @@ from stereo_seecolor.water.model import Water
 class KeptLight:
     """A solved light.
 
-    key: hash of all that it was solved from. note: what the run reported of it. light: the content of a Light, None = not used.
+    key: hash of all that it was solved from. note: what the run reported of it. light: the content
+    of a Light, None = not used.
     linked: frames that show the same as the one before them.
     """
 
@@ -39,7 +48,12 @@ class KeptLight:
 
     def save(self, root: Path) -> None:
         """Write the record. Raises OutputError."""
-        content = {"key": self.key, "note": self.note, "light": self.light, "linked": StreamedList(lambda: self.linked)}
+        content = {
+            "key": self.key,
+            "note": self.note,
+            "light": self.light,
+            "linked": StreamedList(lambda: self.linked),
+        }
         write_atomic(light_file(root), JsonText(content))
 
     @classmethod
@@ -54,8 +68,8 @@ class KeptLight:
 
 @dataclass(frozen=True)
 class KeptFit:
-    """A finished fit. key: hash of all that the waters were fitted to. notes: what the run reported of the fit. sha256: of
-    water.json after it.
+    """A finished fit. key: hash of all that the waters were fitted to. notes: what the run reported
+    of the fit. sha256: of water.json after it.
     """
 
     key: str
@@ -97,7 +111,8 @@ class KeptFit:
 class KeptRefinement:
     """A refinement as OUT keeps it.
 
-    key: hash of the rig before and of how images are read. pairs: name -> SHA-256 of each file of the pairs it rests on.
+    key: hash of the rig before and of how images are read. pairs: name -> SHA-256 of each file of
+    the pairs it rests on.
     note: what the run said of it.
     """
 
@@ -113,7 +128,9 @@ class KeptRefinement:
 
     @classmethod
     def load(cls, root: Path) -> "tuple[KeptRefinement, StereoRig] | None":
-        """Read the record of an earlier run, and its rig; None where there is none, or it is damaged."""
+        """Read the record of an earlier run, and its rig; None where there is none, or it is
+        damaged.
+        """
         rig_file, file = refinement_files(root)
         try:
             return as_record(cls, load_object(file)), native.read(rig_file)
@@ -139,8 +156,8 @@ class Cost:
 
 @dataclass(frozen=True)
 class Compared:
-    """A predicted cost and the measured one, on so many cores. The predicted memory is that of a process that does one pair at a
-    time.
+    """A predicted cost and the measured one, on so many cores. The predicted memory is that of a
+    process that does one pair at a time.
     """
 
     cores: int
@@ -152,9 +169,10 @@ class Compared:
 class KeptPlan:
     """A prediction.
 
-    pairs, settings: number of pairs, and hash of the settings, that it holds for. core_seconds_per_pair: of one core. fit_s:
-    seconds of one core for what is done once. disk_bytes: of the output. memory_bytes: of one process. pass_seconds: of one core
-    for each pair, by pass.
+    pairs, settings: number of pairs, and hash of the settings, that it holds for.
+    core_seconds_per_pair: of one core. fit_s:
+    seconds of one core for what is done once. disk_bytes: of the output. memory_bytes: of one
+    process. pass_seconds: of one core for each pair, by pass.
     """
 
     pairs: int
@@ -178,11 +196,15 @@ class KeptPlan:
         except FileNotFoundError:
             pass
         except (OSError, ValueError) as error:
-            raise OutputError(f"{file}: is not a plan of this program: move it elsewhere, or give another --out") from error
+            raise OutputError(
+                f"{file}: is not a plan of this program: move it elsewhere, or give another --out"
+            ) from error
 
     @classmethod
     def load(cls, root: Path, pairs: int, config: RunConfig) -> "KeptPlan | None":
-        """Read the prediction for a dive of so many pairs with these settings; None where there is none, or it is damaged."""
+        """Read the prediction for a dive of so many pairs with these settings; None where there is
+        none, or it is damaged.
+        """
         try:
             plan = as_record(cls, load_object(plan_file(root)))
         except (OSError, ValueError):
@@ -192,7 +214,12 @@ class KeptPlan:
     def cost(self, cores: int) -> Cost:
         """Compute the cost on so many cores; what is done once runs on one of them."""
         work_s = self.pairs * self.core_seconds_per_pair
-        return Cost((work_s + self.fit_s) / 3600, (work_s / cores + self.fit_s) / 3600, self.disk_bytes, self.memory_bytes)
+        return Cost(
+            (work_s + self.fit_s) / 3600,
+            (work_s / cores + self.fit_s) / 3600,
+            self.disk_bytes,
+            self.memory_bytes,
+        )
 
 
 def settings_key(config: RunConfig) -> str:

@@ -32,7 +32,8 @@ INDEX, PAGE = "index.html", "page"
 
 @dataclass(frozen=True)
 class Product:
-    """A kind of file that each pair gets. stage: the stage that writes it. suffix: of its files, "" where output.image_format
+    """A kind of file that each pair gets. stage: the stage that writes it. suffix: of its files, ""
+    where output.image_format
     decides. what: what it holds.
     """
 
@@ -42,14 +43,24 @@ class Product:
 
 
 PRODUCTS: dict[str, Product] = {
-    "corrected": Product("corrected", "", "each left frame in its true colors, at its own bit depth"),
-    "range": Product("range", ".tiff", "range in meters along the ray, float32 TIFF, NaN where unknown"),
+    "corrected": Product(
+        "corrected", "", "each left frame in its true colors, at its own bit depth"
+    ),
+    "range": Product(
+        "range", ".tiff", "range in meters along the ray, float32 TIFF, NaN where unknown"
+    ),
     "range_std": Product("range", ".tiff", "standard error of the range, meters"),
     "confidence": Product("range", ".png", "0..255 for a confidence of 0..1 in the range"),
-    "mask": Product("corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color not recoverable"),
+    "mask": Product(
+        "corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color not recoverable"
+    ),
     "clouds": Product("corrected", ".ply", "colored points in meters, left rectified camera, PLY"),
-    "original/corrected": Product("corrected", "", "each left frame in its true colors, in the camera's own pixels"),
-    "original/range": Product("corrected", ".tiff", "range in meters along the ray of the camera's own pixels"),
+    "original/corrected": Product(
+        "corrected", "", "each left frame in its true colors, in the camera's own pixels"
+    ),
+    "original/range": Product(
+        "corrected", ".tiff", "range in meters along the ray of the camera's own pixels"
+    ),
     "original/mask": Product("corrected", ".png", "as mask, in the camera's own pixels"),
     "rectified_left": Product("rectified", ".png", "left images, rectified"),
     "rectified_right": Product("rectified", ".png", "right images, rectified"),
@@ -59,7 +70,9 @@ PAGE_PRODUCTS: dict[str, Product] = {
     "page/thumbnails": Product("page", ".jpg", "each corrected frame, small"),
     "page/before": Product("page", ".jpg", "each left frame as the camera saw it, rectified"),
     "page/after": Product("page", ".jpg", "each left frame in its true colors"),
-    "page/ranges": Product("page", ".js", "ranges, their standard errors, confidence and mask, to measure in"),
+    "page/ranges": Product(
+        "page", ".js", "ranges, their standard errors, confidence and mask, to measure in"
+    ),
 }
 """What the page shows of a pair, made of its other products: read by the page alone."""
 
@@ -89,7 +102,9 @@ MAP_FILES: dict[str, str] = {
 """What the files of OUT/map hold."""
 
 WHAT_IS_WHERE: dict[str, str] = (
-    {name: product.what for name, product in PRODUCTS.items()} | {MAP: "the fused map of the dive"} | DIVE_FILES
+    {name: product.what for name, product in PRODUCTS.items()}
+    | {MAP: "the fused map of the dive"}
+    | DIVE_FILES
 )
 """What lies where in OUT, in the order in which a summary lists it."""
 
@@ -101,7 +116,9 @@ class Shelves:
     """How the outputs of a large dive are spread over folders."""
 
     most_flat: int = 10_000
-    """Frames whose files lie in one folder a product: more make file managers, network disks and backups slow."""
+    """Frames whose files lie in one folder a product: more make file managers, network disks and
+    backups slow.
+    """
     each: int = 1000
     """Frames a folder of a larger dive."""
 
@@ -110,8 +127,8 @@ SHELVES = Shelves()
 
 
 def shelf_of(place: tuple[int, int]) -> str:
-    """Name the folder in each product's folder that holds a frame's files; "" in a small dive. place: the frame's number, of how
-    many.
+    """Name the folder in each product's folder that holds a frame's files; "" in a small dive.
+    place: the frame's number, of how many.
     """
     number, of = place
     return f"{number // SHELVES.each:05d}" if of > SHELVES.most_flat else ""
@@ -129,7 +146,9 @@ def product_path(product: str, name: str, image_format: str) -> str:
 
 
 def original_path(product: str, left: Path) -> str:
-    """The path of a product in the left camera's own pixels, relative to OUT; it has the name of the left image."""
+    """The path of a product in the left camera's own pixels, relative to OUT; it has the name of
+    the left image.
+    """
     return f"{product}/{left.stem}{PRODUCTS[product].suffix or left.suffix}"
 
 
@@ -189,7 +208,9 @@ def table_file(name: str, shelf: str) -> str:
 
 
 def record_shelf(name: str) -> str:
-    """The folder of a frame's record in a large dive, found by the frame's name alone: one of 256."""
+    """The folder of a frame's record in a large dive, found by the frame's name alone: one of
+    256.
+    """
     return f"{zlib.crc32(name.encode()) % 256:02x}"
 
 
@@ -200,7 +221,11 @@ def record_shelf(name: str) -> str:
 # records are read, before anything else sees it.
 
 _FOLDERS = frozenset((*PRODUCTS, *PAGE_PRODUCTS))
-OWN_FOLDERS = (*dict.fromkeys(name.partition("/")[0] for name in (*PRODUCTS, ORIGINAL, MAP, PAGE, STATE, SET_ASIDE)),)
+OWN_FOLDERS = (
+    *dict.fromkeys(
+        name.partition("/")[0] for name in (*PRODUCTS, ORIGINAL, MAP, PAGE, STATE, SET_ASIDE)
+    ),
+)
 
 
 class ForeignPathError(ValueError):
@@ -208,7 +233,9 @@ class ForeignPathError(ValueError):
 
 
 def check_own_paths(paths: Iterable[object]) -> None:
-    """Raise ForeignPathError for a name that is no plain path of a file below OUT, in the form in which this program writes it."""
+    """Raise ForeignPathError for a name that is no plain path of a file below OUT, in the form in
+    which this program writes it.
+    """
     for path in paths:
         if not isinstance(path, str) or not _is_plain(path):
             raise ForeignPathError(f"it names {path!r}, which does not lie in this folder")
@@ -233,23 +260,27 @@ def _is_plain(path: str) -> bool:
     parts = path.split("/")
     if "\0" in path or native.is_absolute() or native.drive or native.root:
         return False
-    return all(part not in ("", ".", "..") for part in parts) and (os.sep == "/" or os.sep not in path)
+    return all(part not in ("", ".", "..") for part in parts) and (
+        os.sep == "/" or os.sep not in path
+    )
 
 
 def refuse_links(root: Path) -> None:
-    """Raise OutputError where a folder that the program writes into is a link: it would lead out of OUT; files of products that are
-    links are replaced as such, never what they lead to.
+    """Raise OutputError where a folder that the program writes into is a link: it would lead out of
+    OUT; files of products that are links are replaced as such, never what they lead to.
     """
     for name in OWN_FOLDERS:
         for path in (root / name, *_links_below(root / name)):
             if path.is_symlink() and (path.is_dir() or name == STATE):
                 raise OutputError(
-                    f"{path}: is a link, and nothing is written outside of {root}: remove it, or choose another --out"
+                    f"{path}: is a link, and nothing is written outside of {root}: remove it, or "
+                    "choose another --out"
                 )
 
 
 def refuse_links_out(root: Path) -> None:
-    """Raise OutputError where a file or folder that the program reads is a link that leads out of OUT.
+    """Raise OutputError where a file or folder that the program reads is a link that leads out of
+    OUT.
 
     What was set aside is never read, and may hold a link of the user's.
     """
@@ -257,7 +288,9 @@ def refuse_links_out(root: Path) -> None:
     top = (root / name for name in (*folders, *DIVE_FILES, INDEX))
     for path in (*top, *(path for name in folders for path in _links_below(root / name))):
         if path.is_symlink() and not path.resolve().is_relative_to(inside):
-            raise OutputError(f"{path}: is a link that leads out of {root}: put the file itself in its place")
+            raise OutputError(
+                f"{path}: is a link that leads out of {root}: put the file itself in its place"
+            )
 
 
 def _links_below(folder: Path) -> Iterator[Path]:
@@ -280,10 +313,11 @@ DIGEST_BYTES = 16
 
 @dataclass(frozen=True)
 class Stamp:
-    """A file's size in bytes, time of modification in nanoseconds, and a digest of its whole content.
+    """A file's size in bytes, time of modification in nanoseconds, and a digest of its whole
+    content.
 
-    Stamps of earlier versions have a digest of the file's begin and end, which equals none of these: what cannot be shown to be
-    ours is kept for the user.
+    Stamps of earlier versions have a digest of the file's begin and end, which equals none of
+    these: what cannot be shown to be ours is kept for the user.
     """
 
     size: int
@@ -292,28 +326,36 @@ class Stamp:
 
     @classmethod
     def of(cls, path: Path) -> "Stamp":
-        """Compute the stamp of a file; of one in a bag: the bag's size and time, with a digest of its name in there. Raises
+        """Compute the stamp of a file; of one in a bag: the bag's size and time, with a digest of
+        its name in there. Raises
         OSError.
         """
         if inner := contained(path):
             status = inner.outer.stat()
             return cls(
-                status.st_size, status.st_mtime_ns, hashlib.blake2b(inner.name.encode(), digest_size=DIGEST_BYTES).hexdigest()
+                status.st_size,
+                status.st_mtime_ns,
+                hashlib.blake2b(inner.name.encode(), digest_size=DIGEST_BYTES).hexdigest(),
             )
         status = path.stat()
         return cls(status.st_size, status.st_mtime_ns, _digest(path))
 
     def matches(self, path: Path) -> bool:
-        """Tell whether ``path`` is a regular file, no link, that seems to be the one stamped: its time is not changed, or its
-        content is the same. Enough to skip work, not to delete or replace it.
+        """Tell whether ``path`` is a regular file, no link, that seems to be the one stamped: its
+        time is not changed, or its content is the same. Enough to skip work, not to delete or
+        replace it.
         """
         try:
-            return self._size_matches(path) and (path.lstat().st_mtime_ns == self.mtime_ns or _digest(path) == self.digest)
+            return self._size_matches(path) and (
+                path.lstat().st_mtime_ns == self.mtime_ns or _digest(path) == self.digest
+            )
         except OSError:
             return False
 
     def is_of(self, path: Path) -> bool:
-        """Tell whether ``path`` is a regular file, no link, with exactly the stamped content; all of it is read."""
+        """Tell whether ``path`` is a regular file, no link, with exactly the stamped content; all
+        of it is read.
+        """
         try:
             return self._size_matches(path) and _digest(path) == self.digest
         except OSError:

@@ -34,7 +34,9 @@ class LeaseTimes:
     """Intervals of the lease, seconds."""
 
     beat_s: float = 10.0
-    """Between two signs of life: six fit into ``stale_s``, and an NFS client shows another's file attributes 3 to 60 s late."""
+    """Between two signs of life: six fit into ``stale_s``, and an NFS client shows another's file
+    attributes 3 to 60 s late.
+    """
     stale_s: float = 120.0
     """Without a sign of life: twice what an NFS client may hide."""
 
@@ -62,7 +64,9 @@ class Holder:
 
     @classmethod
     def load(cls, root: Path) -> "Holder | None":
-        """Read who holds OUT; None where nobody does. Raises OSError where the file cannot be read now, as when a network fails."""
+        """Read who holds OUT; None where nobody does. Raises OSError where the file cannot be read
+        now, as when a network fails.
+        """
         try:
             return as_record(cls, load_object(lease_file(root)))
         except FileNotFoundError:
@@ -94,7 +98,8 @@ class Holder:
 
 @contextmanager
 def leased(root: Path, locked: bool) -> Iterator[Holder]:
-    """Hold OUT for this process. locked: it holds the lock of the system too, so no other process of this machine can.
+    """Hold OUT for this process. locked: it holds the lock of the system too, so no other process
+    of this machine can.
 
     Raises OutputError where another holds it, or did and was not seen to end.
     """
@@ -120,18 +125,25 @@ def leased(root: Path, locked: bool) -> Iterator[Holder]:
 
 
 def check_lease(root: Path, token: str) -> None:
-    """Raise OutputError where OUT is not, or no longer, held under this token; what cannot be seen now is seen the next time."""
+    """Raise OutputError where OUT is not, or no longer, held under this token; what cannot be seen
+    now is seen the next time.
+    """
     try:
         holder = Holder.load(root)
     except OSError:
         return
     if holder is None or holder.token != token:
         now = f"{holder} writes into it now" if holder else f"{lease_file(root)} was removed"
-        raise OutputError(f"{root}: is no longer held by this run: {now}; run the same line again when nobody else does")
+        raise OutputError(
+            f"{root}: is no longer held by this run: {now}; run the same line again when nobody "
+            "else does"
+        )
 
 
 def writer(root: Path) -> str:
-    """Describe who writes into OUT now, for the user; "" where nobody does, or the holder's lease is stale."""
+    """Describe who writes into OUT now, for the user; "" where nobody does, or the holder's lease
+    is stale.
+    """
     try:
         holder = Holder.load(root)
     except OSError:
@@ -150,9 +162,13 @@ def _beat(root: Path, me: Holder) -> bool:
 def _refusal(root: Path, other: Holder) -> str:
     age_s = _age_s(root)
     if age_s <= TIMES.stale_s:
-        return f"{root}: another run is writing into it now ({other}): wait for it, or choose another --out"
+        return (
+            f"{root}: another run is writing into it now ({other}): wait for it, or choose "
+            "another --out"
+        )
     return (
-        f"{root}: was held by {other}, which has given no sign of life for {age_s / 60:.0f} min and did not end by itself: "
+        f"{root}: was held by {other}, which has given no sign of life for {age_s / 60:.0f} min "
+        "and did not end by itself: "
         f"make sure that it has ended, remove {lease_file(root)}, and run the same line again"
     )
 
@@ -174,12 +190,15 @@ def _age_s(root: Path) -> float:
 # The lock of a run's folder: of the system, and as a lease where other machines see the folder.
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
-"""What a file system says that knows no locks, as some network file systems: the lease alone guards OUT there."""
+"""What a file system says that knows no locks, as some network file systems: the lease alone guards
+OUT there.
+"""
 
 
 @contextmanager
 def held(root: Path) -> Iterator[Holder]:
-    """Hold a run's folder, made where it is missing: no other run, of this machine or another, writes into it meanwhile.
+    """Hold a run's folder, made where it is missing: no other run, of this machine or another,
+    writes into it meanwhile.
 
     Raises OutputError if it cannot be written, or is held already.
     """
@@ -192,10 +211,14 @@ def held(root: Path) -> Iterator[Holder]:
         with contextlib.suppress(OSError):
             now = Holder.load(root)
         who = f" ({now})" if now else ""
-        raise OutputError(f"{root}: another run is writing into it now{who}: wait for it, or choose another --out") from error
+        raise OutputError(
+            f"{root}: another run is writing into it now{who}: wait for it, or choose another --out"
+        ) from error
     except OSError as error:
         if error.errno not in WITHOUT_LOCKS:
-            raise OutputError(f"{root}: cannot be written: {error.strerror or error}: choose another --out") from error
+            raise OutputError(
+                f"{root}: cannot be written: {error.strerror or error}: choose another --out"
+            ) from error
     try:
         with leased(root, lock.is_locked) as holder:
             yield holder

@@ -1,7 +1,9 @@
-"""The manifest: which files the program wrote into OUT, frame by frame, and which of them are current.
+"""The manifest: which files the program wrote into OUT, frame by frame, and which of them are
+current.
 
-A frame's record is written before its files are renamed into place, with the stamps that they will have: so, whenever the program
-is killed, each file in a product's place is either known to the manifest or somebody else's.
+A frame's record is written before its files are renamed into place, with the stamps that they will
+have: so, whenever the program is killed, each file in a product's place is either known to the
+manifest or somebody else's.
 """
 
 import hashlib
@@ -41,8 +43,10 @@ DEPENDS_ON: dict[Stage, tuple[Stage, ...]] = {
 class StageRecord:
     """A finished stage of a frame.
 
-    key: hash of all that its outputs depend on. settings: hash of the settings alone. water: hash of the water taken out.
-    outputs: product -> path relative to OUT. facts: columns of frames.csv. warnings: what the stage had to say.
+    key: hash of all that its outputs depend on. settings: hash of the settings alone. water: hash
+    of the water taken out.
+    outputs: product -> path relative to OUT. facts: columns of frames.csv. warnings: what the stage
+    had to say.
     """
 
     key: str
@@ -66,8 +70,8 @@ class InputRecord:
 class FrameRecord:
     """The record of a frame.
 
-    inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have. shelf: folder of its products in
-    the folders of a large dive, "" in those of a small one.
+    inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have.
+    shelf: folder of its products in the folders of a large dive, "" in those of a small one.
     """
 
     name: str
@@ -87,8 +91,10 @@ class FrameRecord:
 class DiveRecord:
     """The record of the whole folder.
 
-    identity: the dive and the kind of command that OUT belongs to. state: running until the run ends by itself.
-    settings: stage -> hash of the settings of the latest run. waters: frame name -> hash of its water ("*" for all frames).
+    identity: the dive and the kind of command that OUT belongs to. state: running until the run
+    ends by itself.
+    settings: stage -> hash of the settings of the latest run. waters: frame name -> hash of its
+    water ("*" for all frames).
     files: path relative to OUT -> stamps, for files of the whole dive, those of the map among them.
     made_from: path or folder -> hash of the frames that it was made from.
     """
@@ -101,13 +107,17 @@ class DiveRecord:
     made_from: dict[str, str] = field(default_factory=dict)
 
     def is_current(self, frame: FrameRecord, stage: Stage) -> bool:
-        """Tell whether a stage of a frame was finished with the settings, and with the water, of the latest run."""
+        """Tell whether a stage of a frame was finished with the settings, and with the water, of
+        the latest run.
+        """
         record = frame.stages.get(stage)
         if record is None or record.settings != self.settings.get(stage):
             return False
         if not all(self.is_current(frame, earlier) for earlier in DEPENDS_ON[stage]):
             return False
-        return stage != "corrected" or record.water == self.waters.get(frame.name, self.waters.get("*"))
+        return stage != "corrected" or record.water == self.waters.get(
+            frame.name, self.waters.get("*")
+        )
 
 
 class Manifest:
@@ -123,7 +133,9 @@ class Manifest:
         return self._dive_file.is_file()
 
     def dive(self) -> DiveRecord:
-        """Read the record of the dive. Raises OutputError if it is damaged, of another version, or names what is not in OUT."""
+        """Read the record of the dive. Raises OutputError if it is damaged, of another version, or
+        names what is not in OUT.
+        """
         try:
             content = load_object(self._dive_file)
             if (content.pop("format"), content.pop("version")) != (FORMAT, VERSION):
@@ -134,21 +146,35 @@ class Manifest:
             raise _refused(self._dive_file, error) from error
         except (OSError, ValueError, KeyError) as error:
             raise OutputError(
-                f"{self._dive_file}: is damaged or of another version ({error!s:.100}): choose another --out; nothing was touched"
+                f"{self._dive_file}: is damaged or of another version ({error!s:.100}): choose "
+                "another --out; nothing was touched"
             ) from error
         return record
 
     def save_dive(self, record: DiveRecord) -> None:
         """Write the record of the dive. Raises OutputError."""
-        write_atomic(self._dive_file, json.dumps({"format": FORMAT, "version": VERSION, **asdict(record)}).encode())
+        write_atomic(
+            self._dive_file,
+            json.dumps({"format": FORMAT, "version": VERSION, **asdict(record)}).encode(),
+        )
 
     def names(self) -> list[str]:
-        """List the frames that have a record, sorted, without temporary files that a killed process left."""
+        """List the frames that have a record, sorted, without temporary files that a killed process
+        left.
+        """
         found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
-        return sorted({path.stem for paths in found for path in paths if not path.name.startswith(TEMPORARY_PREFIX)})
+        return sorted(
+            {
+                path.stem
+                for paths in found
+                for path in paths
+                if not path.name.startswith(TEMPORARY_PREFIX)
+            }
+        )
 
     def frame(self, name: str) -> FrameRecord | None:
-        """Read the record of a frame; None where there is none, or it is damaged (its files are then made again).
+        """Read the record of a frame; None where there is none, or it is damaged (its files are
+        then made again).
 
         Raises OutputError for one that is another frame's, or that names what is not in OUT.
         """
@@ -157,7 +183,12 @@ class Manifest:
             record = _frame(load_object(file))
             if record.name != name:
                 raise ForeignPathError(f"it is of a frame {record.name!r}")
-            check_product_paths((*record.files, *(path for stage in record.stages.values() for path in stage.outputs.values())))
+            check_product_paths(
+                (
+                    *record.files,
+                    *(path for stage in record.stages.values() for path in stage.outputs.values()),
+                )
+            )
         except ForeignPathError as error:
             raise _refused(file, error) from error
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -170,7 +201,9 @@ class Manifest:
 
     def save_frame(self, record: FrameRecord) -> None:
         """Write the record of a frame. Raises OutputError."""
-        write_atomic(self._frame_file(record.name, record.shelf), json.dumps(asdict(record)).encode())
+        write_atomic(
+            self._frame_file(record.name, record.shelf), json.dumps(asdict(record)).encode()
+        )
 
     def remove_frame(self, name: str) -> None:
         """Delete the record of a frame whose files were deleted."""
@@ -178,20 +211,36 @@ class Manifest:
 
     def _known_file(self, name: str) -> Path:
         flat = self._frame_file(name, "")
-        return flat if flat.exists() or not (self._frames / SPREAD).is_dir() else self._frame_file(name, SPREAD)
+        return (
+            flat
+            if flat.exists() or not (self._frames / SPREAD).is_dir()
+            else self._frame_file(name, SPREAD)
+        )
 
     def _frame_file(self, name: str, shelf: str) -> Path:
-        return self._frames / SPREAD / record_shelf(name) / f"{name}.json" if shelf else self._frames / f"{name}.json"
+        return (
+            self._frames / SPREAD / record_shelf(name) / f"{name}.json"
+            if shelf
+            else self._frames / f"{name}.json"
+        )
 
 
 def _refused(file: Path, error: ForeignPathError) -> OutputError:
-    return OutputError(f"{file}: is not as this program writes it: {error}; nothing was touched: choose another folder")
+    return OutputError(
+        f"{file}: is not as this program writes it: {error}; nothing was touched: choose another "
+        "folder"
+    )
 
 
 def _frame(content: dict[str, Any]) -> FrameRecord:
-    inputs = {side: InputRecord(item["path"], Stamp(**item["stamp"]), item["sha256"]) for side, item in content["inputs"].items()}
+    inputs = {
+        side: InputRecord(item["path"], Stamp(**item["stamp"]), item["sha256"])
+        for side, item in content["inputs"].items()
+    }
     stages = {_stage(name): _stage_record(item) for name, item in content["stages"].items()}
-    files = {path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content["files"].items()}
+    files = {
+        path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content["files"].items()
+    }
     shelf = content.get("shelf", "")
     if shelf and not shelf.isdecimal():
         raise ForeignPathError(f"its shelf is {shelf!r}")
@@ -216,16 +265,22 @@ def _stage(name: Any) -> Stage:
 
 
 def input_record(path: Path, known: InputRecord | None) -> InputRecord:
-    """Record a file with its hash; that of ``known`` is taken where size and time are the same. Raises InputError if it cannot be
-    read.
+    """Record a file with its hash; that of ``known`` is taken where size and time are the same.
+    Raises InputError if it cannot be read.
     """
     try:
         inner = contained(path)
         status = (inner.outer if inner else path).stat()
         same_name = inner is None or (known is not None and known.path.endswith(inner.name))
-        if known and same_name and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns):
+        if (
+            known
+            and same_name
+            and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns)
+        ):
             return replace(known, path=str(path))
         sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
-        return InputRecord(str(path), Stamp(status.st_size, status.st_mtime_ns, sha256[: 2 * DIGEST_BYTES]), sha256)
+        return InputRecord(
+            str(path), Stamp(status.st_size, status.st_mtime_ns, sha256[: 2 * DIGEST_BYTES]), sha256
+        )
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

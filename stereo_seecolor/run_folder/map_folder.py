@@ -1,4 +1,6 @@
-"""OUT/map, replaced as a whole or not at all: the new map is built beside it, and takes its place in one rename."""
+"""OUT/map, replaced as a whole or not at all: the new map is built beside it, and takes its place
+in one rename.
+"""
 
 import shutil
 from collections.abc import Iterator
@@ -21,8 +23,8 @@ def fusion_folder(root: Path) -> Path:
 
 @contextmanager
 def building_map(folder: RunFolder, made_from: str) -> Iterator[Path]:
-    """Give a folder to build a map in, which becomes OUT/map when the block ends without an error; on an error the earlier map
-    stays.
+    """Give a folder to build a map in, which becomes OUT/map when the block ends without an error;
+    on an error the earlier map stays.
 
     made_from: hash of the frames that it is made from. Raises OutputError.
     """
@@ -38,9 +40,14 @@ def building_map(folder: RunFolder, made_from: str) -> Iterator[Path]:
 
 def _swap(folder: RunFolder, building: Path, made_from: str) -> None:
     files: dict[str, tuple[Stamp, ...]] = {
-        f"{MAP}/{path.relative_to(building).as_posix()}": (Stamp.of(path),) for path in files_below(building)
+        f"{MAP}/{path.relative_to(building).as_posix()}": (Stamp.of(path),)
+        for path in files_below(building)
     }
-    earlier = {path: stamps for path, stamps in folder.dive.record.files.items() if path.startswith(f"{MAP}/")}
+    earlier = {
+        path: stamps
+        for path, stamps in folder.dive.record.files.items()
+        if path.startswith(f"{MAP}/")
+    }
     both = {path: files.get(path, ()) + earlier.get(path, ()) for path in files | earlier}
     folder.dive.update(replace(folder.dive.record, files={**folder.dive.record.files, **both}))
     place, old = folder.root / MAP, state(folder.root, OLD)
@@ -69,7 +76,9 @@ def _recover(folder: RunFolder) -> None:
 
 
 def _remove_old(folder: RunFolder) -> None:
-    """Delete the earlier map; files in it that are not of this program are kept in OUT/set_aside."""
+    """Delete the earlier map; files in it that are not of this program are kept in
+    OUT/set_aside.
+    """
     old = state(folder.root, OLD)
     if not old.is_dir():
         return

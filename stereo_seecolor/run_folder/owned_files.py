@@ -1,4 +1,6 @@
-"""The files in OUT that the program wrote; files that a user changed or added are moved aside, never overwritten or deleted."""
+"""The files in OUT that the program wrote; files that a user changed or added are moved aside,
+never overwritten or deleted.
+"""
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,12 +11,21 @@ from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.files.atomic import Content, output_errors
-from stereo_seecolor.run_folder.layout import MAP, PAGE, PAGE_PRODUCTS, PRODUCTS, SET_ASIDE, Stamp, state
+from stereo_seecolor.run_folder.layout import (
+    MAP,
+    PAGE,
+    PAGE_PRODUCTS,
+    PRODUCTS,
+    SET_ASIDE,
+    Stamp,
+    state,
+)
 from stereo_seecolor.run_folder.ownership import ALL_RESULTS
 
 
 class OwnedFiles:
-    """The files under ``root``. A file is the program's if its stamp is one that the manifest holds for its path.
+    """The files under ``root``. A file is the program's if its stamp is one that the manifest holds
+    for its path.
 
     set_aside: files that are not, or no longer, and that were moved aside instead of overwritten.
     """
@@ -25,7 +36,8 @@ class OwnedFiles:
         self._unflushed: set[Path] = set()
 
     def write_temporaries(self, contents: Iterable[tuple[str, Content]]) -> dict[str, Path]:
-        """Write files beside where they belong: path in OUT, content -> temporary. Raises OutputError, and then none is left.
+        """Write files beside where they belong: path in OUT, content -> temporary. Raises
+        OutputError, and then none is left.
 
         All are flushed to disk, each while the next are encoded.
         """
@@ -46,22 +58,30 @@ class OwnedFiles:
         return written
 
     def remove_leftovers(self) -> None:
-        """Delete temporary files that killed processes left; to be called while no process writes."""
+        """Delete temporary files that killed processes left; to be called while no process
+        writes.
+        """
         for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
             atomic.remove_leftovers(self.root / name)
         for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
             atomic.remove_leftovers_below(folder)
 
-    def move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Rename written files to their final names; a file that is there and not of ``files`` is moved aside.
+    def move_into_place(
+        self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]
+    ) -> None:
+        """Rename written files to their final names; a file that is there and not of ``files`` is
+        moved aside.
 
-        ``flush`` makes the names durable. After a loss of power a name may be missing; then the manifest has a file too many, which
-        is made again: no pair waits for its names to be flushed.
+        ``flush`` makes the names durable. After a loss of power a name may be missing; then the
+        manifest has a file too many, which is made again: no pair waits for its names to be
+        flushed.
         """
         for path, temporary in temporaries.items():
             place = self.root / path
             with output_errors(place):
-                if (place.exists() or place.is_symlink()) and not is_as_written(self.root, path, files):
+                if (place.exists() or place.is_symlink()) and not is_as_written(
+                    self.root, path, files
+                ):
                     self.keep_aside(place, path)
                 atomic.move_into_place(temporary, place)
         self._unflushed.update((self.root / path).parent for path in temporaries)
@@ -72,7 +92,9 @@ class OwnedFiles:
             atomic.flush_folder(self._unflushed.pop())
 
     def delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Delete files of the program; one that somebody changed since is moved aside instead. Raises OutputError."""
+        """Delete files of the program; one that somebody changed since is moved aside instead.
+        Raises OutputError.
+        """
         for path in paths:
             place = self.root / path
             if is_as_written(self.root, path, files):
@@ -82,15 +104,16 @@ class OwnedFiles:
                 self.keep_aside(place, path)
 
     def keep_aside(self, place: Path, path: str) -> None:
-        """Move a file that is not, or no longer, the program's to where nothing overwrites it. Raises OutputError.
+        """Move a file that is not, or no longer, the program's to where nothing overwrites it.
+        Raises OutputError.
 
         place: where it is now. path: what it is called in OUT.
         """
         self.set_aside.append(self._aside(place, path))
 
     def retire(self, paths: Iterable[str]) -> bool:
-        """Move those of the program's files that exist aside, where nothing overwrites them; True if there was one. Raises
-        OutputError.
+        """Move those of the program's files that exist aside, where nothing overwrites them; True
+        if there was one. Raises OutputError.
         """
         there = [path for path in paths if (self.root / path).exists()]
         for path in there:
@@ -102,7 +125,9 @@ class OwnedFiles:
         target = self.root / SET_ASIDE / path
         number = 1
         while target.exists() or target.is_symlink():
-            target = (self.root / SET_ASIDE / path).with_name(f"{Path(path).stem}-{number}{Path(path).suffix}")
+            target = (self.root / SET_ASIDE / path).with_name(
+                f"{Path(path).stem}-{number}{Path(path).suffix}"
+            )
             number += 1
         with output_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -127,12 +152,16 @@ def remove_empty_folders(folder: Path) -> None:
 
 
 def is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    """Tell whether the file at a path of OUT seems to be as the program wrote it. files: path -> the stamps that it may have."""
+    """Tell whether the file at a path of OUT seems to be as the program wrote it. files: path ->
+    the stamps that it may have.
+    """
     return any(stamp.matches(root / path) for stamp in files.get(path, ()))
 
 
 def is_as_written(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    """Tell whether the file at a path of OUT is as the program wrote it, to the byte: it may be deleted then. A path where the
-    program writes nothing is never ours, whatever records say.
+    """Tell whether the file at a path of OUT is as the program wrote it, to the byte: it may be
+    deleted then. A path where the program writes nothing is never ours, whatever records say.
     """
-    return ALL_RESULTS.includes(path) and any(stamp.is_of(root / path) for stamp in files.get(path, ()))
+    return ALL_RESULTS.includes(path) and any(
+        stamp.is_of(root / path) for stamp in files.get(path, ())
+    )

@@ -1,4 +1,6 @@
-"""Whether a run may use a folder: whose results it holds, and what each command may replace in it."""
+"""Whether a run may use a folder: whose results it holds, and what each command may replace in
+it.
+"""
 
 import hashlib
 import os
@@ -45,32 +47,54 @@ RESULTS = (
 class Replaces:
     """What a command may delete or replace.
 
-    results: names in OUT as in RESULTS: only what the program wrote there, and as it wrote it. what: the same, and when, in words.
+    results: names in OUT as in RESULTS: only what the program wrote there, and as it wrote it.
+    what: the same, and when, in words.
     """
 
     results: tuple[str, ...]
     what: str
 
     def includes(self, name: str) -> bool:
-        """Tell whether it may delete or replace a file or folder. name: its path relative to OUT, with "/" between folders."""
-        return any(f"{name}/".startswith(result if result.endswith("/") else f"{result}/") for result in self.results)
+        """Tell whether it may delete or replace a file or folder. name: its path relative to OUT,
+        with "/" between folders.
+        """
+        return any(
+            f"{name}/".startswith(result if result.endswith("/") else f"{result}/")
+            for result in self.results
+        )
 
 
 OF_STATE = f"{STATE}/"
-ALL_RESULTS = Replaces((*RESULTS, OF_STATE), "results that changed inputs or settings make stale; with `--overwrite` all results")
+ALL_RESULTS = Replaces(
+    (*RESULTS, OF_STATE),
+    "results that changed inputs or settings make stale; with `--overwrite` all results",
+)
 FUSED = ("corrected/", "original/corrected/", FRAMES_TABLE, f"{MAP}/", INDEX, f"{PAGE}/", OF_STATE)
 
 REPLACES: dict[str, Replaces] = {
     **dict.fromkeys(("run", "range", "correct", "rectify", "merge"), ALL_RESULTS),
     "campaign": Replaces(ALL_RESULTS.results, "the same in the folder of each dive"),
     "demo": Replaces(ALL_RESULTS.results, "all results of an earlier demo"),
-    "fuse": Replaces(FUSED, f"`{MAP}/`, `{FRAMES_TABLE}`, the page, the position in the EXIF of corrected images"),
+    "fuse": Replaces(
+        FUSED, f"`{MAP}/`, `{FRAMES_TABLE}`, the page, the position in the EXIF of corrected images"
+    ),
     "report": Replaces((INDEX, f"{PAGE}/", OF_STATE), f"the page: `{INDEX}`, `{PAGE}/`"),
     "water": Replaces((MEASURED_WATER,), f"`{MEASURED_WATER}`"),
     "plan": Replaces((f"{STATE}/{PLAN}",), f"`{STATE}/{PLAN}`"),
     **dict.fromkeys(
         (
-            *("calibrate", "convert-calib", "check", "export", "metrics", "compare", "markers", "evaluate", "synthesize", "live"),
+            *(
+                "calibrate",
+                "convert-calib",
+                "check",
+                "export",
+                "metrics",
+                "compare",
+                "markers",
+                "evaluate",
+                "synthesize",
+                "live",
+            ),
             *("inspect", "view", "measure", "bag-info", "sync", "status", "doctor", "config"),
         ),
         Replaces((), "nothing: they write new files into places that are free, or none"),
@@ -79,11 +103,14 @@ REPLACES: dict[str, Replaces] = {
 """Command -> what it may delete or replace."""
 
 
-def refuse_inputs(command: str, root: Path, inputs: Iterable[Path], unchanged: Iterable[str] = ()) -> None:
-    """Raise OutputError where an input lies in what a command may delete or replace in its output folder.
+def refuse_inputs(
+    command: str, root: Path, inputs: Iterable[Path], unchanged: Iterable[str] = ()
+) -> None:
+    """Raise OutputError where an input lies in what a command may delete or replace in its output
+    folder.
 
-    inputs: every file and folder that it reads, of any kind; links are followed. unchanged: names in OUT that this run leaves as
-    they are, or writes again with the content that it reads.
+    inputs: every file and folder that it reads, of any kind; links are followed. unchanged: names
+    in OUT that this run leaves as they are, or writes again with the content that it reads.
     """
     home, replaces, safe = root.resolve(), REPLACES[command], set(unchanged)
     for given in inputs:
@@ -91,7 +118,8 @@ def refuse_inputs(command: str, root: Path, inputs: Iterable[Path], unchanged: I
             name = place.relative_to(home).as_posix() if place.is_relative_to(home) else ""
             if name not in safe and replaces.includes(name):
                 raise OutputError(
-                    f"{given}: is an input of this run, and lies in what would be deleted or replaced in {root}: "
+                    f"{given}: is an input of this run, and lies in what would be deleted or "
+                    f"replaced in {root}: "
                     "copy it elsewhere first, or choose another --out; nothing was touched"
                 )
 
@@ -121,7 +149,9 @@ NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 
 
 COMPARED_FRAMES = 5
-"""Frames whose files are compared to recognize a dive that was moved: the first, the last and three between."""
+"""Frames whose files are compared to recognize a dive that was moved: the first, the last and three
+between.
+"""
 
 
 class Files(Protocol):
@@ -144,8 +174,9 @@ class Files(Protocol):
 class Owner:
     """The owner of a folder's results.
 
-    kind: the command that made it. inputs: what was given, by name. sample: hash of the content of the dive's first file. pairs: of
-    the dive; none for videos, which are opened later. By both a dive is recognized that was moved.
+    kind: the command that made it. inputs: what was given, by name. sample: hash of the content of
+    the dive's first file. pairs: of the dive; none for videos, which are opened later. By both a
+    dive is recognized that was moved.
     """
 
     kind: str
@@ -158,9 +189,11 @@ class Owner:
         return {"kind": self.kind, "sample": self.sample, **self.inputs}
 
     def owns(self, manifest: Manifest) -> bool:
-        """Tell whether a folder is this dive's: made by the same command from the same paths, or from the same files elsewhere.
+        """Tell whether a folder is this dive's: made by the same command from the same paths, or
+        from the same files elsewhere.
 
-        The same path may hold another dive's files of the same names, as a memory card does: then not one of some is the same.
+        The same path may hold another dive's files of the same names, as a memory card does: then
+        not one of some is the same.
         """
         identity = manifest.dive().identity
         if identity.get("kind") != self.kind:
@@ -175,25 +208,32 @@ class Owner:
         return grew_or_shrank and all(self._same_files(common, manifest))
 
     def _same_files(self, common: Sequence[int], manifest: Manifest) -> Iterator[bool]:
-        """For some of the frames of these numbers, spread over them, whether their files are those that are recorded."""
+        """For some of the frames of these numbers, spread over them, whether their files are those
+        that are recorded.
+        """
         steps = range(min(COMPARED_FRAMES, len(common)))
-        for number in dict.fromkeys(common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps):
+        for number in dict.fromkeys(
+            common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps
+        ):
             yield _same_files(self.pairs[number], manifest.frame(self.pairs[number].name))
 
 
 def _same_files(pair: Files, record: FrameRecord | None) -> bool:
     """True also for a record that is damaged: its frame is made again."""
     known = {file.sha256 for file in record.inputs.values()} if record else set()
-    return not known or known <= {hashlib.sha256(read_bytes(path)).hexdigest() for path in (pair.left, pair.right)}
+    return not known or known <= {
+        hashlib.sha256(read_bytes(path)).hexdigest() for path in (pair.left, pair.right)
+    }
 
 
 @dataclass(frozen=True)
 class Claim:
     """How a run takes OUT.
 
-    owner: the dive and command. overwrite: delete earlier results first. inputs: files and folders that the run reads, never to be
-    deleted. unchanged: names in OUT that it leaves as they are, or writes again with the content that it reads. ranges: hash of the
-    settings that it makes range maps with, "" if not known yet: a water measured in others is stale then.
+    owner: the dive and command. overwrite: delete earlier results first. inputs: files and folders
+    that the run reads, never to be deleted. unchanged: names in OUT that it leaves as they are, or
+    writes again with the content that it reads. ranges: hash of the settings that it makes range
+    maps with, "" if not known yet: a water measured in others is stale then.
     """
 
     owner: Owner
@@ -204,8 +244,8 @@ class Claim:
 
 
 def check_claim(manifest: Manifest, claim: Claim) -> None:
-    """Refuse a folder that is not this dive's, or that holds files of others in a product's place, or the run's inputs; nothing is
-    changed. Raises OutputError.
+    """Refuse a folder that is not this dive's, or that holds files of others in a product's place,
+    or the run's inputs; nothing is changed. Raises OutputError.
     """
     root = manifest.root
     refuse_links(root)
@@ -215,15 +255,20 @@ def check_claim(manifest: Manifest, claim: Claim) -> None:
     dive = manifest.dive()
     if not claim.overwrite and _holds_results(manifest) and not claim.owner.owns(manifest):
         raise OutputError(
-            f"{root}: holds the results of another dive or command: choose another --out, or delete them with --overwrite"
+            f"{root}: holds the results of another dive or command: choose another --out, or "
+            "delete them with --overwrite"
         )
     measured = not claim.overwrite and claim.ranges in ("", dive.settings.get("range"))
-    refuse_inputs("run", root, claim.inputs, (*claim.unchanged, *([MEASURED_WATER] if measured else [])))
+    refuse_inputs(
+        "run", root, claim.inputs, (*claim.unchanged, *([MEASURED_WATER] if measured else []))
+    )
     refuse_foreign(manifest)
 
 
 def _holds_results(manifest: Manifest) -> bool:
-    """False after a run that was refused before its first pair, such as one with exchanged sides."""
+    """False after a run that was refused before its first pair, such as one with exchanged
+    sides.
+    """
     return bool(manifest.names() or manifest.dive().files)
 
 
@@ -231,10 +276,13 @@ def refuse_used(root: Path) -> None:
     """Raise OutputError where a folder without a manifest holds anything."""
     entries = _names(root)
     own = STATE if not set(_names(state(root))) - {LOCK, LEASE, PLAN} else None
-    foreign = [name for name in entries if name != own and not _of_system(name) and not is_log(root / name)]
+    foreign = [
+        name for name in entries if name != own and not _of_system(name) and not is_log(root / name)
+    ]
     if foreign:
         raise OutputError(
-            f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new folder; nothing was touched"
+            f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new "
+            "folder; nothing was touched"
         )
 
 
@@ -260,7 +308,9 @@ def refuse_foreign(manifest: Manifest) -> None:
 
 
 def _refuse_foreign_originals(manifest: Manifest) -> None:
-    """Products in the camera's own pixels have the names of its images: each frame's record knows them."""
+    """Products in the camera's own pixels have the names of its images: each frame's record knows
+    them.
+    """
     found = [path for path in files_below(manifest.root / ORIGINAL) if not _of_system(path.name)]
     known = {path for frame in manifest.frames() for path in frame.files} if found else set()
     for path in found:
@@ -277,4 +327,7 @@ def _of_system(name: str) -> bool:
 
 
 def _foreign(path: Path) -> OutputError:
-    return OutputError(f"{path}: is not of this program, and lies where its results go: move it elsewhere; nothing was touched")
+    return OutputError(
+        f"{path}: is not of this program, and lies where its results go: move it elsewhere; "
+        "nothing was touched"
+    )

@@ -1,4 +1,6 @@
-"""Finished runs as others read them: posed frames for exports, frames for a map, and the part of a shard."""
+"""Finished runs as others read them: posed frames for exports, frames for a map, and the part of a
+shard.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +20,13 @@ from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import estimated_range_std_m, inverse, pose, rotation_from_quaternion
 from stereo_seecolor.records import FrameRow, GeoOrigin, Map, SurveyFrame, Water
 from stereo_seecolor.run_folder.dive_files import read_waters
-from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedMap, FinishedRun, open_map, open_run
+from stereo_seecolor.run_folder.finished_run import (
+    FinishedFrame,
+    FinishedMap,
+    FinishedRun,
+    open_map,
+    open_run,
+)
 from stereo_seecolor.run_folder.frame_products import MASK_CODES
 from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import CLOUD, FRAMES_TABLE, MAP, MESH, RIG, WATER
@@ -30,21 +38,34 @@ from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
 class SurveyFrames(Lazy[SurveyFrame]):
     """The current frames of a run, in the dive's order, or those that are given.
 
-    geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes. range_scale: how many times as
-    long to take their ranges.
-    Raises InputError if the run knows no camera, holds no finished frame, or holds frames of two settings.
+    geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
+    range_scale: how many times as long to take their ranges.
+    Raises InputError if the run knows no camera, holds no finished frame, or holds frames of two
+    settings.
     """
 
-    def __init__(self, run: FinishedRun, range_scale: float = 1.0, frames: Sequence[FinishedFrame] | None = None) -> None:
+    def __init__(
+        self,
+        run: FinishedRun,
+        range_scale: float = 1.0,
+        frames: Sequence[FinishedFrame] | None = None,
+    ) -> None:
         if run.geometry is None or run.T_rectified_left is None:
-            raise InputError(f"{run.root}: the run knows no camera (made by correct?): a map needs the output of run")
+            raise InputError(
+                f"{run.root}: the run knows no camera (made by correct?): a map needs the output "
+                "of run"
+            )
         if run.stale:
             raise InputError(
-                f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the latest settings, and "
-                f"{len(run.stale)} are of earlier ones ({run.stale[0]}): run the same line again first"
+                f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
+                "latest settings, and "
+                f"{len(run.stale)} are of earlier ones ({run.stale[0]}): run the same line again "
+                "first"
             )
         if not run.frames or any("corrected" not in frame.products for frame in run.frames):
-            raise InputError(f"{run.root}: holds no frame that went through all stages: run it to its end first")
+            raise InputError(
+                f"{run.root}: holds no frame that went through all stages: run it to its end first"
+            )
         self.geometry: RectifiedPair = run.geometry
         self.T_rectified_left: NDArray[np.float64] = run.T_rectified_left
         self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
@@ -75,7 +96,9 @@ class SurveyFrames(Lazy[SurveyFrame]):
             timestamp_s=frame.timestamp_s,
             color=eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
-            range_std_m=self._pixels(frame, "range_std") if has_std else estimated_range_std_m(range_m, self.geometry),
+            range_std_m=self._pixels(frame, "range_std")
+            if has_std
+            else estimated_range_std_m(range_m, self.geometry),
             confidence=confidence,
             unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
         )
@@ -83,7 +106,9 @@ class SurveyFrames(Lazy[SurveyFrame]):
     def _pixels(self, frame: FinishedFrame, product: str) -> NDArray[Any]:
         pixels = frame.read(product)
         if pixels.shape[1::-1] != self.geometry.image_size:
-            raise InputError(f"{frame.products[product]}: is gone or damaged: run again, which makes it again")
+            raise InputError(
+                f"{frame.products[product]}: is gone or damaged: run again, which makes it again"
+            )
         return pixels
 
 
@@ -98,9 +123,11 @@ SOME = 20
 class PosedRun:
     """A finished run and the poses of its map's main component.
 
-    geometry: of the corrected images, pinhole without distortion; pixel (0, 0) is the center of the top left one.
-    frames: those that are in the map. T_map_camera: (N, 4, 4), meters, from the rectified left camera (x right, y down, z forward)
-    to the map's own coordinates (z up), which are those of cloud.ply and mesh.ply.
+    geometry: of the corrected images, pinhole without distortion; pixel (0, 0) is the center of the
+    top left one.
+    frames: those that are in the map. T_map_camera: (N, 4, 4), meters, from the rectified left
+    camera (x right, y down, z forward) to the map's own coordinates (z up), which are those of
+    cloud.ply and mesh.ply.
     """
 
     run: FinishedRun
@@ -110,12 +137,16 @@ class PosedRun:
     T_map_camera: NDArray[np.float64]
 
     def measured_range_m(self, frame: FinishedFrame) -> Map:
-        """Read the measured ranges of a frame, scaled as in the map: (H, W), NaN where there are none. Raises InputError."""
+        """Read the measured ranges of a frame, scaled as in the map: (H, W), NaN where there are
+        none. Raises InputError.
+        """
         return np.float32(self.map.range_scale) * frame.measured_range_m()
 
     @property
     def survey(self) -> SurveyFrames:
-        """The frames with their ranges as the map takes them, each read when asked for. Raises InputError."""
+        """The frames with their ranges as the map takes them, each read when asked for. Raises
+        InputError.
+        """
         return SurveyFrames(self.run, self.map.range_scale, self.frames)
 
     @property
@@ -140,12 +171,16 @@ class PosedRun:
 
     @property
     def principal_point_px(self) -> tuple[float, float]:
-        """The principal point as most programs count pixels: (0.5, 0.5) is the center of the top left one."""
+        """The principal point as most programs count pixels: (0.5, 0.5) is the center of the top
+        left one.
+        """
         return self.geometry.cx_left_px + 0.5, self.geometry.cy_px + 0.5
 
     @cached_property
     def pixel_m(self) -> float:
-        """Meters a pixel of the images where they see the bottom, median over some frames; NaN where nothing was measured."""
+        """Meters a pixel of the images where they see the bottom, median over some frames; NaN
+        where nothing was measured.
+        """
         some = self.frames[:: -(-len(self.frames) // SOME) or 1]
         depths_m = [self.geometry.depth_from_range(self.measured_range_m(frame)) for frame in some]
         known = [float(np.nanmedian(depth)) for depth in depths_m if np.isfinite(depth).any()]
@@ -163,21 +198,33 @@ def spaced(numbers: Iterable[float], digits: int = 12) -> str:
 
 
 def open_posed_run(out: Path) -> PosedRun:
-    """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that is damaged."""
+    """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that
+    is damaged.
+    """
     run, folder = open_run(out), out / MAP
     made = open_map(out) if all((folder / name).is_file() for name in (CLOUD, MESH)) else None
     if run.geometry is None or made is None:
-        raise InputError(f"{out}: holds no map, which knows where the frames were taken: make it with stereo-seecolor fuse {out}")
+        raise InputError(
+            f"{out}: holds no map, which knows where the frames were taken: make it with "
+            f"stereo-seecolor fuse {out}"
+        )
     try:
         rows = np.loadtxt(folder / "trajectory.tum", ndmin=2)
         T = pose(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - np.array(made.offset_m))
     except (OSError, ValueError, IndexError) as error:
-        raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
+        raise InputError(
+            f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}"
+        ) from error
     if len(made.track) != len(T):
-        raise InputError(f"{folder}: trajectory.tum and poses.csv differ: make the map again with stereo-seecolor fuse {out}")
+        raise InputError(
+            f"{folder}: trajectory.tum and poses.csv differ: make the map again with "
+            f"stereo-seecolor fuse {out}"
+        )
     current = {frame.name: frame for frame in run.frames}
     chosen = [i for i, point in enumerate(made.track) if point.name in current]
-    return PosedRun(run, made, run.geometry, tuple(current[made.track[i].name] for i in chosen), T[chosen])
+    return PosedRun(
+        run, made, run.geometry, tuple(current[made.track[i].name] for i in chosen), T[chosen]
+    )
 
 
 # The folder of one shard's results, as ``merge`` reads it.
@@ -185,7 +232,9 @@ def open_posed_run(out: Path) -> PosedRun:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A run's folder of some pairs of a dive; made by ``open``. run: the finished run. rows: of frames.csv."""
+    """A run's folder of some pairs of a dive; made by ``open``. run: the finished run. rows: of
+    frames.csv.
+    """
 
     root: Path
     run: FinishedRun
@@ -193,20 +242,31 @@ class Part:
 
     @classmethod
     def open(cls, root: Path) -> "Part":
-        """Read a folder. Raises InputError if it holds no run over stereo pairs, or one that did not come to its end."""
+        """Read a folder. Raises InputError if it holds no run over stereo pairs, or one that did
+        not come to its end.
+        """
         run = open_run(root)
         if run.geometry is None:
-            raise InputError(f"{root}: the run knows no camera (made by correct?): only the results of run are merged")
+            raise InputError(
+                f"{root}: the run knows no camera (made by correct?): only the results of run are "
+                "merged"
+            )
         rows = read_rows(root / FRAMES_TABLE)
         pending = [row.name for row in rows if row.status == "pending"]
         if pending or run.state != "complete":
-            left = f"not done: {counted(len(pending), 'pair')} ({pending[0]})" if pending else f"it is {run.state}"
+            left = (
+                f"not done: {counted(len(pending), 'pair')} ({pending[0]})"
+                if pending
+                else f"it is {run.state}"
+            )
             raise InputError(f"{root}: did not come to its end, {left}: run its line again first")
         return cls(root, run, rows)
 
     @cached_property
     def shard(self) -> Shard | None:
-        """The shard of the dive that was run; None where the run was of all pairs that it was given."""
+        """The shard of the dive that was run; None where the run was of all pairs that it was
+        given.
+        """
         kind = Manifest(self.root).dive().identity.get("kind", "")
         return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
 
@@ -227,4 +287,8 @@ class Part:
     def waters(self) -> Mapping[str, Water] | None:
         """Read the water of each finished frame by name; None where no water was taken out yet."""
         path = self.root / WATER
-        return read_waters(path, [row.name for row in self.rows if row.status == "ok"]) if path.exists() else None
+        return (
+            read_waters(path, [row.name for row in self.rows if row.status == "ok"])
+            if path.exists()
+            else None
+        )

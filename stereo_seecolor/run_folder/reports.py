@@ -24,7 +24,14 @@ from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, 
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION, track_points
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import CurrentFrames, FrameTable, ProductSummary, RunSummary, frames_csv, with_residuals
+from stereo_seecolor.run_folder.frames_csv import (
+    CurrentFrames,
+    FrameTable,
+    ProductSummary,
+    RunSummary,
+    frames_csv,
+    with_residuals,
+)
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     FRAMES_TABLE,
@@ -39,7 +46,16 @@ from stereo_seecolor.run_folder.layout import (
 )
 from stereo_seecolor.version import __version__
 
-LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "open3d-cpu", "gtsam")
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "torch",
+    "numba",
+    "open3d",
+    "open3d-cpu",
+    "gtsam",
+)
 """What shapes the numbers."""
 NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
 
@@ -66,29 +82,48 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
 
 
 def renew_frames_table(folder: RunFolder) -> None:
-    """Renew the residuals in frames.csv from the map; a damaged table is left to a run, which writes it. Raises OutputError."""
+    """Renew the residuals in frames.csv from the map; a damaged table is left to a run, which
+    writes it. Raises OutputError.
+    """
     path = folder.root / FRAMES_TABLE
     with suppress(ValueError, KeyError):
         if path.is_file():
-            folder.dive.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
+            folder.dive.write(
+                FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root))
+            )
 
 
-def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: Compute) -> CurrentFrames:
-    """End a run. What belongs to no pair of a complete run is moved aside; what was made from frames that changed is deleted.
+def close_run(
+    folder: RunFolder, run: RunDescription, complete: bool, compute: Compute
+) -> CurrentFrames:
+    """End a run. What belongs to no pair of a complete run is moved aside; what was made from
+    frames that changed is deleted.
 
-    compute: reads the frames' records; those of a run that was stopped are read here, since its cluster may be gone.
+    compute: reads the frames' records; those of a run that was stopped are read here, since its
+    cluster may be gone.
     """
     if complete:
-        retired = sum(folder.frames.retire(name) for name in folder.manifest.names() if name not in run.names)
+        retired = sum(
+            folder.frames.retire(name) for name in folder.manifest.names() if name not in run.names
+        )
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
-            folder.dive.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
+            folder.dive.removed.append(
+                f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}"
+            )
     current = CurrentFrames.of(folder, run.names, run.last, compute if complete else None)
     if complete:
-        folder.owned.remove_leftovers()  # of workers that were lost; not before, as a new worker looks for the cluster's own file
-        sources = dict.fromkeys((MAP, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
+        # of workers that were lost; not before, as a new worker looks for the cluster's own file
+        folder.owned.remove_leftovers()
+        sources = dict.fromkeys((MAP, INDEX), current.digests["corrected"]) | {
+            MEASURED_WATER: current.digests["range"]
+        }
         made_from = folder.dive.record.made_from
-        stale = [name for name, source in sources.items() if made_from.get(name, source) != source and not folder.reads(name)]
+        stale = [
+            name
+            for name, source in sources.items()
+            if made_from.get(name, source) != source and not folder.reads(name)
+        ]
         if stale:
             folder.dive.remove(*stale)
     folder.dive.update(replace(folder.dive.record, state="complete" if complete else "stopped"))
@@ -97,7 +132,8 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: C
 
 @dataclass(frozen=True, eq=False)
 class FinalRows(Lazy[FrameRow]):
-    """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending.
+    """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not
+    come to is pending.
 
     table: what is known of the pairs. done: of their names, those whose last stage is current.
     """
@@ -120,18 +156,34 @@ class FinalRows(Lazy[FrameRow]):
         row = self.table.row(name)
         if row is None:
             return FrameRow(name, "pending", error=NOT_REACHED)
-        return row if row.status != "ok" or self.done.chosen[number] else replace(row, status="pending", error=NOT_REACHED)
+        return (
+            row
+            if row.status != "ok" or self.done.chosen[number]
+            else replace(row, status="pending", error=NOT_REACHED)
+        )
 
 
 def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:
-    """List the current products of OUT in the order of a summary, and whether this run wrote them."""
+    """List the current products of OUT in the order of a summary, and whether this run wrote
+    them.
+    """
     files = folder.dive.record.files
-    names = {name for path in files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
+    names = {
+        name
+        for path in files
+        for name in (path, path.split("/")[0])
+        if (folder.root / name).exists()
+    }
     counts = current.made | {name: 1 for name in (*DIVE_FILES, MAP) if name in names}
-    written = current.written | {name: int(name in folder.dive.written) for name in (*DIVE_FILES, MAP)}
+    written = current.written | {
+        name: int(name in folder.dive.written) for name in (*DIVE_FILES, MAP)
+    }
     listed = [name for name in WHAT_IS_WHERE if counts.get(name)]
     return tuple(
-        ProductSummary(folder.root / name, WHAT_IS_WHERE[name], _source(written.get(name, 0), counts[name])) for name in listed
+        ProductSummary(
+            folder.root / name, WHAT_IS_WHERE[name], _source(written.get(name, 0), counts[name])
+        )
+        for name in listed
     )
 
 
@@ -141,7 +193,9 @@ def _source(written: int, count: int) -> Any:
     return "partly kept from an earlier run" if written else "kept from an earlier run"
 
 
-def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, str]) -> dict[str, Any]:
+def _content(
+    run: RunDescription, summary: RunSummary, settings: Mapping[Stage, str]
+) -> dict[str, Any]:
     rectification = run.rectification
     content: dict[str, Any] = plain(
         {
@@ -153,9 +207,17 @@ def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, 
             "working_directory": str(Path.cwd()),
             "host": platform.node(),
             "platform": platform.platform(),
-            "libraries": {"python": sys.version.split()[0]} | {name: _version(name) for name in LIBRARIES},
-            "inputs": {**run.inputs, "files": Streamed(lambda: ((row.name, row.hashes) for row in summary.rows if row.hashes))},
-            "settings": {stage: key for stage, key in settings.items() if stage != "page"},  # which is made of what this describes
+            "libraries": {"python": sys.version.split()[0]}
+            | {name: _version(name) for name in LIBRARIES},
+            "inputs": {
+                **run.inputs,
+                "files": Streamed(
+                    lambda: ((row.name, row.hashes) for row in summary.rows if row.hashes)
+                ),
+            },
+            "settings": {
+                stage: key for stage, key in settings.items() if stage != "page"
+            },  # which is made of what this describes
             "config": run.config.model_dump(mode="json"),
             "geometry": asdict(rectification.pair) if rectification else None,
             "T_rectified_left": rectification.T_rectified_left.tolist() if rectification else None,
@@ -176,13 +238,15 @@ def _version(library: str) -> str | None:
 # The progress of a run, kept in OUT while it works, for ``status``.
 
 EVERY_S = 2.0
-"""Seconds between two writings: often enough for a person who looks on, and nothing beside the files of a pair."""
+"""Seconds between two writings: often enough for a person who looks on, and nothing beside the
+files of a pair.
+"""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """The expected passes of a run. seconds: of one core for each pair, by pass in their order. planned: whether ``plan`` measured
-    them on this dive.
+    """The expected passes of a run. seconds: of one core for each pair, by pass in their order.
+    planned: whether ``plan`` measured them on this dive.
     """
 
     seconds: dict[str, float]
@@ -190,18 +254,24 @@ class Expected:
 
     def of(self, *passes: str) -> "Expected":
         """Select these passes."""
-        return Expected({name: self.seconds[name] for name in passes if name in self.seconds}, self.planned)
+        return Expected(
+            {name: self.seconds[name] for name in passes if name in self.seconds}, self.planned
+        )
 
 
 USUAL = Expected({"ranges": 0.19, "light": 0.07, "waters": 0.01, "colors": 0.14})
-"""Of pairs of 1280x1024 (docs/fleets.md). Larger pairs take longer, but about the same shares, which are all that is used of it."""
+"""Of pairs of 1280x1024 (docs/fleets.md). Larger pairs take longer, but about the same shares,
+which are all that is used of it.
+"""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """The progress of a pass over a dive. began_s, updated_s: seconds since 1970. failures: reason, how often, first frame.
+    """The progress of a pass over a dive. began_s, updated_s: seconds since 1970. failures: reason,
+    how often, first frame.
 
-    new: of the pairs that are done, those that no earlier run had done. earlier: passes before this one: name, new pairs, seconds.
+    new: of the pairs that are done, those that no earlier run had done. earlier: passes before this
+    one: name, new pairs, seconds.
     """
 
     stage: str
@@ -217,7 +287,9 @@ class Progress:
 
     @property
     def ends_s(self) -> float | None:
-        """The time at which the pass will end at its rate so far, seconds since 1970; None before its first pair."""
+        """The time at which the pass will end at its rate so far, seconds since 1970; None before
+        its first pair.
+        """
         if not self.done:
             return None
         return self.began_s + (self.updated_s - self.began_s) * self.total / self.done
@@ -230,13 +302,18 @@ class Progress:
 
     @property
     def run_ends_s(self) -> float | None:
-        """The time at which the run will end, seconds since 1970, if the passes go on at the pace so far relative to what was
-        expected of them.
+        """The time at which the run will end, seconds since 1970, if the passes go on at the pace
+        so far relative to what was expected of them.
 
         None where no pair was done that tells how fast it goes.
         """
-        each, so_far = self.expected.seconds, [*self.earlier, (self.stage, self.new, self.updated_s - self.began_s)]
-        timed = [(new * each[name], seconds) for name, new, seconds in so_far if new and name in each]
+        each, so_far = (
+            self.expected.seconds,
+            [*self.earlier, (self.stage, self.new, self.updated_s - self.began_s)],
+        )
+        timed = [
+            (new * each[name], seconds) for name, new, seconds in so_far if new and name in each
+        ]
         expected_s = sum(seconds for seconds, _ in timed)
         if self.stage not in each or not expected_s:
             return None
@@ -273,7 +350,13 @@ class ProgressFile:
         now_s = time.time()
         if self._stage:
             self._earlier.append((self._stage, self._new, now_s - self._began_s))
-        self._stage, self._total, self._failed, self._done, self._new = stage, total, [], Counter(), 0
+        self._stage, self._total, self._failed, self._done, self._new = (
+            stage,
+            total,
+            [],
+            Counter(),
+            0,
+        )
         self._began_s = now_s
         self._write()
 
@@ -289,5 +372,7 @@ class ProgressFile:
         self._written_s = time.time()
         done, failed = self._done.total(), self._done["failed"]
         counts = self._stage, self._total, done, failed, self._began_s, self._written_s, self._new
-        progress = Progress(*counts, self._earlier, self._expected, RunSummary(self._failed).problems())
+        progress = Progress(
+            *counts, self._earlier, self._expected, RunSummary(self._failed).problems()
+        )
         write_replaceable(progress_file(self._root), json.dumps(asdict(progress)).encode())

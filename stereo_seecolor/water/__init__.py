@@ -1,1 +1,3 @@
-"""The water between camera and reef: its parameters, their limits, and Jerlov's optical water types."""
+"""The water between camera and reef: its parameters, their limits, and Jerlov's optical water
+types.
+"""

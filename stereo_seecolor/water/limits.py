@@ -1,4 +1,6 @@
-"""Limits of the parameters of a water, against which every water is checked that is read, fitted or given by a program."""
+"""Limits of the parameters of a water, against which every water is checked that is read, fitted or
+given by a program.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +12,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits beyond which no water lies. A fit to noise may come near; within them arithmetic stays finite."""
+    """Limits beyond which no water lies. A fit to noise may come near; within them arithmetic stays
+    finite.
+    """
 
     light: float = 1e6
     """Fraction of full scale: more than any bright water at any exposure."""
@@ -52,14 +56,27 @@ _LEAST, _GREATEST = (np.array([[bounds[end]] for bounds in BOUNDS.values()]) for
 
 
 def problem_of(water: Mapping[str, Any]) -> str:
-    """The first problem of these fields of a water, as "name must be ... (got ...)"; "" for none."""
+    """The first problem of these fields of a water, as "name must be ... (got ...)"; "" for
+    none.
+    """
     printed = _number_problem("final_sigmoid", water["final_sigmoid"], 0.0, LIMITS.light)
-    bounds_of = BOUNDS | ({"gamma_inf": _LOGIT, "eta": _LOGIT} if not printed and water["final_sigmoid"] else {})
-    problems = [] if _all_inside(water) else [_channels_problem(name, water[name], *bounds) for name, bounds in bounds_of.items()]
+    bounds_of = BOUNDS | (
+        {"gamma_inf": _LOGIT, "eta": _LOGIT} if not printed and water["final_sigmoid"] else {}
+    )
+    problems = (
+        []
+        if _all_inside(water)
+        else [_channels_problem(name, water[name], *bounds) for name, bounds in bounds_of.items()]
+    )
     if not any(problems) and not _light_falls(water):
-        problems.append("w and y let light grow with range: w exp(-v z) + y exp(-x z) must not be negative at any range")
+        problems.append(
+            "w and y let light grow with range: w exp(-v z) + y exp(-x z) must not be negative at "
+            "any range"
+        )
     if water["input_encoding"] not in ("srgb", "linear", "as-is"):
-        problems.append(f"input_encoding must be srgb, linear or as-is (got {water['input_encoding']!r:.80})")
+        problems.append(
+            f"input_encoding must be srgb, linear or as-is (got {water['input_encoding']!r:.80})"
+        )
     if water["exposure"] is not None:
         problems.append(_number_problem("exposure", water["exposure"], 1 / LIMITS.exposure))
     problems.append(printed)
@@ -71,14 +88,20 @@ def problem_of(water: Mapping[str, Any]) -> str:
     errors = water["standard_errors"]
     for name, values in () if _errors_inside(list(errors.values())) else errors.items():
         known = np.nan_to_num(values, nan=0.0) if _is_channels(values) else values
-        problems.append(_channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max))
+        problems.append(
+            _channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max)
+        )
     return next(filter(None, problems), "")
 
 
 def _all_inside(water: Mapping[str, Any]) -> bool:
-    """Whether all parameters are within their limits, by one fast test: thousands of waters are made, and few are wrong."""
+    """Whether all parameters are within their limits, by one fast test: thousands of waters are
+    made, and few are wrong.
+    """
     values = [water[name] for name in PARAMETERS]
-    return all(map(_is_channels, values)) and bool(((values >= _LEAST) & (values <= _GREATEST)).all())
+    return all(map(_is_channels, values)) and bool(
+        ((values >= _LEAST) & (values <= _GREATEST)).all()
+    )
 
 
 def _errors_inside(errors: list[Any]) -> bool:
@@ -94,7 +117,11 @@ def _channels_problem(name: str, value: Any, low: float, high: float) -> str:
     if not _is_channels(value):
         return f"{name} needs three numbers, one a channel (got {value!r:.80})"
     inside = (value >= low) & (value <= high)
-    return "" if inside.all() else f"{name} must be from {low:g} to {high:g} in each channel (got {value.tolist()})"
+    return (
+        ""
+        if inside.all()
+        else f"{name} must be from {low:g} to {high:g} in each channel (got {value.tolist()})"
+    )
 
 
 def _number_problem(name: str, value: Any, low: float, high: float = LIMITS.exposure) -> str:
@@ -103,15 +130,31 @@ def _number_problem(name: str, value: Any, low: float, high: float = LIMITS.expo
 
 
 def _matrix_problem(matrix: Any, errors: Any) -> str:
-    for name, value in (("matrix", matrix), ("matrix_errors", np.zeros((3, 3)) if errors is None else errors)):
-        if not isinstance(value, np.ndarray) or value.shape != (3, 3) or not (np.abs(value) <= LIMITS.mixing).all():
-            return f"{name} needs three rows of three numbers from {-LIMITS.mixing:g} to {LIMITS.mixing:g} (got {value!r:.80})"
+    for name, value in (
+        ("matrix", matrix),
+        ("matrix_errors", np.zeros((3, 3)) if errors is None else errors),
+    ):
+        if (
+            not isinstance(value, np.ndarray)
+            or value.shape != (3, 3)
+            or not (np.abs(value) <= LIMITS.mixing).all()
+        ):
+            return (
+                f"{name} needs three rows of three numbers from {-LIMITS.mixing:g} to "
+                f"{LIMITS.mixing:g} (got {value!r:.80})"
+            )
     balanced = np.abs(matrix.sum(axis=1) - 1) <= LIMITS.row_sum
-    return "" if balanced.all() else f"matrix must have rows that sum to 1 (got {matrix.sum(axis=1).tolist()})"
+    return (
+        ""
+        if balanced.all()
+        else f"matrix must have rows that sum to 1 (got {matrix.sum(axis=1).tolist()})"
+    )
 
 
 def _light_falls(water: Mapping[str, Any]) -> bool:
-    """Whether w exp(-v z) + y exp(-x z) >= 0 at every range: a negative term must be the smaller and the first to vanish."""
+    """Whether w exp(-v z) + y exp(-x z) >= 0 at every range: a negative term must be the smaller
+    and the first to vanish.
+    """
     w, v, y, x = (water[name] for name in ("w", "v", "y", "x"))
     rounding = 1e-9 * (np.abs(w) + np.abs(y))
     rising = ((w >= -rounding) | (v >= x)) & ((y >= -rounding) | (x >= v)) & (w + y >= -rounding)

@@ -1,6 +1,8 @@
-"""The paper's formulas of water, written once: for numpy arrays, and for torch tensors, whose derivatives autograd then knows.
+"""The paper's formulas of water, written once: for numpy arrays, and for torch tensors, whose
+derivatives autograd then knows.
 
-I_c = J_c white_c A_c(z) + B_c(z), DeepSeeColor (Jamieson, How, Girdhar 2023). z in meters, rates in 1/m, never negative.
+I_c = J_c white_c A_c(z) + B_c(z), DeepSeeColor (Jamieson, How, Girdhar 2023). z in meters, rates in
+1/m, never negative.
 """
 
 import sys
@@ -22,7 +24,9 @@ def cged(x: Any) -> Any:
 
 
 def sigmoid(x: Any) -> Any:
-    """1 / (1 + exp(-x)); the last layer of the paper's backscatter network (fig. backscatter-net)."""
+    """1 / (1 + exp(-x)); the last layer of the paper's backscatter network (fig.
+    backscatter-net).
+    """
     return 1 / (1 + _library(x).exp(-x))
 
 

@@ -1,4 +1,6 @@
-"""Small files of text that took minutes, gigabytes, or the stack of the interpreter: each is refused at once, in one line."""
+"""Small files of text that took minutes, gigabytes, or the stack of the interpreter: each is
+refused at once, in one line.
+"""
 
 import json
 import re
@@ -21,7 +23,9 @@ from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_form
 from stereo_seecolor.run_folder.dive_files import read_waters
 
 ROOT = Path(__file__).resolve().parents[2]
-BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
+BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
+)
 TEXTS = {
     "aliases": BOMB,
     "brackets": "[" * 200_000,
@@ -77,7 +81,10 @@ def test_what_people_write_is_read() -> None:
 
 def test_nothing_else_parses_text_of_users() -> None:
     """A reader of its own would have no bounds."""
-    parsers = re.compile(r"\bjson\.loads?\(|\byaml\.(safe_)?load(_all)?\(|\byaml\.full_load|JSONDecoder|\bjson import .*loads?\b")
+    parsers = re.compile(
+        r"\bjson\.loads?\(|\byaml\.(safe_)?load(_all)?\(|\byaml\.full_load|JSONDecoder|\bjson "
+        r"import .*loads?\b"
+    )
     found = [
         f"{path.relative_to(ROOT)}: {line.strip()}"
         for package in ("calibration", "stereo_seecolor")
@@ -88,7 +95,9 @@ def test_nothing_else_parses_text_of_users() -> None:
     assert [line.partition(":")[0] for line in found] == 2 * ["calibration/files.py"], found
 
 
-@pytest.mark.parametrize("text", ["a" + ".a" * 60_000 + " = 1", "matrix = " + "[" * 50_000, "matrix = " + "{a=" * 40_000])
+@pytest.mark.parametrize(
+    "text", ["a" + ".a" * 60_000 + " = 1", "matrix = " + "[" * 50_000, "matrix = " + "{a=" * 40_000]
+)
 def test_toml_of_many_levels_is_refused_at_once(text: str, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(f"[cam_0]\n{text}\n")
     start_s = time.monotonic()

@@ -18,7 +18,13 @@ PLACES = (
 )
 
 
-def campaign_file(folder: Path, name: str = "one", out: str = ".", file: str = "reef.yaml", more: str = ", site: reef") -> Path:
+def campaign_file(
+    folder: Path,
+    name: str = "one",
+    out: str = ".",
+    file: str = "reef.yaml",
+    more: str = ", site: reef",
+) -> Path:
     (folder / file).write_text(f"out: {out}\ndives: [{DIVE % (name, more)}]\n")
     return folder / file
 
@@ -45,19 +51,29 @@ def test_a_campaigns_own_file_is_not_replaced(make_dive, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_a_campaign_replaces_what_it_wrote_until_somebody_changes_it(make_dive, tmp_path: Path) -> None:
+def test_a_campaign_replaces_what_it_wrote_until_somebody_changes_it(
+    make_dive, tmp_path: Path
+) -> None:
     make_dive(2)
     file = campaign_file(tmp_path)
     assert [campaign(file).dives[0].state for _ in range(2)] == ["done", "done"]
     table = tmp_path / "campaign.csv"
     table.write_text(table.read_text().replace("done", "fine"))
-    with pytest.raises(OutputError, match=r"campaign\.csv: is not of this campaign, or was changed since"):
+    with pytest.raises(
+        OutputError, match=r"campaign\.csv: is not of this campaign, or was changed since"
+    ):
         campaign(file)
     assert "fine" in table.read_text()
 
 
-@pytest.mark.parametrize("name", ["collection", "records", "waters", "campaign.csv", "campaign.json", "Records"])
-def test_a_dive_is_not_called_as_a_file_of_the_campaign(make_dive, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["collection", "records", "waters", "campaign.csv", "campaign.json", "Records"]
+)
+def test_a_dive_is_not_called_as_a_file_of_the_campaign(
+    make_dive, tmp_path: Path, name: str
+) -> None:
     make_dive(1)
-    with pytest.raises(InputError, match=f"a dive is called '{name}', as a file or folder of the campaign itself"):
+    with pytest.raises(
+        InputError, match=f"a dive is called '{name}', as a file or folder of the campaign itself"
+    ):
         campaign(campaign_file(tmp_path, name))

@@ -1,4 +1,6 @@
-"""Tables and records of OUT that were cut, edited or damaged: every command that reads them ends well, or in one line."""
+"""Tables and records of OUT that were cut, edited or damaged: every command that reads them ends
+well, or in one line.
+"""
 
 import json
 import shutil
@@ -32,20 +34,30 @@ def _cells(change: Callable[[str], str]) -> Callable[[bytes], bytes]:
 
     def changed(content: bytes) -> bytes:
         head, *rows = content.decode().splitlines()
-        return "\n".join([head, *(",".join(change(cell) for cell in row.split(",")) for row in rows)]).encode()
+        return "\n".join(
+            [head, *(",".join(change(cell) for cell in row.split(",")) for row in rows)]
+        ).encode()
 
     return changed
 
 
 def _values(change: Callable[[Any], Any]) -> Callable[[bytes], bytes]:
-    """Change every value of a JSON file and of the objects directly in it, but for what says which kind of file it is."""
+    """Change every value of a JSON file and of the objects directly in it, but for what says which
+    kind of file it is.
+    """
 
     def member(key: str, value: Any) -> Any:
         if key.startswith("format"):
             return value
-        return {inner: change(v) for inner, v in value.items()} if isinstance(value, dict) else change(value)
+        return (
+            {inner: change(v) for inner, v in value.items()}
+            if isinstance(value, dict)
+            else change(value)
+        )
 
-    return lambda content: json.dumps({key: member(key, value) for key, value in json.loads(content).items()}).encode()
+    return lambda content: json.dumps(
+        {key: member(key, value) for key, value in json.loads(content).items()}
+    ).encode()
 
 
 Damage = Callable[[bytes], bytes]
@@ -60,8 +72,12 @@ ANY: dict[str, Damage] = {
 IN_TABLES: dict[str, Damage] = {
     "the header alone": lambda content: content.splitlines(keepends=True)[0],
     "no header": lambda content: b"\n".join(content.splitlines()[1:]),
-    "rows that are short": lambda content: b"\n".join([content.splitlines()[0], *(row[:9] for row in content.splitlines()[1:])]),
-    "rows that are long": lambda content: b"\n".join(row + b",1,2,3" for row in content.splitlines()),
+    "rows that are short": lambda content: b"\n".join(
+        [content.splitlines()[0], *(row[:9] for row in content.splitlines()[1:])]
+    ),
+    "rows that are long": lambda content: b"\n".join(
+        row + b",1,2,3" for row in content.splitlines()
+    ),
     "words for numbers": _cells(lambda cell: f"{cell}x"),
     "nothing known": _cells(lambda cell: ""),
     "NaN": _cells(lambda cell: "nan"),
@@ -84,7 +100,9 @@ IN_RECORDS: dict[str, Damage] = {
 
 def commands(out: Path, folder: Path) -> dict[str, Callable[[], object]]:
     points = folder / "points.csv"
-    points.write_text("measure,frame,kind,label,x_px,y_px,x_m,y_m\n1,0000,point,a,40,30,,\n2,,point,b,,,0.1,0.1\n")
+    points.write_text(
+        "measure,frame,kind,label,x_px,y_px,x_m,y_m\n1,0000,point,a,40,30,,\n2,,point,b,,,0.1,0.1\n"
+    )
     return {
         "status": lambda: status(out),
         "measure": lambda: measure(out, points),
@@ -97,7 +115,14 @@ def commands(out: Path, folder: Path) -> dict[str, Callable[[], object]]:
 def fused(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
     """A fused run of three frames."""
     dive, out, poses = make_dive(3), tmp_path / "out", tmp_path / "poses.tum"
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, ()), RunOptions(workers=1))
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        out,
+        load_config(None, ()),
+        RunOptions(workers=1),
+    )
     poses.write_text("".join(f"{number} {0.05 * number} 0 0 0 0 0 1\n" for number in range(3)))
     fuse(out, poses)
     return out
@@ -110,7 +135,9 @@ def test_a_damaged_table_or_record_is_one_line(file: str, fused: Path, tmp_path:
     good = tmp_path / "good"
     shutil.copytree(fused, good)
     content, refused = (good / file).read_bytes(), 0
-    for number, (damage, damaged) in enumerate((ANY | (IN_TABLES if file in TABLES else IN_RECORDS)).items()):
+    for number, (damage, damaged) in enumerate(
+        (ANY | (IN_TABLES if file in TABLES else IN_RECORDS)).items()
+    ):
         folder = tmp_path / str(number)
         folder.mkdir()
         for name, command in commands(fused, folder).items():

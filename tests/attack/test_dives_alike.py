@@ -1,4 +1,6 @@
-"""Two dives that look alike at first: neither takes the other's OUT without being asked; a dive that grew or moved goes on."""
+"""Two dives that look alike at first: neither takes the other's OUT without being asked; a dive
+that grew or moved goes on.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -66,7 +68,9 @@ def test_another_dive_at_the_same_path_is_another(dive: Dive, tmp_path: Path) ->
     assert contents(out) == before
 
 
-def test_a_dive_with_other_names_and_the_same_first_frame_is_another(dive: Dive, tmp_path: Path) -> None:
+def test_a_dive_with_other_names_and_the_same_first_frame_is_another(
+    dive: Dive, tmp_path: Path
+) -> None:
     out, other = tmp_path / "out", copied(dive, "tuesday")
     for side in "LR":
         for name in ("0001", "0002", "0003"):
@@ -88,7 +92,9 @@ def test_a_correction_of_another_dives_images_is_refused(dive: Dive, tmp_path: P
         correct(images, tmp_path / "b/range", tmp_path / "out")
 
 
-@pytest.mark.parametrize("change", ["nothing", "grew", "grew before", "lost the first", "lost the last"])
+@pytest.mark.parametrize(
+    "change", ["nothing", "grew", "grew before", "lost the first", "lost the last"]
+)
 def test_a_dive_that_moved_and_changed_goes_on(dive: Dive, tmp_path: Path, change: str) -> None:
     out, moved = tmp_path / "out", copied(dive, "moved")
     for side in "LR":
@@ -100,7 +106,9 @@ def test_a_dive_that_moved_and_changed_goes_on(dive: Dive, tmp_path: Path, chang
             (moved.root / side / ("0000.png" if "first" in change else "0003.png")).unlink()
     go(dive, out)
     summary = go(moved, out)
-    assert summary.all_done and len(list((out / "range").iterdir())) == (3 if "lost" in change else 4)
+    assert summary.all_done and len(list((out / "range").iterdir())) == (
+        3 if "lost" in change else 4
+    )
 
 
 def test_a_stopped_run_of_a_dive_that_moved_goes_on(dive: Dive, tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Results that a user edited in place, in the middle and at the same size: kept aside, never deleted or overwritten."""
+"""Results that a user edited in place, in the middle and at the same size: kept aside, never
+deleted or overwritten.
+"""
 
 import os
 from collections.abc import Callable
@@ -26,24 +28,43 @@ def edited(path: Path, *, same_time: bool) -> bytes:
         byte = file.read(1)[0]
         file.seek(status.st_size // 2)
         file.write(bytes([byte ^ 255]))
-    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns if same_time else status.st_mtime_ns + 10**9))
+    os.utime(
+        path,
+        ns=(status.st_atime_ns, status.st_mtime_ns if same_time else status.st_mtime_ns + 10**9),
+    )
     assert path.stat().st_size == status.st_size
     return path.read_bytes()
 
 
 def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> object:
     config = load_config(None, settings)
-    return run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config, RunOptions(overwrite=overwrite))
+    return run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        out,
+        config,
+        RunOptions(overwrite=overwrite),
+    )
 
 
 @pytest.mark.parametrize("same_time", [True, False])
-@pytest.mark.parametrize(("settings", "overwrite"), [((), True), (("matching.min_confidence=0.7",), False)])
+@pytest.mark.parametrize(
+    ("settings", "overwrite"), [((), True), (("matching.min_confidence=0.7",), False)]
+)
 def test_a_product_edited_in_the_middle_is_kept_aside(
-    make_dive: Callable[..., Dive], tmp_path: Path, settings: tuple[str, ...], overwrite: bool, same_time: bool
+    make_dive: Callable[..., Dive],
+    tmp_path: Path,
+    settings: tuple[str, ...],
+    overwrite: bool,
+    same_time: bool,
 ) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     go(dive, out)
-    paths = [next((out / product).iterdir()) for product in PRODUCTS] + [out / "frames.csv", out / "rig.yaml"]
+    paths = [next((out / product).iterdir()) for product in PRODUCTS] + [
+        out / "frames.csv",
+        out / "rig.yaml",
+    ]
     mine = {path: edited(path, same_time=same_time) for path in paths}
     go(dive, out, *settings, overwrite=overwrite)
     for path, content in mine.items():
@@ -52,7 +73,9 @@ def test_a_product_edited_in_the_middle_is_kept_aside(
 
 
 @pytest.mark.parametrize("same_time", [True, False])
-def test_a_mesh_edited_in_the_middle_outlives_the_next_map(make_dive: Callable[..., Dive], tmp_path: Path, same_time: bool) -> None:
+def test_a_mesh_edited_in_the_middle_outlives_the_next_map(
+    make_dive: Callable[..., Dive], tmp_path: Path, same_time: bool
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     go(dive, out)
     for content in (LARGE, LARGE + b"next"):
@@ -64,7 +87,9 @@ def test_a_mesh_edited_in_the_middle_outlives_the_next_map(make_dive: Callable[.
     assert (out / "map/mesh.ply").read_bytes() == LARGE + b"next"
 
 
-def test_a_page_edited_in_the_middle_is_kept_aside(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_a_page_edited_in_the_middle_is_kept_aside(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     go(dive, out)
     mine = edited(out / "index.html", same_time=False)

@@ -1,4 +1,6 @@
-"""Files of a user's that lie where a command writes its log, its plan or a target; and text of files on a terminal."""
+"""Files of a user's that lie where a command writes its log, its plan or a target; and text of
+files on a terminal.
+"""
 
 import errno
 import json
@@ -17,7 +19,9 @@ def test_a_log_is_appended_to_logs_alone(cli, tmp_path: Path, name: str) -> None
     (tmp_path / name).write_text(POSES)
     code, _, said = cli("inspect", tmp_path, "--log-file", tmp_path / name)
     assert code == 1
-    assert f"--log-file {tmp_path / name}: is there already, and is not a log of this program" in said
+    assert (
+        f"--log-file {tmp_path / name}: is there already, and is not a log of this program" in said
+    )
     assert (tmp_path / name).read_text() == POSES
 
 
@@ -46,7 +50,9 @@ def test_a_plan_replaces_plans_alone(make_dive, cli, tmp_path: Path) -> None:
     assert [cli(*words)[0] for _ in range(2)] == [0, 0]
 
 
-def test_a_target_that_finds_no_room_leaves_no_half_file(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_target_that_finds_no_room_leaves_no_half_file(
+    cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -59,7 +65,9 @@ def test_a_target_that_finds_no_room_leaves_no_half_file(cli, tmp_path: Path, mo
 
 
 @pytest.mark.slow
-def test_text_of_a_shared_folder_does_not_command_the_terminal(make_dive, cli, tmp_path: Path) -> None:
+def test_text_of_a_shared_folder_does_not_command_the_terminal(
+    make_dive, cli, tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     (dive.root / "R/0001.png").write_bytes(b"")
     cli(*dive.command(out))

@@ -1,4 +1,6 @@
-"""An OUT that comes by mail or from a share: no command touches or reads a file outside of it that its records name."""
+"""An OUT that comes by mail or from a share: no command touches or reads a file outside of it that
+its records name.
+"""
 
 import hashlib
 import json
@@ -16,7 +18,11 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest, StageRecord
 
 MINE = b"mine"
-STAMP = {"size": len(MINE), "mtime_ns": 0, "digest": hashlib.blake2b(MINE + MINE, digest_size=8).hexdigest()}
+STAMP = {
+    "size": len(MINE),
+    "mtime_ns": 0,
+    "digest": hashlib.blake2b(MINE + MINE, digest_size=8).hexdigest(),
+}
 UP = ("../home/notes.txt", "range/../../home/notes.txt", "/home/notes.txt", "..")
 OUTSIDE = (*UP, "", ".", "range//a.tiff", "./range/a.tiff", "a\0b")
 Change = Callable[[dict[str, Any], str], None]
@@ -49,12 +55,18 @@ def changed(record: Path, change: Change, path: str) -> None:
 
 @pytest.mark.parametrize("path", OUTSIDE)
 @pytest.mark.parametrize("change", IN_FRAME)
-def test_a_frames_record_that_names_what_is_outside_is_refused(tmp_path: Path, change: Change, path: str) -> None:
+def test_a_frames_record_that_names_what_is_outside_is_refused(
+    tmp_path: Path, change: Change, path: str
+) -> None:
     manifest = Manifest(tmp_path)
-    manifest.save_frame(FrameRecord("a", stages={"range": StageRecord("key", outputs={"range": "range/a.tiff"})}))
+    manifest.save_frame(
+        FrameRecord("a", stages={"range": StageRecord("key", outputs={"range": "range/a.tiff"})})
+    )
     assert manifest.frame("a")
     changed(tmp_path / ".state/frames/a.json", change, path)
-    with pytest.raises(OutputError, match=r"a\.json: is not as this program writes it: .*nothing was touched") as raised:
+    with pytest.raises(
+        OutputError, match=r"a\.json: is not as this program writes it: .*nothing was touched"
+    ) as raised:
         list(manifest.frames())
     assert "\n" not in str(raised.value)
 
@@ -79,7 +91,9 @@ def test_a_frames_record_names_no_records_of_its_own(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("wrong", ["1", [], {"a": 1}, True, None, [[]], 10**400, {"size": "x"}])
 @pytest.mark.parametrize("key", ["name", "timestamp_s", "inputs", "stages", "files", "shelf"])
-def test_a_record_of_other_types_is_damaged_and_nothing_worse(tmp_path: Path, key: str, wrong: object) -> None:
+def test_a_record_of_other_types_is_damaged_and_nothing_worse(
+    tmp_path: Path, key: str, wrong: object
+) -> None:
     manifest = Manifest(tmp_path)
     manifest.save_frame(FrameRecord("a"))
     record = tmp_path / ".state/frames/a.json"
@@ -104,12 +118,27 @@ def hostile(make_dive: Callable[..., Dive], tmp_path: Path) -> tuple[Path, Path]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("record", ["frames/0000.json", "manifest.json"])
-def test_no_command_touches_a_file_that_a_record_names_outside(hostile: tuple[Path, Path], tmp_path: Path, record: str) -> None:
+def test_no_command_touches_a_file_that_a_record_names_outside(
+    hostile: tuple[Path, Path], tmp_path: Path, record: str
+) -> None:
     out, _ = hostile
     changed(out / ".state" / record, _file, "../home/notes.txt")
     dive = tmp_path / "dive"
-    sides = ["--left", dive / "L", "--right", dive / "R", "--calib", dive / "cam.yaml", "--out", out]
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and ".state" not in path.parts}
+    sides = [
+        "--left",
+        dive / "L",
+        "--right",
+        dive / "R",
+        "--calib",
+        dive / "cam.yaml",
+        "--out",
+        out,
+    ]
+    before = {
+        path: path.read_bytes()
+        for path in tmp_path.rglob("*")
+        if path.is_file() and ".state" not in path.parts
+    }
     for words in (
         ["run", *sides],
         ["run", *sides, "--overwrite"],
@@ -130,7 +159,9 @@ def test_no_command_touches_a_file_that_a_record_names_outside(hostile: tuple[Pa
 
 @pytest.mark.slow
 @pytest.mark.posix
-def test_links_that_lead_out_are_neither_read_nor_written_through(hostile: tuple[Path, Path], tmp_path: Path) -> None:
+def test_links_that_lead_out_are_neither_read_nor_written_through(
+    hostile: tuple[Path, Path], tmp_path: Path
+) -> None:
     out, mine = hostile
     for name in ("corrected/0000.png", ".state/light.json", "rig.yaml", "range/new"):
         copy = tmp_path / "copy"
@@ -158,7 +189,9 @@ def test_links_within_the_folder_are_read(finished_demo: Any, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_page_shows_no_image_that_the_run_did_not_read(hostile: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_page_shows_no_image_that_the_run_did_not_read(
+    hostile: tuple[Path, Path], tmp_path: Path
+) -> None:
     out, _ = hostile
     secret = tmp_path / "home/secret.png"
     shutil.copy(next((out / "corrected").glob("*.png")), secret)
@@ -174,6 +207,8 @@ def test_a_page_shows_no_image_that_the_run_did_not_read(hostile: tuple[Path, Pa
 
 
 def test_a_campaigns_states_name_no_folder_outside(tmp_path: Path) -> None:
-    (tmp_path / "campaign.json").write_text(json.dumps({"../home": {"name": "../home", "state": "done"}}))
+    (tmp_path / "campaign.json").write_text(
+        json.dumps({"../home": {"name": "../home", "state": "done"}})
+    )
     code, said = command("status", tmp_path)
     assert (code, "which does not lie in" in said) == (1, True), said

@@ -1,4 +1,6 @@
-"""Results of OUT given as inputs: what a command would delete or replace is refused as its input, before anything is touched."""
+"""Results of OUT given as inputs: what a command would delete or replace is refused as its input,
+before anything is touched.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,9 +29,18 @@ def dive(make_dive: Callable[..., Dive]) -> Dive:
     return make_dive(3)
 
 
-def go(dive: Dive, out: Path, *settings: str, calib: Path | None = None, **options: object) -> object:
+def go(
+    dive: Dive, out: Path, *settings: str, calib: Path | None = None, **options: object
+) -> object:
     chosen = replace(RunOptions(), **options)
-    return run(dive.root / "L", dive.root / "R", calib or dive.root / "cam.yaml", out, load_config(None, settings), chosen)
+    return run(
+        dive.root / "L",
+        dive.root / "R",
+        calib or dive.root / "cam.yaml",
+        out,
+        load_config(None, settings),
+        chosen,
+    )
 
 
 def finished(dive: Dive, out: Path) -> Path:
@@ -49,7 +60,9 @@ def test_what_every_command_may_replace_is_known() -> None:
 
 @BOTH
 @pytest.mark.parametrize("given", ["poses", "config", "exposures", "control points", "scale bars"])
-def test_no_input_of_a_run_may_lie_in_its_results(dive: Dive, tmp_path: Path, given: str, overwrite: bool) -> None:
+def test_no_input_of_a_run_may_lie_in_its_results(
+    dive: Dive, tmp_path: Path, given: str, overwrite: bool
+) -> None:
     out = finished(dive, tmp_path / "out")
     before, table = contents(out), out / "frames.csv"
     table.write_text("name,exposure_s\n0000.png,0.01\n0001.png,0.01\n0002.png,0.01\n")
@@ -59,7 +72,10 @@ def test_no_input_of_a_run_may_lie_in_its_results(dive: Dive, tmp_path: Path, gi
         "scale bars": "mapping.markers.bars",
     }.get(given)
     settings = [f"{setting}={table}"] if setting else []
-    options = {"poses": {"also_read": (out / "map/trajectory.tum",)}, "config": {"config_file": out / "frames.csv"}}.get(given, {})
+    options = {
+        "poses": {"also_read": (out / "map/trajectory.tum",)},
+        "config": {"config_file": out / "frames.csv"},
+    }.get(given, {})
     with pytest.raises(OutputError, match=REFUSED):
         go(dive, out, "color.lock=survey", *settings, overwrite=overwrite, **options)
     assert contents(out) == before
@@ -77,7 +93,13 @@ def test_a_link_in_a_folder_of_images_does_not_hide_where_they_lie(
             (tmp_path / side / image.name).symlink_to(image)
     before = {path: path.read_bytes() for path in out.glob("rectified*/*")}
     with pytest.raises(OutputError, match=REFUSED):
-        command(tmp_path / "left", tmp_path / "right", out / "rectified.yaml", out, options=RunOptions(overwrite=True))
+        command(
+            tmp_path / "left",
+            tmp_path / "right",
+            out / "rectified.yaml",
+            out,
+            options=RunOptions(overwrite=True),
+        )
     assert {path: path.read_bytes() for path in out.glob("rectified*/*")} == before
 
 
@@ -85,7 +107,13 @@ def test_a_folder_of_images_above_its_results_is_no_input_among_them(dive: Dive)
     """Images beside OUT, and OUT in the folder of the images."""
     for overwrite in (False, True):
         out = dive.root / "L/out"
-        assert run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=RunOptions(overwrite=overwrite)).all_done
+        assert run(
+            dive.root / "L",
+            dive.root / "R",
+            dive.root / "cam.yaml",
+            out,
+            options=RunOptions(overwrite=overwrite),
+        ).all_done
 
 
 def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: Path) -> None:
@@ -97,8 +125,13 @@ def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: 
     assert (contents(out), (out / RIG).read_bytes()) == (before, rig)
 
 
-@pytest.mark.parametrize(("settings", "name"), [((), RIG), (("color.lock=survey",), WATER), (("color.lock=survey",), "run.json")])
-def test_a_run_may_read_what_it_leaves_as_it_is(dive: Dive, tmp_path: Path, settings: tuple[str, ...], name: str) -> None:
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [((), RIG), (("color.lock=survey",), WATER), (("color.lock=survey",), "run.json")],
+)
+def test_a_run_may_read_what_it_leaves_as_it_is(
+    dive: Dive, tmp_path: Path, settings: tuple[str, ...], name: str
+) -> None:
     out = tmp_path / "out"
     go(dive, out, *settings)
     content = (out / name).read_bytes()
@@ -126,7 +159,9 @@ def measured_water(out: Path) -> Path:
     return out / "water_measured.json"
 
 
-def test_a_measured_water_is_used_where_it_lies_and_never_removed_by_the_run_that_reads_it(dive: Dive, tmp_path: Path) -> None:
+def test_a_measured_water_is_used_where_it_lies_and_never_removed_by_the_run_that_reads_it(
+    dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     go(dive, out, "color.lock=survey")
     water = measured_water(out)
@@ -163,12 +198,19 @@ def test_a_part_is_not_merged_into_itself(dive: Dive, tmp_path: Path, overwrite:
     assert contents(out) == before
 
 
-def test_range_maps_of_out_are_refused_as_inputs_of_their_correction(dive: Dive, tmp_path: Path) -> None:
+def test_range_maps_of_out_are_refused_as_inputs_of_their_correction(
+    dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     go(dive, out)
     correct(out / "corrected", out / "range", tmp_path / "other")
     with pytest.raises(OutputError, match=REFUSED):
-        correct(tmp_path / "other/corrected", tmp_path / "other/../out/range", out, options=RunOptions(overwrite=True))
+        correct(
+            tmp_path / "other/corrected",
+            tmp_path / "other/../out/range",
+            out,
+            options=RunOptions(overwrite=True),
+        )
 
 
 @pytest.mark.parametrize(
@@ -190,7 +232,9 @@ def test_range_maps_of_out_are_refused_as_inputs_of_their_correction(dive: Dive,
         ("run", "annotations/poses.tum", False),
     ],
 )
-def test_only_what_a_command_replaces_is_refused(tmp_path: Path, command: str, name: str, refused: bool) -> None:
+def test_only_what_a_command_replaces_is_refused(
+    tmp_path: Path, command: str, name: str, refused: bool
+) -> None:
     (tmp_path / "map").mkdir()
     if refused:
         with pytest.raises(OutputError, match=REFUSED):

@@ -1,4 +1,6 @@
-"""Each command with each kind of place that the system refuses: one line that names it, never a traceback."""
+"""Each command with each kind of place that the system refuses: one line that names it, never a
+traceback.
+"""
 
 import errno
 import io
@@ -12,7 +14,14 @@ from conftest import command
 
 pytestmark = [pytest.mark.slow, pytest.mark.posix]
 SAMPLE = Path(__file__).resolve().parents[2] / "data_samples/reef"
-SIDES = ["--left", str(SAMPLE / "left"), "--right", str(SAMPLE / "right"), "--calib", str(SAMPLE / "cam.yaml")]
+SIDES = [
+    "--left",
+    str(SAMPLE / "left"),
+    "--right",
+    str(SAMPLE / "right"),
+    "--calib",
+    str(SAMPLE / "cam.yaml"),
+]
 X = "{X}"
 COMMANDS = (
     ["run", "--left", X, "--right", X, "--calib", str(SAMPLE / "cam.yaml"), "--out", "o"],
@@ -56,13 +65,25 @@ def locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     def refusing(call: Callable[..., Any]) -> Callable[..., Any]:
         def refuse(path: Any = ".", *rest: Any, **more: Any) -> Any:
-            if isinstance(path, str | os.PathLike) and os.path.abspath(path).startswith(f"{folder}/"):  # noqa: PTH100
+            if isinstance(path, str | os.PathLike) and os.path.abspath(path).startswith(  # noqa: PTH100
+                f"{folder}/"
+            ):
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
             return call(path, *rest, **more)
 
         return refuse
 
-    for name in ("stat", "lstat", "open", "scandir", "listdir", "mkdir", "unlink", "rename", "replace"):
+    for name in (
+        "stat",
+        "lstat",
+        "open",
+        "scandir",
+        "listdir",
+        "mkdir",
+        "unlink",
+        "rename",
+        "replace",
+    ):
         monkeypatch.setattr(os, name, refusing(getattr(os, name)))
     monkeypatch.setattr(io, "open", refusing(io.open))
     return folder / "inside"
@@ -75,7 +96,9 @@ def refused(words: list[str], place: str) -> None:
     assert said.splitlines()[-1].startswith("stereo-seecolor: ") or code == 3, said
 
 
-@pytest.mark.parametrize("words", COMMANDS, ids=[f"{i}-{words[0]}" for i, words in enumerate(COMMANDS)])
+@pytest.mark.parametrize(
+    "words", COMMANDS, ids=[f"{i}-{words[0]}" for i, words in enumerate(COMMANDS)]
+)
 def test_a_folder_that_may_not_be_searched_is_one_line(
     locked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
@@ -84,8 +107,12 @@ def test_a_folder_that_may_not_be_searched_is_one_line(
 
 
 @pytest.mark.parametrize("place", ["x" * 300, "", "/dev/full"])
-@pytest.mark.parametrize("words", COMMANDS, ids=[f"{i}-{words[0]}" for i, words in enumerate(COMMANDS)])
-def test_a_place_that_cannot_be_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], place: str) -> None:
+@pytest.mark.parametrize(
+    "words", COMMANDS, ids=[f"{i}-{words[0]}" for i, words in enumerate(COMMANDS)]
+)
+def test_a_place_that_cannot_be_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], place: str
+) -> None:
     if (words[-2], place) in (("--log-file", "/dev/full"), ("--out", "")):
         pytest.skip("a device may hold a log, and the working folder results")
     monkeypatch.chdir(tmp_path)

@@ -1,8 +1,10 @@
-"""Random sequences of all commands that write, with inputs inside OUT, edits in place, files of the user's and hostile records.
+"""Random sequences of all commands that write, with inputs inside OUT, edits in place, files of the
+user's and hostile records.
 
-The model knows what is the user's: all files of the dives, every file that was put into OUT or beside it, and every result that was
-edited. After each step, each of them is where it was, or in OUT/set_aside, to the byte. A command ends well or with an error of
-the program's own, and one that says that nothing was touched has touched nothing.
+The model knows what is the user's: all files of the dives, every file that was put into OUT or
+beside it, and every result that was edited. After each step, each of them is where it was, or in
+OUT/set_aside, to the byte. A command ends well or with an error of the program's own, and one that
+says that nothing was touched has touched nothing.
 
 STEREO_SEECOLOR_ATTACK_MINUTES=30 attacks for so long; by default for some seconds.
 """
@@ -20,7 +22,13 @@ import pytest
 from conftest import AtPair, Dive
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    rule,
+    run_state_machine_as_test,
+)
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.fuse import fuse
@@ -49,9 +57,19 @@ OWN = (
         "map/mine.tum",
         "index.html",
     ),
-    *("poses.tum", ".state/manifest.json", "set_aside/water.json", "corrected", "range", "map", "."),
+    *(
+        "poses.tum",
+        ".state/manifest.json",
+        "set_aside/water.json",
+        "corrected",
+        "range",
+        "map",
+        ".",
+    ),
 )
-"""What a user may give as an input of a command into OUT: results, own files, folders, OUT itself."""
+"""What a user may give as an input of a command into OUT: results, own files, folders, OUT
+itself.
+"""
 PLACES = (
     *(
         "notes.txt",
@@ -62,11 +80,28 @@ PLACES = (
         "corrected/.writing-mine",
         "page/.writing-x",
     ),
-    *("map.json", "annotations/0000.json", "corrected/0000.jpg", "set_aside/range/0000.tiff", "../campaign.json", ".state/mine"),
-    *("water_measured.json", "rectified_left/0000.png", "original/corrected/0000.png", "../notes.txt"),
+    *(
+        "map.json",
+        "annotations/0000.json",
+        "corrected/0000.jpg",
+        "set_aside/range/0000.tiff",
+        "../campaign.json",
+        ".state/mine",
+    ),
+    *(
+        "water_measured.json",
+        "rectified_left/0000.png",
+        "original/corrected/0000.png",
+        "../notes.txt",
+    ),
 )
 POSES = "".join(f"{number} {0.1 * number} 0 0 0 0 0 1\n" for number in range(4))
-SETTINGS = ((), ("color.lock=survey",), ("output.image_format=jpg",), ("matching.min_confidence=0.5", "output.clouds=false"))
+SETTINGS = (
+    (),
+    ("color.lock=survey",),
+    ("output.image_format=jpg",),
+    ("matching.min_confidence=0.5", "output.clouds=false"),
+)
 OVERWRITE = st.booleans()
 
 
@@ -90,16 +125,24 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
             for place, dive in zip(self.dives, dives, strict=True):
                 shutil.copytree(dive.root, place)
                 (place / "poses.tum").write_text(POSES)
-            shutil.copy2(self.dives[0] / "L/0000.png", self.dives[1] / "L/0000.png")  # both begin with the same frame
+            shutil.copy2(
+                self.dives[0] / "L/0000.png", self.dives[1] / "L/0000.png"
+            )  # both begin with the same frame
             shutil.copy2(self.dives[0] / "R/0000.png", self.dives[1] / "R/0000.png")
             self.out = self.root / "out"
             self.mine = set(files(self.root).items())
 
-        def attempt(self, command: Callable[[], object], *read: Path, overwrite: bool = False) -> None:
-            """Try a command; what it reads in OUT is not lost by it, but for run.json, which a run writes again."""
+        def attempt(
+            self, command: Callable[[], object], *read: Path, overwrite: bool = False
+        ) -> None:
+            """Try a command; what it reads in OUT is not lost by it, but for run.json, which a run
+            writes again.
+            """
             before = files(self.root)
             kept = {
-                path: content for path, content in before.items() if path in read and path.name not in ("run.json", "manifest.json")
+                path: content
+                for path, content in before.items()
+                if path in read and path.name not in ("run.json", "manifest.json")
             }
             try:
                 command()
@@ -108,7 +151,9 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
                 if "nothing was touched" in str(error):
                     after = files(self.root)
                     assert {
-                        path: content for path, content in before.items() if ".state" not in path.parts
+                        path: content
+                        for path, content in before.items()
+                        if ".state" not in path.parts
                     }.items() <= after.items()
             except Kill:
                 pass
@@ -121,8 +166,12 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
             return content in files(self.out / "set_aside").values()
 
         def user_changed_files(self) -> None:
-            """What is gone right after the user's own step is the user's loss: a file edited for the second time, for example."""
-            self.mine = {(path, content) for path, content in self.mine if self.is_kept(path, content)}
+            """What is gone right after the user's own step is the user's loss: a file edited for
+            the second time, for example.
+            """
+            self.mine = {
+                (path, content) for path, content in self.mine if self.is_kept(path, content)
+            }
 
         def given(self, own: str, usual: Path) -> Path:
             return self.out / own if own else usual
@@ -142,19 +191,38 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
         )
         def over_pairs(self, dive, command, chosen, overwrite, role, own, at) -> None:  # type: ignore[no-untyped-def]
             place, path = self.dives[dive], self.out / own
-            left, calib = path if role == "left" else place / "L", path if role == "calib" else place / "cam.yaml"
-            more = {"water": {"water": path}, "config": {"config_file": path}, "poses": {"also_read": (path,)}}.get(role, {})
+            left, calib = (
+                path if role == "left" else place / "L",
+                path if role == "calib" else place / "cam.yaml",
+            )
+            more = {
+                "water": {"water": path},
+                "config": {"config_file": path},
+                "poses": {"also_read": (path,)},
+            }.get(role, {})
             options = self.options(overwrite, at, **more)
             self.attempt(
-                lambda: command(left, place / "R", calib, self.out, load_config(None, chosen), options), *([path] if role else [])
+                lambda: command(
+                    left, place / "R", calib, self.out, load_config(None, chosen), options
+                ),
+                *([path] if role else []),
             )
 
         @rule(overwrite=OVERWRITE, own=st.sampled_from(OWN))
         def corrected(self, overwrite: bool, own: str) -> None:
             images, ranges = self.out / "corrected", self.out / "range"
-            self.attempt(lambda: correct(images, ranges, self.out, options=self.options(overwrite)), images, ranges)
             self.attempt(
-                lambda: correct(images, ranges, self.root / "other", options=self.options(overwrite, water=self.out / own))
+                lambda: correct(images, ranges, self.out, options=self.options(overwrite)),
+                images,
+                ranges,
+            )
+            self.attempt(
+                lambda: correct(
+                    images,
+                    ranges,
+                    self.root / "other",
+                    options=self.options(overwrite, water=self.out / own),
+                )
             )
 
         @rule(own=st.sampled_from(("", *OWN)))
@@ -169,8 +237,14 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
 
         @rule(overwrite=OVERWRITE, into=st.sampled_from(("merged", "out")))
         def merged(self, overwrite: bool, into: str) -> None:
-            part = [path for path in self.out.rglob("*") if path.is_file() and into == "out" and ".state" not in path.parts]
-            self.attempt(lambda: merge([self.out], self.root / into, self.options(overwrite)), *part)
+            part = [
+                path
+                for path in self.out.rglob("*")
+                if path.is_file() and into == "out" and ".state" not in path.parts
+            ]
+            self.attempt(
+                lambda: merge([self.out], self.root / into, self.options(overwrite)), *part
+            )
 
         @rule(
             what=st.sampled_from(("report", "plan", "export", "metrics")),
@@ -188,39 +262,68 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
 
         @rule(name=st.sampled_from(("out", "monday")), own=st.sampled_from(("", *OWN)))
         def campaign(self, name: str, own: str) -> None:
-            dive = {"name": name, "left": "tuesday/L", "right": "tuesday/R", "calib": "tuesday/cam.yaml"}
+            dive = {
+                "name": name,
+                "left": "tuesday/L",
+                "right": "tuesday/R",
+                "calib": "tuesday/cam.yaml",
+            }
             file = self.root / "campaign.yaml"
-            file.write_text(json.dumps({"out": ".", "dives": [dive | ({"water": f"out/{own}"} if own else {})]}))
+            file.write_text(
+                json.dumps({"out": ".", "dives": [dive | ({"water": f"out/{own}"} if own else {})]})
+            )
             self.user_changed_files()
             self.mine.add((file, file.read_bytes()))
-            self.attempt(lambda: campaign(file, self.options(False)), *([self.out / own] if own else []))
+            self.attempt(
+                lambda: campaign(file, self.options(False)), *([self.out / own] if own else [])
+            )
 
         @rule(place=st.sampled_from(PLACES))
         def the_user_puts_a_file(self, place: str) -> None:
             path = self.out / place
-            if self.out.exists() and not path.exists() and all(not above.is_file() for above in path.parents):
+            if (
+                self.out.exists()
+                and not path.exists()
+                and all(not above.is_file() for above in path.parents)
+            ):
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(POSES if path.suffix == ".tum" else f"three years of field notes: {place}")
+                path.write_text(
+                    POSES if path.suffix == ".tum" else f"three years of field notes: {place}"
+                )
                 self.mine.add((path, path.read_bytes()))
 
         @rule(number=st.integers(0, 10**6), same_time=st.booleans())
         def the_user_edits_a_result(self, number: int, same_time: bool) -> None:
-            results = sorted(path for path in files(self.out) if ".state" not in path.parts and "page" not in path.parts)
+            results = sorted(
+                path
+                for path in files(self.out)
+                if ".state" not in path.parts and "page" not in path.parts
+            )
             results = [path for path in results if path.stat().st_size]
             if not results:
                 return
             path = results[number % len(results)]
             status, content = path.stat(), bytearray(path.read_bytes())
-            content[len(content) // 2] = (content[len(content) // 2] + 1) % 256  # two edits differ from what was written, too
+            content[len(content) // 2] = (
+                content[len(content) // 2] + 1
+            ) % 256  # two edits differ from what was written, too
             path.unlink() if status.st_nlink > 1 else None  # a merged folder shares its files
             path.write_bytes(content)
-            os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns if same_time else status.st_mtime_ns + 10**9))
+            os.utime(
+                path,
+                ns=(
+                    status.st_atime_ns,
+                    status.st_mtime_ns if same_time else status.st_mtime_ns + 10**9,
+                ),
+            )
             self.user_changed_files()
             self.mine.add((path, bytes(content)))
 
         @rule(
             number=st.integers(0, 10**6),
-            hostile=st.sampled_from(("../monday/L/0000.png", "../notes.txt", "notes.txt", "poses.tum")),
+            hostile=st.sampled_from(
+                ("../monday/L/0000.png", "../notes.txt", "notes.txt", "poses.tum")
+            ),
         )
         def a_record_names_a_file_of_the_users(self, number: int, hostile: str) -> None:
             records = sorted((self.out / ".state").glob("**/*.json"))
@@ -251,13 +354,22 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
 
 @pytest.mark.slow
 @pytest.mark.timeout(240 + 90 * MINUTES)
-def test_no_sequence_of_commands_and_accidents_loses_a_file_of_the_users(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_no_sequence_of_commands_and_accidents_loses_a_file_of_the_users(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     one = make_dive(3)
     one.root.rename(tmp_path / "one")
     attack = machine((replace(one, root=tmp_path / "one"), make_dive(3, seed=5)))
-    slow = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+    slow = settings(
+        deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    )
     end_s = time.monotonic() + 60 * MINUTES
     while time.monotonic() < end_s:
-        run_state_machine_as_test(attack, settings=settings(slow, max_examples=10, stateful_step_count=20, database=None))
+        run_state_machine_as_test(
+            attack, settings=settings(slow, max_examples=10, stateful_step_count=20, database=None)
+        )
     if not MINUTES:
-        run_state_machine_as_test(attack, settings=settings(slow, max_examples=4, stateful_step_count=12, derandomize=True))
+        run_state_machine_as_test(
+            attack,
+            settings=settings(slow, max_examples=4, stateful_step_count=12, derandomize=True),
+        )

@@ -1,4 +1,6 @@
-"""A dem.tif or orthomosaic.tif of somebody else's opens no other file, and a damaged one is named in one line."""
+"""A dem.tif or orthomosaic.tif of somebody else's opens no other file, and a damaged one is named
+in one line.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -13,28 +15,36 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.rasters import open_raster
 
 VIRTUAL = """<VRTDataset rasterXSize="4" rasterYSize="4"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>
-<SourceFilename relativeToVRT="0">{}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"""
+<SourceFilename relativeToVRT="0">{}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"""  # noqa: E501
 
 
 def geotiff(path: Path, bands: int = 1) -> Path:
-    with rasterio.open(path, "w", driver="GTiff", width=64, height=64, count=bands, dtype="float32", crs="EPSG:32755",
+    with rasterio.open(path, "w", driver="GTiff", width=64, height=64, count=bands, dtype="float32",
+    crs="EPSG:32755",
                        transform=rasterio.Affine(0.01, 0, 0, 0, -0.01, 0)) as file:  # fmt: skip
         file.write(np.full((bands, 64, 64), 7, np.float32))
     return path
 
 
-@pytest.mark.parametrize("source", ["other.tif", "/vsicurl/http://127.0.0.1:9/a.tif", "/vsizip/a.zip/b.tif"])
+@pytest.mark.parametrize(
+    "source", ["other.tif", "/vsicurl/http://127.0.0.1:9/a.tif", "/vsizip/a.zip/b.tif"]
+)
 def test_a_virtual_raster_is_no_geotiff(tmp_path: Path, source: str) -> None:
     other = geotiff(tmp_path / "other.tif")
     path = tmp_path / "dem.tif"
     path.write_text(VIRTUAL.format(tmp_path / source if source == other.name else source))
-    with pytest.raises(InputError, match=r"dem\.tif: is damaged, or no GeoTIFF"), open_raster(path) as file:
+    with (
+        pytest.raises(InputError, match=r"dem\.tif: is damaged, or no GeoTIFF"),
+        open_raster(path) as file,
+    ):
         file.read(1)
 
 
 def test_nothing_beside_a_raster_is_read(tmp_path: Path) -> None:
     path = geotiff(tmp_path / "dem.tif")
-    (tmp_path / "dem.tif.aux.xml").write_text("<PAMDataset><Metadata><MDI key='a'>b</MDI></Metadata></PAMDataset>")
+    (tmp_path / "dem.tif.aux.xml").write_text(
+        "<PAMDataset><Metadata><MDI key='a'>b</MDI></Metadata></PAMDataset>"
+    )
     geotiff(tmp_path / "dem.tif.ovr")
     with open_raster(path) as file:
         assert "a" not in file.tags() and file.overviews(1) == []
@@ -70,15 +80,24 @@ def broken_map(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", [_cut, _empty, _text, _virtual, _few_bands])
 @pytest.mark.parametrize("name", ["orthomosaic.tif", "dem.tif"])
-def test_each_command_names_a_damaged_raster(broken_map: Path, tmp_path: Path, name: str, damage: Callable[[Path], None]) -> None:
+def test_each_command_names_a_damaged_raster(
+    broken_map: Path, tmp_path: Path, name: str, damage: Callable[[Path], None]
+) -> None:
     path = broken_map / "map" / name
     shutil.copy(path, tmp_path / "whole")
     damage(path)
     try:
-        for words in (["report", broken_map], ["export", broken_map, "--to", "taglab", "--out", tmp_path / "to"]):
+        for words in (
+            ["report", broken_map],
+            ["export", broken_map, "--to", "taglab", "--out", tmp_path / "to"],
+        ):
             code, said = command(*words)
             assert "Traceback" not in said
-            assert code == 0 if (damage, name) == (_few_bands, "dem.tif") else (code, name in said) in ((1, True), (3, True)), said
+            assert (
+                code == 0
+                if (damage, name) == (_few_bands, "dem.tif")
+                else (code, name in said) in ((1, True), (3, True))
+            ), said
     finally:
         shutil.copy(tmp_path / "whole", path)
 

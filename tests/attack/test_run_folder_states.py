@@ -1,7 +1,9 @@
-"""Random sequences of commands, changed settings, kills, moved and edited files, against a model of what OUT must hold.
+"""Random sequences of commands, changed settings, kills, moved and edited files, against a model of
+what OUT must hold.
 
-The model is the plain rule: after a command that ends well, OUT holds for each pair exactly what the same command writes into an
-empty folder; files of the user's own are always there, with their content.
+The model is the plain rule: after a command that ends well, OUT holds for each pair exactly what
+the same command writes into an empty folder; files of the user's own are always there, with their
+content.
 """
 
 import shutil
@@ -15,7 +17,14 @@ import pytest
 from conftest import AtPair, Dive
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule, run_state_machine_as_test
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config.file import load_config
@@ -38,7 +47,11 @@ class Kill(BaseException):
 
 
 def products(out: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(out)): path.read_bytes() for product in PRODUCTS for path in (out / product).glob("*")}
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for product in PRODUCTS
+        for path in (out / product).glob("*")
+    }
 
 
 def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rules share the dive and the expected products
@@ -57,9 +70,21 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
             self.pairs = {"0000", "0001", "0002"}
             self.done: tuple[object, ...] | None = None
 
-        def command(self, config: int, command: Callable[..., object], options: RunOptions, out: Path | None = None) -> None:
-            left, right, calib = self.dive.root / "L", self.dive.root / "R", self.dive.root / "cam.yaml"
-            command(left, right, calib, out or self.out, load_config(None, CONFIGS[config]), options)
+        def command(
+            self,
+            config: int,
+            command: Callable[..., object],
+            options: RunOptions,
+            out: Path | None = None,
+        ) -> None:
+            left, right, calib = (
+                self.dive.root / "L",
+                self.dive.root / "R",
+                self.dive.root / "cam.yaml",
+            )
+            command(
+                left, right, calib, out or self.out, load_config(None, CONFIGS[config]), options
+            )
 
         def expected(self, config: int, command: Callable[..., object]) -> dict[str, bytes]:
             key = (config, command, *sorted(self.pairs))
@@ -88,7 +113,9 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
         def ranges_alone(self, config: int) -> None:
             self.command(config, range_maps, RunOptions())
             ranges = {
-                name: content for name, content in products(self.out).items() if name.split("/")[0].startswith(("range", "conf"))
+                name: content
+                for name, content in products(self.out).items()
+                if name.split("/")[0].startswith(("range", "conf"))
             }
             assert ranges == self.expected(config, range_maps)
             self.done = None
@@ -115,7 +142,9 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
             files = sorted((self.out / product).glob("0*"))
             if files:
                 edited = files[number % len(files)]
-                content = bytes(np.random.default_rng(len(self.mine)).integers(0, 255, 50, dtype=np.uint8))
+                content = bytes(
+                    np.random.default_rng(len(self.mine)).integers(0, 255, 50, dtype=np.uint8)
+                )
                 edited.write_bytes(content)
                 self.mine[edited] = content
 
@@ -123,7 +152,9 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
         def everything_is_moved(self) -> None:
             moved = Path(mkdtemp(dir=dive.root.parent)) / "moved"
             self.root.rename(moved)
-            self.mine = {moved / path.relative_to(self.root): content for path, content in self.mine.items()}
+            self.mine = {
+                moved / path.relative_to(self.root): content for path, content in self.mine.items()
+            }
             self.root, self.out = moved, moved / "out"
             self.dive = replace(self.dive, root=moved / "dive")
 
@@ -144,7 +175,9 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
         def nothing_of_the_users_is_lost(self) -> None:
             if not hasattr(self, "mine"):
                 return
-            aside = [path.read_bytes() for path in (self.out / "set_aside").rglob("*") if path.is_file()]
+            aside = [
+                path.read_bytes() for path in (self.out / "set_aside").rglob("*") if path.is_file()
+            ]
             for path, content in self.mine.items():
                 kept = path.exists() and path.read_bytes() == content
                 assert kept or content in aside, path

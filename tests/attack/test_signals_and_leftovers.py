@@ -1,4 +1,6 @@
-"""What a run that is asked to end, or was killed, leaves behind; and that nobody's files are taken for it."""
+"""What a run that is asked to end, or was killed, leaves behind; and that nobody's files are taken
+for it.
+"""
 
 import signal
 import subprocess
@@ -18,9 +20,13 @@ NAMES = (".writing-notes.txt", ".writing-0", ".writing-2024-05-01-dive.csv", ".w
 @pytest.mark.posix
 @pytest.mark.parametrize("times", [1, 3])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_batch_systems_signal_ends_a_run_as_ctrl_c_does(make_dive, tmp_path: Path, number: int, times: int) -> None:
+def test_a_batch_systems_signal_ends_a_run_as_ctrl_c_does(
+    make_dive, tmp_path: Path, number: int, times: int
+) -> None:
     dive, out = make_dive(40), tmp_path / "out"
-    with subprocess.Popen([*PROGRAM, *dive.command(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [*PROGRAM, *dive.command(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         while not (out / "range").exists() and process.poll() is None:
             time.sleep(0.01)
         for _ in range(times):
@@ -37,13 +43,20 @@ def test_a_batch_systems_signal_ends_a_run_as_ctrl_c_does(make_dive, tmp_path: P
 @pytest.mark.posix
 def test_a_signal_that_is_ignored_stays_ignored() -> None:
     code = "import os, signal; from stereo_seecolor.cli.interrupts import interrupts\n"
-    code += "signal.signal(signal.SIGHUP, signal.SIG_IGN)\nwith interrupts():\n    os.kill(os.getpid(), signal.SIGHUP)\nprint('on')"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    code += (
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\nwith interrupts():\n    "
+        "os.kill(os.getpid(), signal.SIGHUP)\nprint('on')"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
     assert (ended.returncode, ended.stdout) == (0, "on\n")
 
 
 @pytest.mark.slow
-def test_leftovers_of_a_killed_run_go_and_a_users_files_stay(make_dive, cli, tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_run_go_and_a_users_files_stay(
+    make_dive, cli, tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     assert cli(*dive.command(out))[0] == 0
     (out / "map").mkdir(exist_ok=True)
@@ -59,7 +72,10 @@ def test_leftovers_of_a_killed_run_go_and_a_users_files_stay(make_dive, cli, tmp
 
 @pytest.mark.posix
 def test_what_a_killed_export_left_goes_with_the_next_and_nothing_else(tmp_path: Path) -> None:
-    code = "import os, sys; from pathlib import Path; from stereo_seecolor.files.atomic import new_folder\n"
+    code = (
+        "import os, sys; from pathlib import Path; from stereo_seecolor.files.atomic import "
+        "new_folder\n"
+    )
     code += "with new_folder(Path(sys.argv[1])) as building:\n    (building / 'a').touch()\n"
     killed = "    os.kill(os.getpid(), 9)"
     live = "    print('at work', flush=True); input()"
@@ -70,11 +86,15 @@ def test_what_a_killed_export_left_goes_with_the_next_and_nothing_else(tmp_path:
     mine = [tmp_path / f"{name}-colmap" for name in NAMES]
     for folder in mine:
         folder.mkdir()
-    with subprocess.Popen([sys.executable, "-c", code + live, out], stdin=-1, stdout=-1, text=True) as writing:
+    with subprocess.Popen(
+        [sys.executable, "-c", code + live, out], stdin=-1, stdout=-1, text=True
+    ) as writing:
         assert writing.stdout is not None and writing.stdout.readline() == "at work\n"
         assert not abandoned.exists(), "the next export into the same folder removes it"
         with new_folder(out) as building:
-            assert len([path for path in tmp_path.glob(".writing-*-colmap") if path not in mine]) == 2, "one of them at work"
+            assert (
+                len([path for path in tmp_path.glob(".writing-*-colmap") if path not in mine]) == 2
+            ), "one of them at work"
             (building / "mine").touch()
         writing.kill()
     assert all(folder.is_dir() for folder in mine)

@@ -1,4 +1,6 @@
-"""Another user of the machine reaches every port that a run with workers opens: none of them serves who lacks the run's keys."""
+"""Another user of the machine reaches every port that a run with workers opens: none of them serves
+who lacks the run's keys.
+"""
 
 import asyncio
 import os
@@ -50,27 +52,43 @@ def test_a_stranger_is_refused_at_every_port(local: DaskCompute) -> None:
     assert len(ports) >= 2  # of the scheduler and of the worker
     for ip, port in ports:
         assert ip == "127.0.0.1"
-        for address, keys in ((f"tcp://{ip}:{port}", Security()), (f"tls://{ip}:{port}", Security.temporary())):
+        for address, keys in (
+            (f"tcp://{ip}:{port}", Security()),
+            (f"tls://{ip}:{port}", Security.temporary()),
+        ):
             with pytest.raises((OSError, TimeoutError)):
                 asyncio.run(_greeted(address, keys))
 
 
 async def _greeted(address: str, keys: Security) -> None:
-    comm = await asyncio.wait_for(connect_to(address, timeout=WAIT_S, **keys.get_connection_args("client")), 2 * WAIT_S)
+    comm = await asyncio.wait_for(
+        connect_to(address, timeout=WAIT_S, **keys.get_connection_args("client")), 2 * WAIT_S
+    )
     comm.abort()
 
 
 def test_no_port_serves_pages(local: DaskCompute) -> None:
     for ip, port in open_ports():
-        for page in ("", "status", "json/identity.json", "metrics", "info/main/workers.html", "api/v1/retire_workers"):
+        for page in (
+            "",
+            "status",
+            "json/identity.json",
+            "metrics",
+            "info/main/workers.html",
+            "api/v1/retire_workers",
+        ):
             with pytest.raises((OSError, ssl.SSLError, urllib.error.HTTPError)) as refused:
                 urllib.request.urlopen(f"http://{ip}:{port}/{page}", timeout=WAIT_S).read()
             assert getattr(refused.value, "code", 404) == 404, (port, page)
 
 
-def test_keys_of_batch_jobs_lie_in_files_of_this_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_of_batch_jobs_lie_in_files_of_this_user_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "cluster.yaml"
-    file.write_text(f"{{jobs: 1, cores: 1, memory: 1GB, interface: lo, log_directory: {tmp_path / 'logs'}}}")
+    file.write_text(
+        f"{{jobs: 1, cores: 1, memory: 1GB, interface: lo, log_directory: {tmp_path / 'logs'}}}"
+    )
     seen: list[Path] = []
 
     def look(started, *_: object) -> None:  # type: ignore[no-untyped-def]
@@ -93,7 +111,9 @@ def test_work_that_was_exchanged_in_the_shared_folder_is_not_run(tmp_path: Path)
     assert do_batch(Ticket.mine(()), work, pickle.dumps([-1])).results == [1]
     other = SharedFile.write(tmp_path / "other", pickle.dumps(abs))
     other.path.write_bytes(pickle.dumps(_Touches(done)))
-    with pytest.raises(ClusterError, match="somebody changed it, or it was cut; its code was not run"):
+    with pytest.raises(
+        ClusterError, match="somebody changed it, or it was cut; its code was not run"
+    ):
         do_batch(Ticket.mine(()), other, pickle.dumps([-1]))
     assert not done.exists()
 

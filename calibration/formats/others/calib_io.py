@@ -1,4 +1,6 @@
-"""calib.io's JSON: the lens of OpenCV with f and fy/f, and each camera's transform, of which the images decide the sense."""
+"""calib.io's JSON: the lens of OpenCV with f and fy/f, and each camera's transform, of which the
+images decide the sense.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -15,7 +17,8 @@ from calibration.rig import Camera, CameraModel, StereoRig
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
     "libCalib::CameraModelOpenCV": (
-        "pinhole", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tauX", "tauY")
+        "pinhole", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tauX",
+        "tauY")
     ),
     "libCalib::CameraModelOpenCVFisheye": ("fisheye", ("k1", "k2", "k3", "k4")),
 }  # fmt: skip
@@ -31,11 +34,15 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section) -> StereoRig:
-    """The rig of two cameras. Raises CalibrationError for another number of them, or a lens model without an equal here."""
+    """The rig of two cameras. Raises CalibrationError for another number of them, or a lens model
+    without an equal here.
+    """
     whole = document.section("Calibration") if document.has("Calibration") else document
     cameras = whole.content["cameras"]
     if len(cameras) != 2 or not all(isinstance(camera, Mapping) for camera in cameras):
-        raise CalibrationError(f"{whole.where}: holds {len(cameras)} cameras: export the stereo pair alone")
+        raise CalibrationError(
+            f"{whole.where}: holds {len(cameras)} cameras: export the stereo pair alone"
+        )
     sections = [Section(f"{whole.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
     left, right = map(_camera, sections)
     poses = [_pose(section.section("transform")) for section in sections]
@@ -61,17 +68,23 @@ def _camera(section: Section) -> Camera:
     model = section.section("model")
     name = model.text("polymorphic_name")
     if name not in MODELS:
-        raise CalibrationError(f"{model.where}: {name} is not supported: calibrate with OpenCV's lens, or its fisheye")
+        raise CalibrationError(
+            f"{model.where}: {name} is not supported: calibrate with OpenCV's lens, or its fisheye"
+        )
     kind, coefficients = MODELS[name]
     data = model.section("ptr_wrapper").section("data")
     parameters = data.section("parameters")
     f, aspect, cx, cy = (_value(parameters, key) for key in ("f", "ar", "cx", "cy"))
-    distortion = np.array([_value(parameters, key) if parameters.has(key) else 0.0 for key in coefficients])
+    distortion = np.array(
+        [_value(parameters, key) if parameters.has(key) else 0.0 for key in coefficients]
+    )
     if kind == "pinhole":
         distortion = distortion[: next(count for count in SHORTER if not distortion[count:].any())]
     size = next(_sizes(data), None)
     if size is None:
-        raise CalibrationError(f"{data.where}: no imageSize: the file is incomplete or of another kind")
+        raise CalibrationError(
+            f"{data.where}: no imageSize: the file is incomplete or of another kind"
+        )
     K = np.array([[f, 0, cx], [0, f * aspect, cy], [0, 0, 1]])
     return make_camera(section.where, K, distortion, size, kind)
 

@@ -1,4 +1,6 @@
-"""Luxonis' JSON of an OAK camera's EEPROM (``eepromToJson``): a camera a socket, extrinsics to another socket, centimeters."""
+"""Luxonis' JSON of an OAK camera's EEPROM (``eepromToJson``): a camera a socket, extrinsics to
+another socket, centimeters.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +30,10 @@ def parse(document: Section) -> StereoRig:
     elif from_right.number("toCameraSocket") == sockets[0]:
         T = inverse_transform(_transform(from_right))
     else:
-        raise CalibrationError(f"{document.where}: no extrinsics lead from socket {sockets[0]} to {sockets[1]}: calibrate the pair")
+        raise CalibrationError(
+            f"{document.where}: no extrinsics lead from socket {sockets[0]} to {sockets[1]}: "
+            "calibrate the pair"
+        )
     with naming(document.where):
         return StereoRig(_camera(left), _camera(right), T, "air")
 
@@ -43,9 +48,17 @@ def _sockets(document: Section) -> tuple[int, int]:
 
 def _section(document: Section, socket: int) -> Section:
     for entry in document.content["cameraData"]:
-        if isinstance(entry, list) and len(entry) == 2 and entry[0] == socket and isinstance(entry[1], dict):
+        if (
+            isinstance(entry, list)
+            and len(entry) == 2
+            and entry[0] == socket
+            and isinstance(entry[1], dict)
+        ):
             return Section(f"{document.where}: cameraData: {socket}", entry[1])
-    raise CalibrationError(f"{document.where}: cameraData: holds no camera of socket {socket}, which is one of the stereo pair")
+    raise CalibrationError(
+        f"{document.where}: cameraData: holds no camera of socket {socket}, which is one of the "
+        "stereo pair"
+    )
 
 
 def _transform(extrinsics: Section) -> NDArray[np.float64]:
@@ -59,7 +72,8 @@ def _camera(section: Section) -> Camera:
     model = MODELS.get(int(section.number("cameraType")) if section.has("cameraType") else 0)
     if model is None:
         raise CalibrationError(
-            f"{section.where}: cameraType: {section.number('cameraType'):g} is not supported: perspective or fisheye"
+            f"{section.where}: cameraType: {section.number('cameraType'):g} is not supported: "
+            "perspective or fisheye"
         )
     distortion = section.numbers("distortionCoeff")
     return make_camera(

@@ -1,4 +1,6 @@
-"""Middlebury's calib.txt (2014 and later): a rectified pair, baseline in millimeters, doffs = cx of the right minus the left."""
+"""Middlebury's calib.txt (2014 and later): a rectified pair, baseline in millimeters, doffs = cx of
+the right minus the left.
+"""
 
 import numpy as np
 
@@ -16,19 +18,28 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rectified rig, meters; the right principal point is the left one plus doffs (Z = f B / (d + doffs))."""
-    size = document.image_size("width", "height") if document.has("width") or image_size is None else image_size
+    """The rectified rig, meters; the right principal point is the left one plus doffs (Z = f B / (d
+    + doffs)).
+    """
+    size = (
+        document.image_size("width", "height")
+        if document.has("width") or image_size is None
+        else image_size
+    )
     K_left = document.matrix("cam0", 3, 3)
     K_right = document.matrix("cam1", 3, 3) if document.has("cam1") else K_left.copy()
     doffs_px = document.number("doffs") if document.has("doffs") else K_right[0, 2] - K_left[0, 2]
     if document.has("cam1") and abs(K_right[0, 2] - K_left[0, 2] - doffs_px) > 0.01:
         raise CalibrationError(
-            f"{document.where}: doffs: {doffs_px:g} px, but cam1 and cam0 differ by {K_right[0, 2] - K_left[0, 2]:g} px in cx: "
+            f"{document.where}: doffs: {doffs_px:g} px, but cam1 and cam0 differ by "
+            f"{K_right[0, 2] - K_left[0, 2]:g} px in cx: "
             "one is wrong"
         )
     K_right[0, 2] = K_left[0, 2] + doffs_px
     T = np.eye(4)
     T[0, 3] = -document.number("baseline") / 1000
-    left, right = (make_camera(document.where, K, np.zeros(0), size, "pinhole") for K in (K_left, K_right))
+    left, right = (
+        make_camera(document.where, K, np.zeros(0), size, "pinhole") for K in (K_left, K_right)
+    )
     with naming(f"{document.where}: baseline (millimeters in this format)"):
         return StereoRig(left, right, T, medium="air")

@@ -1,4 +1,6 @@
-"""oplab's ``stereo_<left>_<right>.yaml``: two cameras with ROS's keys, and the extrinsics of OpenCV's stereoCalibrate."""
+"""oplab's ``stereo_<left>_<right>.yaml``: two cameras with ROS's keys, and the extrinsics of
+OpenCV's stereoCalibrate.
+"""
 
 import numpy as np
 
@@ -10,11 +12,17 @@ from calibration.rig import StereoRig
 def matches(document: Section) -> bool:
     """True for a stereo file of oplab."""
     left = document.content.get("left")
-    return document.has("left", "right", "extrinsics") and isinstance(left, dict) and {"camera_matrix", "image_width"} <= set(left)
+    return (
+        document.has("left", "right", "extrinsics")
+        and isinstance(left, dict)
+        and {"camera_matrix", "image_width"} <= set(left)
+    )
 
 
 def parse(document: Section) -> StereoRig:
-    """The rig. Rectification, essential and fundamental matrices are not read: the last are rounded to nothing in the file."""
+    """The rig. Rectification, essential and fundamental matrices are not read: the last are rounded
+    to nothing in the file.
+    """
     left, right = (parse_camera(document.section(side)) for side in ("left", "right"))
     extrinsics = document.section("extrinsics")
     T = np.eye(4)

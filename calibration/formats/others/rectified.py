@@ -1,4 +1,6 @@
-"""Files with one lens and a baseline, of images that are rectified already: ``fx``, ``cx``, ``cy``, ``baseline``, or a matrix."""
+"""Files with one lens and a baseline, of images that are rectified already: ``fx``, ``cx``, ``cy``,
+``baseline``, or a matrix.
+"""
 
 import numpy as np
 
@@ -15,7 +17,11 @@ def matches(document: Section) -> bool:
     """True for a file with a camera matrix and a baseline, and no distortion."""
     parts = find(document.content)
     straight = (D := parts.get("D")) is None or not D.numbers.any()
-    return bool(parts.get("K") and parts.get("baseline")) and straight and not has_pose(document, parts)
+    return (
+        bool(parts.get("K") and parts.get("baseline"))
+        and straight
+        and not has_pose(document, parts)
+    )
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
@@ -29,7 +35,11 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     shift, doubts = to_meters(np.array([-abs(baseline.finite(document.where)[0]), 0, 0]), unit)
     T = np.eye(4)
     T[:3, 3] = shift
-    camera = make_camera(document.where, K, np.zeros(0), size_of(document, parts, "left", K, image_size), "pinhole")
-    doubt = "one lens and a baseline: both cameras are taken for alike, and the images for rectified"
+    camera = make_camera(
+        document.where, K, np.zeros(0), size_of(document, parts, "left", K, image_size), "pinhole"
+    )
+    doubt = (
+        "one lens and a baseline: both cameras are taken for alike, and the images for rectified"
+    )
     with naming(document.where):
         return StereoRig(camera, camera, T, doubts=(doubt, *doubts))

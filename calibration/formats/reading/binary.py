@@ -1,4 +1,6 @@
-"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy, SeaGIS's .cam."""
+"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy, SeaGIS's
+.cam.
+"""
 
 import io
 import math
@@ -54,15 +56,22 @@ def read_npz(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             if not any(info.filename.endswith(".npy") for info in archive.infolist()):
                 names = ", ".join(info.filename for info in archive.infolist() if not info.is_dir())
-                raise CalibrationError(f"is an archive ({names[:120]}): unpack it, and give the calibration in it")
+                raise CalibrationError(
+                    f"is an archive ({names[:120]}): unpack it, and give the calibration in it"
+                )
             members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
             if len(members) > MAX_ARRAYS:
                 raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
-            return {info.filename.removesuffix(".npy"): _array(archive, info, most_bytes) for info in members}
+            return {
+                info.filename.removesuffix(".npy"): _array(archive, info, most_bytes)
+                for info in members
+            }
     except CalibrationError:
         raise
     except DAMAGED as error:
-        raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
+        raise CalibrationError(
+            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        ) from error
 
 
 def read_one(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
@@ -72,7 +81,9 @@ def read_one(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
     except CalibrationError:
         raise
     except DAMAGED as error:
-        raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
+        raise CalibrationError(
+            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        ) from error
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most_bytes: int) -> Any:
@@ -82,18 +93,31 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most_bytes: int) -> 
 
 def _parsed(name: str, content: bytes, most_bytes: int) -> Any:
     if len(content) > most_bytes:
-        raise CalibrationError(f"{name}: holds more than {most_bytes >> 20} MB, which no calibration does")
+        raise CalibrationError(
+            f"{name}: holds more than {most_bytes >> 20} MB, which no calibration does"
+        )
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    header = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # files written by Python 2, as VIAME's are, say "3L" for 3
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # files written by Python 2, as VIAME's are, say "3L" for 3
         shape, fortran, dtype = header(stream)
     if dtype.hasobject:
-        raise CalibrationError(f"{name}: holds Python objects instead of numbers, which could run code: save plain arrays")
+        raise CalibrationError(
+            f"{name}: holds Python objects instead of numbers, which could run code: save plain "
+            "arrays"
+        )
     data = content[stream.tell() :]
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(data):
-        raise CalibrationError(f"{name}: is damaged: {len(data)} bytes for an array of shape {shape}")
+        raise CalibrationError(
+            f"{name}: is damaged: {len(data)} bytes for an array of shape {shape}"
+        )
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
 
 
@@ -115,19 +139,28 @@ def read_mat73(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, An
         import h5py
     except ImportError as error:
         raise CalibrationError(
-            "is a MATLAB 7.3 file, which needs the package h5py: pip install h5py, or save it in MATLAB with save(..., '-v7')"
+            "is a MATLAB 7.3 file, which needs the package h5py: pip install h5py, or save it in "
+            "MATLAB with save(..., '-v7')"
         ) from error
     try:
         with h5py.File(io.BytesIO(raw), "r") as file:
             return _variables(_Mat73(file, most_bytes))
     except CalibrationError:
         raise
-    except Exception as error:  # h5py raises whatever the damage leads to: OSError, KeyError, RuntimeError, UnicodeError ...
-        raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
+    except Exception as error:
+        # h5py raises whatever the damage leads to: OSError, KeyError, RuntimeError, UnicodeError
+        # ...
+        raise CalibrationError(
+            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        ) from error
 
 
 def _variables(reader: "_Mat73") -> dict[str, Any]:
-    variables = {name: reader.value(node, 0) for name, node in reader.file.items() if not name.startswith("#")}
+    variables = {
+        name: reader.value(node, 0)
+        for name, node in reader.file.items()
+        if not name.startswith("#")
+    }
     if any(isinstance(value, Opaque) for value in variables.values()):
         if SUBSYSTEM not in reader.file:
             raise CalibrationError("is damaged: the part that should hold its objects is missing")
@@ -146,7 +179,10 @@ class _Mat73:
     def value(self, node: Any, depth: int) -> Any:
         self._elements += 1
         if self._elements > MAX_ELEMENTS or depth > MAT5_MAX_DEPTH:
-            raise CalibrationError(f"holds more than {MAX_ELEMENTS} values or {MAT5_MAX_DEPTH} levels, which no calibration does")
+            raise CalibrationError(
+                f"holds more than {MAX_ELEMENTS} values or {MAT5_MAX_DEPTH} levels, which no "
+                "calibration does"
+            )
         if hasattr(node, "keys"):
             return {key: self.value(child, depth + 1) for key, child in node.items()}
         kind = bytes(node.attrs.get("MATLAB_class", b"")).decode("latin-1")
@@ -155,7 +191,9 @@ class _Mat73:
         if kind == "cell":
             return self.cells(node, depth)
         if math.prod(node.shape) * node.dtype.itemsize > self._most_bytes:
-            raise CalibrationError(f"holds an array of shape {node.shape}, which no calibration does")
+            raise CalibrationError(
+                f"holds an array of shape {node.shape}, which no calibration does"
+            )
         array = np.asarray(node[()]).T
         if kind == "char":
             return array.ravel(order="F").astype(np.uint16).tobytes().decode("utf-16-le", "replace")
@@ -180,7 +218,9 @@ PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"(dp0\n")
 
 
 def is_binary(path: Path) -> bool:
-    """Tell whether the file begins as one of these formats do. Raises OSError if it cannot be read."""
+    """Tell whether the file begins as one of these formats do. Raises OSError if it cannot be
+    read.
+    """
     with path.open("rb") as file:
         return _reader(file.read(HEADER_BYTES)) is not None
 
@@ -188,11 +228,15 @@ def is_binary(path: Path) -> bool:
 def load_binary(path: Path) -> Section:
     """Read ``path`` into a Section, its values still unchecked.
 
-    Raises CalibrationError if the file is too large, damaged, or needs a package that is not installed.
+    Raises CalibrationError if the file is too large, damaged, or needs a package that is not
+    installed.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise CalibrationError(f"is larger than {MAX_BYTES >> 20} MB, which no calibration is: is it the right file?")
+            raise CalibrationError(
+                f"is larger than {MAX_BYTES >> 20} MB, which no calibration is: is it the right "
+                "file?"
+            )
         raw = path.read_bytes()
         read = _reader(raw[:HEADER_BYTES])
         assert read is not None
@@ -204,7 +248,8 @@ def load_binary(path: Path) -> Section:
 
 
 def read_arrays(raw: bytes, most_bytes: int) -> dict[str, Any] | None:
-    """Name -> value of all variables of a .mat, .npz or .npy, arrays of at most ``most_bytes``; None for any other file.
+    """Name -> value of all variables of a .mat, .npz or .npy, arrays of at most ``most_bytes``;
+    None for any other file.
 
     Raises CalibrationError as load_binary.
     """
@@ -233,7 +278,9 @@ def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
 
 
 def _refuse_pickle(_: bytes) -> dict[str, Any]:
-    raise CalibrationError("holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez")
+    raise CalibrationError(
+        "holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez"
+    )
 
 
 def _read_mat5(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, Any]:
@@ -243,7 +290,9 @@ def _read_mat5(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, An
     subsystem = variables.pop("", None)
     if any(isinstance(value, Opaque) for value in variables.values()):
         if subsystem is None or not hasattr(subsystem, "tobytes"):
-            raise CalibrationError("is cut off or damaged: the part that should hold its objects is missing")
+            raise CalibrationError(
+                "is cut off or damaged: the part that should hold its objects is missing"
+            )
         objects = ObjectTable.of(subsystem_cells(subsystem.tobytes()))
         variables = {name: objects.resolve(value) for name, value in variables.items()}
     return variables

@@ -37,7 +37,9 @@ OST_KEYS = {
 def read(text: str) -> dict[str, Any] | None:
     """Keys and values of a text in one of these notations; None if it is in none."""
     if re.search(r"^(cam0|\w*IntrinsicMatrix\w*)\s*=\s*\[", text, re.MULTILINE):
-        return _parse_lines(re.sub(r"\[[^\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "=")
+        return _parse_lines(
+            re.sub(r"\[[^\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "="
+        )
     if re.search(r"^P(_rect_0)?[0-3]:[ \t]*[-+.\d]", text, re.MULTILINE):
         return _parse_lines(text, ":")
     if text.startswith("# oST version"):
@@ -56,7 +58,9 @@ def read(text: str) -> dict[str, Any] | None:
 
 
 def _parse_lines(text: str, mark: str) -> dict[str, Any]:
-    """Middlebury's and MATLAB's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
+    """Middlebury's and MATLAB's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0:
+    718.8 0 607.1 ...``.
+    """
     pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
     return {key.strip(): _value(value.strip(" \t;")) for key, value in pairs}
 
@@ -77,19 +81,30 @@ def _parse_toml(text: str) -> dict[str, Any]:
 
 
 def _matrices(text: str) -> dict[str, Any] | None:
-    """A matrix alone, as numpy.savetxt writes it, or K, R, t and distortion with blank lines between (KRTD)."""
+    """A matrix alone, as numpy.savetxt writes it, or K, R, t and distortion with blank lines
+    between (KRTD).
+    """
     try:
-        blocks = [[float(word) for word in re.split(r"[\s,;]+", block.strip())] for block in re.split(r"\n\s*\n", text.strip())]
+        blocks = [
+            [float(word) for word in re.split(r"[\s,;]+", block.strip())]
+            for block in re.split(r"\n\s*\n", text.strip())
+        ]
     except ValueError:
         return None
     if [len(block) for block in blocks[:3]] == [9, 9, 3]:
         return dict(zip("KRTD", blocks, strict=False))
-    return {"matrix": blocks[0]} if len(blocks) == 1 and 2 <= len(blocks[0]) <= MAX_NUMBERS else None
+    return (
+        {"matrix": blocks[0]} if len(blocks) == 1 and 2 <= len(blocks[0]) <= MAX_NUMBERS else None
+    )
 
 
 def _report(text: str) -> dict[str, Any] | None:
-    """A text for people: lines that end with a matrix as NumPy prints it, or stand above one; None without two of them."""
-    found = re.findall(r"^[ \t]*([A-Za-z][^\n:=\[]*?)[ \t]*[:=]?\s*(\[[-+.\deE\s\[\]]*\])\s*$", text, re.MULTILINE)
+    """A text for people: lines that end with a matrix as NumPy prints it, or stand above one; None
+    without two of them.
+    """
+    found = re.findall(
+        r"^[ \t]*([A-Za-z][^\n:=\[]*?)[ \t]*[:=]?\s*(\[[-+.\deE\s\[\]]*\])\s*$", text, re.MULTILINE
+    )
     matrices = {name: matrix.replace("[", " ").replace("]", " ").split() for name, matrix in found}
     matrices = {name: words for name, words in matrices.items() if len(words) > 2}
     return matrices if len(matrices) > 1 else None
@@ -110,7 +125,9 @@ def _table(text: str) -> list[list[str]]:
 
 
 def _parse_ost(text: str) -> dict[str, Any]:
-    """ost.txt, which ROS's calibrator packs beside its YAML: a section a camera, a line that names each matrix before its rows."""
+    """ost.txt, which ROS's calibrator packs beside its YAML: a section a camera, a line that names
+    each matrix before its rows.
+    """
     cameras: dict[str, Any] = {}
     size: dict[str, Any] = {}
     for name, body in re.findall(r"^\[(.+)\]\s*$([^\[]*)", text, re.MULTILINE):
@@ -119,12 +136,16 @@ def _parse_ost(text: str) -> dict[str, Any]:
         if name == "image":
             size = {f"image_{key}": value for key, value in values.items()}
         else:
-            cameras[name] = {OST_KEYS.get(key, key): value for key, value in values.items()} | {"camera_name": name}
+            cameras[name] = {OST_KEYS.get(key, key): value for key, value in values.items()} | {
+                "camera_name": name
+            }
     return {name: camera | size for name, camera in cameras.items()}
 
 
 def _rows_of_twelve(text: str) -> list[list[str]] | None:
-    """KITTI's projections without their names: two or four lines of twelve numbers, the first three a focal length in pixels."""
+    """KITTI's projections without their names: two or four lines of twelve numbers, the first three
+    a focal length in pixels.
+    """
     rows = [line.split() for line in text.splitlines() if line.strip()]
     if len(rows) not in (2, 4) or any(len(row) != 12 for row in rows):
         return None
@@ -147,13 +168,17 @@ START_BYTES = 2048  # the first key of a file that is too large
 MAX_DEPTH = 20  # levels; known formats have far fewer
 MAX_INTEGER = 10**18  # larger ones overflow 64 bits when they become floats and back
 ARCHIVES = (".gz", ".tgz", ".bz2", ".xz", ".zip", ".7z", ".rar")
-TOO_MUCH = f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels, which no calibration does: is it the right file?"
+TOO_MUCH = (
+    f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels, which no calibration "
+    "does: is it the right file?"
+)
 
 
 def load_document(path: Path) -> Section:
     """Read ``path`` into a Section, its values still unchecked.
 
-    Raises CalibrationError if the file is not there, not text, too large, or in no notation known here.
+    Raises CalibrationError if the file is not there, not text, too large, or in no notation known
+    here.
     """
     if _is_binary(path):
         return load_binary(path)
@@ -189,7 +214,8 @@ def _read_text(path: Path) -> str:
                 if kind := foreign(file.read(START_BYTES).decode(errors="replace")):
                     raise CalibrationError(f"{path}: {kind}")
             raise CalibrationError(
-                f"{path}: is larger than {MAX_BYTES // 1024} kB: a calibration file holds a few kB, is it the right file?"
+                f"{path}: is larger than {MAX_BYTES // 1024} kB: a calibration file holds a few "
+                "kB, is it the right file?"
             )
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -197,14 +223,17 @@ def _read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         if path.suffix in ARCHIVES:
             raise CalibrationError(
-                f"{path}: is an archive: unpack it, and give the files of both cameras, left.yaml,right.yaml"
+                f"{path}: is an archive: unpack it, and give the files of both cameras, "
+                "left.yaml,right.yaml"
             ) from error
         if path.suffix.lower() == ".mat":
             raise CalibrationError(
-                f"{path}: is no MAT-file of MATLAB 5 or later: save it again, with -v7 (in Octave too)"
+                f"{path}: is no MAT-file of MATLAB 5 or later: save it again, with -v7 (in Octave "
+                "too)"
             ) from error
         raise CalibrationError(
-            f"{path}: is not UTF-8 text (byte {error.start}): a calibration is a text file, is it the right one?"
+            f"{path}: is not UTF-8 text (byte {error.start}): a calibration is a text file, is it "
+            "the right one?"
         ) from error
     if not text.strip():
         raise CalibrationError(f"{path}: is empty")
@@ -222,19 +251,26 @@ def _parse(text: str) -> dict[str, Any]:
     else:
         content = _parse_yaml(_repair(text))
     if not isinstance(content, dict):
-        raise CalibrationError(f"is no calibration: it holds {type(content).__name__} where keys and values are expected")
+        raise CalibrationError(
+            f"is no calibration: it holds {type(content).__name__} where keys and values are "
+            "expected"
+        )
     return {str(key): value for key, value in content.items()}
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """PyYAML's safe loader, in C where it can be; knows OpenCV's matrices and refuses keys given twice."""
+    """PyYAML's safe loader, in C where it can be; knows OpenCV's matrices and refuses keys given
+    twice.
+    """
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         if isinstance(node, yaml.MappingNode) and len(mapping) < len(node.value):
             names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
             twice, _ = max(names.items(), key=itemgetter(1), default=("a key", 2))
-            raise CalibrationError(f"{twice!r} is given twice (line {node.start_mark.line + 1} and below): keep one")
+            raise CalibrationError(
+                f"{twice!r} is given twice (line {node.start_mark.line + 1} and below): keep one"
+            )
         return mapping
 
 
@@ -251,8 +287,9 @@ def _parse_yaml(text: str) -> Any:
 
 
 def _repair(text: str) -> str:
-    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:  rotation_matrix:` on one line; of the
-    messages that ROS prints, each ended by `---`, take the first.
+    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:
+    rotation_matrix:` on one line; of the messages that ROS prints, each ended by `---`, take the
+    first.
     """
     text = re.sub(r"\A\s*%YAML.*\n(---.*\n)?", "", text)
     if re.search(r"^(header|height):", text, re.MULTILINE):
@@ -260,7 +297,12 @@ def _repair(text: str) -> str:
     text = re.sub(r"^(\s*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
     indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
     if indent:
-        text = re.sub(r"^extrinsics: +rotation_matrix:", f"extrinsics:\n{indent[1]}rotation_matrix:", text, flags=re.MULTILINE)
+        text = re.sub(
+            r"^extrinsics: +rotation_matrix:",
+            f"extrinsics:\n{indent[1]}rotation_matrix:",
+            text,
+            flags=re.MULTILINE,
+        )
     return text
 
 
@@ -269,7 +311,9 @@ def _parse_json(text: str) -> Any:
         content = load_json(text, _once_each)
     except JSONDecodeError:
         return _parse_yaml(text)  # a YAML flow mapping starts like JSON
-    return content[0] if isinstance(content, list) and len(content) == 1 else content  # COLMAP's list of one rig
+    return (
+        content[0] if isinstance(content, list) and len(content) == 1 else content
+    )  # COLMAP's list of one rig
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -282,7 +326,9 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _parse_xml(text: str) -> dict[str, Any]:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CalibrationError("its XML declares entities, which no calibration needs: remove the DOCTYPE")
+        raise CalibrationError(
+            "its XML declares entities, which no calibration needs: remove the DOCTYPE"
+        )
     root = ElementTree.fromstring(text.encode())
     if root.tag == "document" and root.find("chunk") is not None:
         return metashape.read(root)
@@ -313,7 +359,9 @@ def _check_bounded(content: Any) -> None:
         if seen > MAX_VALUES or depth > MAX_DEPTH:
             raise CalibrationError(TOO_MUCH)
         if isinstance(value, int) and abs(value) > MAX_INTEGER:
-            raise CalibrationError("holds a whole number of more than 18 digits, which no calibration does")
+            raise CalibrationError(
+                "holds a whole number of more than 18 digits, which no calibration does"
+            )
         if isinstance(value, dict):
             pending.extend((child, depth + 1) for child in value.values())
         elif isinstance(value, list):

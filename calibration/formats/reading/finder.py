@@ -1,6 +1,8 @@
-"""What the numbers of a calibration file are: camera matrices, distortions, image sizes, rotations and translations of two sides.
+"""What the numbers of a calibration file are: camera matrices, distortions, image sizes, rotations
+and translations of two sides.
 
-By their count and form (a camera matrix is [f s cx; 0 f cy; 0 0 1], a rotation is orthonormal), and by the words of their keys.
+By their count and form (a camera matrix is [f s cx; 0 f cy; 0 0 1], a rotation is orthonormal), and
+by the words of their keys.
 """
 
 from collections.abc import Mapping
@@ -9,21 +11,54 @@ from typing import Any, Literal
 
 import numpy as np
 
-from calibration.formats.reading.leaves import LEAST_FOCAL_PX, Leaf, Numbers, leaves, side_marks, words
+from calibration.formats.reading.leaves import (
+    LEAST_FOCAL_PX,
+    Leaf,
+    Numbers,
+    leaves,
+    side_marks,
+    words,
+)
 
 Role = Literal["K", "D", "R", "T", "P", "pose", "place", "body", "size", "baseline"]
 Side = Literal["left", "right", "both", "reversed", ""]
 DISTORTIONS = (4, 5, 8, 12, 14)
-EMPTY = {"matrix", "mat", "data", "value", "values", "val", "array", "vector", "cam", "camera", "coefficients"}
+EMPTY = {
+    "matrix",
+    "mat",
+    "data",
+    "value",
+    "values",
+    "val",
+    "array",
+    "vector",
+    "cam",
+    "camera",
+    "coefficients",
+}
 """Words that say nothing without another: the key above is asked."""
 IGNORED = {
-    "board", "boards", "chessboard", "checkerboard", "charuco", "aruco", "pattern", "square", "squares", "target", "grid", "marker",
-    "markers", "views", "frames", "rvecs", "tvecs", "points", "corners", "roi", "imu", "std", "stds", "stdev", "error", "errors",
-    "err", "covariance", "sigma", "uncertainty", "guess", "initial", "sensor", "pixel", "cell", "world", "map", "vehicle", "robot",
+    "board", "boards", "chessboard", "checkerboard", "charuco", "aruco", "pattern", "square",
+    "squares", "target", "grid", "marker",
+    "markers", "views", "frames", "rvecs", "tvecs", "points", "corners", "roi", "imu", "std",
+    "stds", "stdev", "error", "errors",
+    "err", "covariance", "sigma", "uncertainty", "guess", "initial", "sensor", "pixel", "cell",
+    "world", "map", "vehicle", "robot",
 }  # fmt: skip
 """Words of what is no part of the rig: the target, its poses, the errors of the numbers."""
 OF_RECTIFIED = {"new", "optimal", "opt", "rectified", "undistorted", "ideal", "rect"}
-K_WORDS = {"k", "m", "a", "cm", "mtx", "intrinsic", "intrinsics", "intrinsicmatrix", "cameramatrix", "cammatrix"}
+K_WORDS = {
+    "k",
+    "m",
+    "a",
+    "cm",
+    "mtx",
+    "intrinsic",
+    "intrinsics",
+    "intrinsicmatrix",
+    "cameramatrix",
+    "cammatrix",
+}
 D_WORDS = {"d", "kc", "coeffs", "coeff"}
 R_WORDS = {"r", "rmat", "rvec", "om", "rstereo", "stereor", "rodrigues"}
 T_WORDS = {"t", "tvec", "trns", "tstereo", "stereot"}
@@ -31,7 +66,18 @@ P_WORDS = {"p", "proj"}
 POSE_WORDS = {"t", "extrinsic", "extrinsics", "pose", "stereo"}
 BODY_WORDS = {"sc", "bs", "body"}
 PLACE_WORDS = {"position", "center", "centre", "place"}
-SIZE_WORDS = {"wh", "shape", "dimension", "dimensions", "imsize", "imgsize", "imagesize", "resolution", "size", "sz"}
+SIZE_WORDS = {
+    "wh",
+    "shape",
+    "dimension",
+    "dimensions",
+    "imsize",
+    "imgsize",
+    "imagesize",
+    "resolution",
+    "size",
+    "sz",
+}
 DIGITS = {"0", "1", "2"}
 ORTHONORMAL = 0.01
 """Largest error of R R^T = I that numbers of three decimals leave."""
@@ -39,14 +85,22 @@ ORTHONORMAL = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The leaves of a file by role and side. many: how many cameras it has, where these are more than two."""
+    """The leaves of a file by role and side. many: how many cameras it has, where these are more
+    than two.
+    """
 
     table: Mapping[tuple[Role, Side], list[Leaf]]
     many: int = 0
 
     def get(self, role: Role, side: Side = "") -> Leaf | None:
-        """The leaf of a role, where there are more one that is named so, the outermost; None without one."""
-        return min(self.table.get((role, side), []), key=lambda leaf: (not _is_named(role, leaf), len(leaf.path)), default=None)
+        """The leaf of a role, where there are more one that is named so, the outermost; None
+        without one.
+        """
+        return min(
+            self.table.get((role, side), []),
+            key=lambda leaf: (not _is_named(role, leaf), len(leaf.path)),
+            default=None,
+        )
 
     def pair(self, role: Role) -> tuple[Leaf, Leaf] | None:
         """The left and the right leaf of a role; None without either."""
@@ -65,7 +119,9 @@ def find(content: Mapping[str, Any]) -> Parts:
     table: dict[tuple[Role, Side], list[Leaf]] = {}
     for role, leaf in found:
         table.setdefault((role, _side(marks[id(leaf)], first)), []).append(leaf)
-    if len(lenses) == 2 and len(table.get(("K", ""), [])) == 2:  # cameras under two names that tell no side
+    if (
+        len(lenses) == 2 and len(table.get(("K", ""), [])) == 2
+    ):  # cameras under two names that tell no side
         table |= _in_order([leaf for leaf, _ in lenses], found)
     return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers))
 
@@ -73,10 +129,16 @@ def find(content: Mapping[str, Any]) -> Parts:
 def is_rotation(numbers: Numbers) -> bool:
     """Tell whether nine numbers are a rotation, to three decimals."""
     R = numbers.reshape(3, 3)
-    return bool((np.abs(R) < 1.1).all() and np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL and np.linalg.det(R) > 0)
+    return bool(
+        (np.abs(R) < 1.1).all()
+        and np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL
+        and np.linalg.det(R) > 0
+    )
 
 
-def _in_order(lenses: list[Leaf], found: list[tuple[Role, Leaf]]) -> dict[tuple[Role, Side], list[Leaf]]:
+def _in_order(
+    lenses: list[Leaf], found: list[tuple[Role, Leaf]]
+) -> dict[tuple[Role, Side], list[Leaf]]:
     above = [lens.path[:-1] for lens in lenses]
     if above[0] == above[1]:
         return {}
@@ -91,7 +153,9 @@ def _in_order(lenses: list[Leaf], found: list[tuple[Role, Leaf]]) -> dict[tuple[
 
 def _side(marks: tuple[str, ...], first: int) -> Side:
     sides = [
-        "left" if mark in ("left", str(first)) else "right" for mark in marks if mark in ("left", "right") or int(mark) >= first
+        "left" if mark in ("left", str(first)) else "right"
+        for mark in marks
+        if mark in ("left", "right") or int(mark) >= first
     ]
     if len(sides) == 2 and sides[0] != sides[1]:
         return "both" if sides[0] == "left" else "reversed"
@@ -102,7 +166,11 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
     """The sides that the innermost key with any names; the ``r`` of a rotation is none."""
     for key in reversed(leaf.path):
         said = list(words(key))
-        if role == "R" and "r" in said and not any(word.startswith("rot") or word in R_WORDS - {"r"} for word in said):
+        if (
+            role == "R"
+            and "r" in said
+            and not any(word.startswith("rot") or word in R_WORDS - {"r"} for word in said)
+        ):
             said.remove("r")
         if marks := side_marks(tuple(said)):
             return marks
@@ -129,7 +197,13 @@ def _role_by(said: set[str], numbers: Numbers) -> Role | None:
     if count == 3:
         if said & PLACE_WORDS or "shape" in said:
             return "size" if "shape" in said else "place"  # rows, columns, channels
-        return "R" if of_rotation and not said & T_WORDS else "T" if said & T_WORDS or _starts(said, "trans") else None
+        return (
+            "R"
+            if of_rotation and not said & T_WORDS
+            else "T"
+            if said & T_WORDS or _starts(said, "trans")
+            else None
+        )
     if count == 12 and (said & P_WORDS or _starts(said, "projection")):
         return "P"
     if count in (12, 16) and _is_transform(numbers):
@@ -171,4 +245,8 @@ def _starts(said: set[str], stem: str) -> bool:
 
 
 def _is_lens(numbers: Numbers) -> bool:
-    return numbers.size == 9 and bool(numbers[0] > LEAST_FOCAL_PX) and np.array_equal(numbers[[3, 6, 7, 8]], [0, 0, 0, 1])
+    return (
+        numbers.size == 9
+        and bool(numbers[0] > LEAST_FOCAL_PX)
+        and np.array_equal(numbers[[3, 6, 7, 8]], [0, 0, 0, 1])
+    )

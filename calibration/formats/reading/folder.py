@@ -10,43 +10,74 @@ from calibration.formats.reading.section import Section
 # Rigs in several files of a folder: which files belong together, which is the left camera's, and
 # how their keys are merged.
 
-SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".mat", ".npz", ".cam", ".conf", ".toml", ".npy", ".csv", ".krtd")
+SUFFIXES = (
+    ".yaml",
+    ".yml",
+    ".xml",
+    ".json",
+    ".txt",
+    ".mat",
+    ".npz",
+    ".cam",
+    ".conf",
+    ".toml",
+    ".npy",
+    ".csv",
+    ".krtd",
+)
 MAX_FILES = 100  # read of one folder: a rig is a few files
 
 
 def calibration_files(folder: Path, pattern: str = "*") -> list[Path]:
-    """The files of a folder that could be calibrations; pattern: ``*/*`` for those of the folders in it.
+    """The files of a folder that could be calibrations; pattern: ``*/*`` for those of the folders
+    in it.
 
     Raises CalibrationError if they are too many.
     """
-    files = sorted(file for file in folder.glob(pattern) if file.suffix.lower() in SUFFIXES and file.is_file())
+    files = sorted(
+        file for file in folder.glob(pattern) if file.suffix.lower() in SUFFIXES and file.is_file()
+    )
     if len(files) > MAX_FILES:
-        raise CalibrationError(f"{folder}: holds {len(files)} files that could be calibrations: name the one")
+        raise CalibrationError(
+            f"{folder}: holds {len(files)} files that could be calibrations: name the one"
+        )
     return files
 
 
 def left_first(cameras: list[Section], where: Path | str) -> list[Section]:
-    """Two cameras' files, left before right. Raises CalibrationError if their names do not say which is which."""
+    """Two cameras' files, left before right. Raises CalibrationError if their names do not say
+    which is which.
+    """
 
     def side(camera: Section) -> str | None:
-        words = f"{Path(camera.where.rsplit(': ', 1)[-1]).stem} {camera.content.get('camera_name', '')}".lower()
+        words = (
+            f"{Path(camera.where.rsplit(': ', 1)[-1]).stem} "
+            f"{camera.content.get('camera_name', '')}".lower()
+        )
         found = [word for word in ("left", "right") if word in words]
         return found[0] if len(found) == 1 else None
 
     by_side = {side(camera): camera for camera in cameras}
     if set(by_side) != {"left", "right"}:
-        raise CalibrationError(f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml")
+        raise CalibrationError(
+            f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml"
+        )
     return [by_side["left"], by_side["right"]]
 
 
 def merged(documents: list[Section]) -> Section:
-    """One or more files as one whose keys are their names: K1.xml ... R.xml T.xml, or left.xml, right.xml and extrinsics.xml.
+    """One or more files as one whose keys are their names: K1.xml ... R.xml T.xml, or left.xml,
+    right.xml and extrinsics.xml.
 
-    What the names have in common says nothing: ``calibration/camera1/intrinsics.csv`` is ``camera1 intrinsics``.
+    What the names have in common says nothing: ``calibration/camera1/intrinsics.csv`` is ``camera1
+    intrinsics``.
     """
     files = [Path(document.where).absolute() for document in documents]
     top = os.path.commonpath([file.parent for file in files])
-    content = {file.relative_to(top).as_posix(): document.content for file, document in zip(files, documents, strict=True)}
+    content = {
+        file.relative_to(top).as_posix(): document.content
+        for file, document in zip(files, documents, strict=True)
+    }
     return Section(",".join(document.where for document in documents), content)
 
 
@@ -66,7 +97,7 @@ FOREIGN = {
     "what MATLAB's window shows of a calibration": (
         r"^\s*(?:stereoParams|stereoParameters)\s*=\s*$|^\s*(?:RotationOfCamera2|CameraParameters1):\s*\["
     ),
-    "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",
+    "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",  # noqa: E501
     "coefficients of a direct linear transformation (DLT)": rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z",
     "a camera of RealityCapture (XMP)": r"capturingreality\.com",
     "a project of Meshroom": r"\"intrinsicId\"\s*:",
@@ -74,17 +105,20 @@ FOREIGN = {
         r"\"projection_type\"\s*:|\A\s*\{\s*\"[^\"]*\"\s*:\s*\{\s*\"(?:rotation|translation)\"\s*:"
     ),
     "a lens of Gyroflow": r"\"calibrated_by\"\s*:|\"fisheye_params\"\s*:",
-    "a mission of oplab": r"\A(?:\s|#.*\n|version\s*:.*\n)*(?:origin|mission|vehicle)\s*:[\s\S]*?(?:records_|surge_m|latitude)",
+    "a mission of oplab": r"\A(?:\s|#.*\n|version\s*:.*\n)*(?:origin|mission|vehicle)\s*:[\s\S]*?(?:records_|surge_m|latitude)",  # noqa: E501
     "a camera of mrcal": r"^\s*[\"']?lensmodel[\"']?\s*:",
 }
 
 
 def foreign(text: str) -> str | None:
-    """Name the calibration format of a text file that is not read here, with what to do; None if it is none of these."""
+    """Name the calibration format of a text file that is not read here, with what to do; None if it
+    is none of these.
+    """
     for name, pattern in FOREIGN.items():
         if re.search(pattern, text, re.MULTILINE):
             return (
-                f"holds {name}, which is not read here: write both cameras and the transform between them as cam.yaml, "
+                f"holds {name}, which is not read here: write both cameras and the transform "
+                "between them as cam.yaml, "
                 "the native file of docs/calibration.md"
             )
     return None

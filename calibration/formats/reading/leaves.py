@@ -1,7 +1,8 @@
-"""The numbers of a calibration file as leaves of one tree, whatever its notation and nesting; each has its keys, split into words.
+"""The numbers of a calibration file as leaves of one tree, whatever its notation and nesting; each
+has its keys, split into words.
 
-Numbers that are written one by one become what they are of: fx fy cx cy a camera matrix, k1 k2 p1 p2 a distortion, width and height
-an image size, x y z a vector.
+Numbers that are written one by one become what they are of: fx fy cx cy a camera matrix, k1 k2 p1
+p2 a distortion, width and height an image size, x y z a vector.
 """
 
 import re
@@ -32,7 +33,12 @@ CANONICAL = {
     }.items()
     for spelling in spellings.split()
 }
-PAIRS = {"focal": ("fx", "fy"), "principal": ("cx", "cy"), "center": ("cx", "cy"), "tangential": ("p1", "p2")}
+PAIRS = {
+    "focal": ("fx", "fy"),
+    "principal": ("cx", "cy"),
+    "center": ("cx", "cy"),
+    "tangential": ("p1", "p2"),
+}
 """Words of two numbers: ``focal_length: [fx, fy]``."""
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 SIZES = (("width", "height"), ("cols", "rows"), ("columns", "rows"))
@@ -55,13 +61,18 @@ class Leaf:
     def finite(self, where: str) -> Numbers:
         """The numbers. Raises CalibrationError, naming the key, if one is not finite."""
         for number in self.numbers[~np.isfinite(self.numbers)]:
-            raise CalibrationError(f"{where}: {'.'.join(self.path)}: {number} is not a finite number")
+            raise CalibrationError(
+                f"{where}: {'.'.join(self.path)}: {number} is not a finite number"
+            )
         return self.numbers
 
 
 def words(key: str) -> tuple[str, ...]:
     """``cameraMatrixL`` as camera, matrix, l; ``K_2`` as k, 2; ``KL`` as k, l."""
-    return tuple(word.lower() for word in re.findall(r"\b[KMDRTP](?=[LR]\b)|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key))
+    return tuple(
+        word.lower()
+        for word in re.findall(r"\b[KMDRTP](?=[LR]\b)|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key)
+    )
 
 
 def side_marks(said: tuple[str, ...]) -> tuple[str, ...]:
@@ -72,8 +83,12 @@ def side_marks(said: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[Leaf]:
-    """All leaves of 2 to 16 numbers in a mapping, its baselines, those of inner mappings too, and what its single numbers make."""
-    name = next((content[key] for key in ("name", "camera_name") if isinstance(content.get(key), str)), "")
+    """All leaves of 2 to 16 numbers in a mapping, its baselines, those of inner mappings too, and
+    what its single numbers make.
+    """
+    name = next(
+        (content[key] for key in ("name", "camera_name") if isinstance(content.get(key), str)), ""
+    )
     if side_marks(words(name)):
         path = (*path, name)
     few: dict[str, Numbers] = {}
@@ -85,7 +100,9 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
             yield from leaves({str(i): one for i, one in enumerate(value)}, here)
         elif _is_stacked(value):
             yield from leaves({"0": value[0], "1": value[1]}, here)
-        elif (numbers := _numbers(value["data"] if isinstance(value, Mapping) else value)) is not None:
+        elif (
+            numbers := _numbers(value["data"] if isinstance(value, Mapping) else value)
+        ) is not None:
             if numbers.size <= len(RADIAL):
                 few[str(key)] = numbers
             if numbers.size >= 2:
@@ -106,7 +123,9 @@ def texts(content: Mapping[Any, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
 def _is_stacked(value: Any) -> bool:
     """Tell whether a list or array holds the matrices of two cameras, one after the other."""
     if isinstance(value, np.ndarray):
-        return value.ndim > 1 and len(value) == 2 and value[0].size > 3 and value.dtype.kind in "fiu"
+        return (
+            value.ndim > 1 and len(value) == 2 and value[0].size > 3 and value.dtype.kind in "fiu"
+        )
     return (
         isinstance(value, list)
         and len(value) == 2
@@ -119,7 +138,13 @@ def _nested(content: Mapping[Any, Any]) -> Mapping[Any, Any]:
     nested: dict[Any, Any] = {}
     for key, value in content.items():
         outer, mark, inner = re.sub("/", ".", str(key)).partition(".")
-        if mark and outer and inner and not isinstance(value, Mapping) and isinstance(nested.setdefault(outer, {}), dict):
+        if (
+            mark
+            and outer
+            and inner
+            and not isinstance(value, Mapping)
+            and isinstance(nested.setdefault(outer, {}), dict)
+        ):
             nested[outer][inner] = value
         else:
             nested[key] = value
@@ -128,19 +153,28 @@ def _nested(content: Mapping[Any, Any]) -> Mapping[Any, Any]:
 
 def _joined_side(word: str) -> str | None:
     """Of ``leftcamera`` and ``cammatrixleft``, but not of ``upright``."""
-    found = re.fullmatch(r"(left|right)\w{3,}|\w*(?:camera|cam|matrix|coeffs?|size|dist)(left|right)", word)
+    found = re.fullmatch(
+        r"(left|right)\w{3,}|\w*(?:camera|cam|matrix|coeffs?|size|dist)(left|right)", word
+    )
     return found[1] or found[2] if found else None
 
 
 def _numbers(value: Any) -> Numbers | None:
-    """(n,) of a number, text of a number, lists or an array; None for all else, and for more than a matrix (4, 4)."""
+    """(n,) of a number, text of a number, lists or an array; None for all else, and for more than a
+    matrix (4, 4).
+    """
     if isinstance(value, np.ndarray):
         fits = value.dtype.kind in "fiu" and 1 <= value.size <= MAX_NUMBERS
         return value.ravel().astype(np.float64) if fits else None
-    if isinstance(value, str) and (size := re.fullmatch(r"(\d{2,5})\s*[x×]\s*(\d{2,5})", value.strip())):
+    if isinstance(value, str) and (
+        size := re.fullmatch(r"(\d{2,5})\s*[x×]\s*(\d{2,5})", value.strip())
+    ):
         value = [size[1], size[2]]
     try:
-        items = [float("bool") if isinstance(item, bool) else float(item) for item in islice(_flat(value), MAX_NUMBERS + 1)]
+        items = [
+            float("bool") if isinstance(item, bool) else float(item)
+            for item in islice(_flat(value), MAX_NUMBERS + 1)
+        ]
     except (TypeError, ValueError, OverflowError):
         return None
     return np.array(items) if 1 <= len(items) <= MAX_NUMBERS else None
@@ -157,7 +191,9 @@ def _flat(value: Any) -> Iterator[Any]:
 
 
 def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Leaf]:
-    """What the single numbers of one mapping make, for each side that their keys name: ``fx_left`` is of the left camera."""
+    """What the single numbers of one mapping make, for each side that their keys name: ``fx_left``
+    is of the left camera.
+    """
     groups: dict[tuple[str, ...], dict[str, float]] = {}
     for key, numbers in few.items():
         side, name = _side_and_name(key)
@@ -166,7 +202,9 @@ def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Le
             own[CANONICAL.get(name.replace("_", ""), name)] = float(numbers[0])
         elif "radial" in name:
             own.update(zip(RADIAL, numbers.tolist(), strict=False))
-        elif numbers.size == 2 and (pair := next((pair for word, pair in PAIRS.items() if word in name), None)):
+        elif numbers.size == 2 and (
+            pair := next((pair for word, pair in PAIRS.items() if word in name), None)
+        ):
             own.update(zip(pair, numbers.tolist(), strict=True))
     for place, own in groups.items():
         yield from (Leaf((*place, key), np.array(numbers)) for key, numbers in _of_numbers(own))
@@ -174,7 +212,11 @@ def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Le
 
 def _side_and_name(key: str) -> tuple[tuple[str, ...], str]:
     parts = [part.lower() for part in re.findall(r"[A-Z]+(?![a-z])\d*|[A-Z]?[a-z]+\d*|\d+", key)]
-    side = tuple(part for part in parts if re.fullmatch(r"left|right|l|r|port|starboard|(cam|camera)?[012]", part))
+    side = tuple(
+        part
+        for part in parts
+        if re.fullmatch(r"left|right|l|r|port|starboard|(cam|camera)?[012]", part)
+    )
     rest = [part for part in parts if part not in side]
     name = "".join(rest)
     if name not in CANONICAL and name[:-1] in CANONICAL and name[-1:] in ("0", "1", "2"):
@@ -184,13 +226,39 @@ def _side_and_name(key: str) -> tuple[tuple[str, ...], str]:
 
 def _of_numbers(own: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
     if {"fx", "cx", "cy"} <= own.keys() and not abs(own["fx"]) < LEAST_FOCAL_PX:
-        yield "K", [own["fx"], own.get("skew", 0.0), own["cx"], 0, own.get("fy", own["fx"]), own["cy"], 0, 0, 1]
+        yield (
+            "K",
+            [
+                own["fx"],
+                own.get("skew", 0.0),
+                own["cx"],
+                0,
+                own.get("fy", own["fx"]),
+                own["cy"],
+                0,
+                0,
+                1,
+            ],
+        )
     if {"k1", "k2"} <= own.keys():
-        names = FISHEYE if "k4" in own and "p1" not in own else PINHOLE if "k4" in own else PINHOLE[:5]
+        names = (
+            FISHEYE if "k4" in own and "p1" not in own else PINHOLE if "k4" in own else PINHOLE[:5]
+        )
         yield "D", [own.get(name, 0.0) for name in names]
-    if turn := next((turn for turn in (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w")) if own.keys() >= set(turn)), None):
+    if turn := next(
+        (
+            turn
+            for turn in (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
+            if own.keys() >= set(turn)
+        ),
+        None,
+    ):
         yield "R", rotation_of_quaternion(np.array([own[name] for name in turn])).ravel().tolist()
-    for key, three in (("T", ("tx", "ty", "tz")), ("R", ("rx", "ry", "rz")), ("vector", ("x", "y", "z"))):
+    for key, three in (
+        ("T", ("tx", "ty", "tz")),
+        ("R", ("rx", "ry", "rz")),
+        ("vector", ("x", "y", "z")),
+    ):
         if own.keys() >= set(three) and not (key == "vector" and "w" in own):
             yield key, [own[name] for name in three]
     yield from ((name, [number]) for name, number in own.items() if "baseline" in name)

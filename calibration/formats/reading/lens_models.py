@@ -1,8 +1,10 @@
-"""Lens models that OpenCV does not have: approximated by the nearest pinhole or fisheye model where that is near enough.
+"""Lens models that OpenCV does not have: approximated by the nearest pinhole or fisheye model where
+that is near enough.
 
-Each model here takes directions (n, 3), z forward, to the plane (n, 2) that the camera matrix maps to pixels. Sources: Mei and
-Rives 2007 (omni), Usenko et al. 2018, *The Double Sphere Camera Model* (ds, eucm), Devernay and Faugeras 2001 (fov), the
-appendix of the *Agisoft Metashape User Manual* (frame, fisheye).
+Each model here takes directions (n, 3), z forward, to the plane (n, 2) that the camera matrix maps
+to pixels. Sources: Mei and Rives 2007 (omni), Usenko et al. 2018, *The Double Sphere Camera Model*
+(ds, eucm), Devernay and Faugeras 2001 (fov), the appendix of the *Agisoft Metashape User Manual*
+(frame, fisheye).
 """
 
 from collections.abc import Callable
@@ -24,8 +26,12 @@ Size = tuple[int, int]
 class FitLimits:
     """Decides where another model may stand for a lens."""
 
-    error_px: float = 0.1  # anywhere in the image: a fifth of what calibrations of such lenses leave
-    widest_deg: float = 110.0  # from the axis: beyond the corners of all lenses that are used for stereo
+    error_px: float = (
+        0.1  # anywhere in the image: a fifth of what calibrations of such lenses leave
+    )
+    widest_deg: float = (
+        110.0  # from the axis: beyond the corners of all lenses that are used for stereo
+    )
     pinhole_deg: float = 80.0  # a plane image reaches no farther
     steps: tuple[int, int] = (111, 24)  # from the axis, and around it
 
@@ -57,7 +63,10 @@ def extended_unified(alpha: float, beta: float) -> Plane:
     """eucm; with beta = 1 the unified model."""
 
     def plane(d: Array) -> Array:
-        return np.asarray(d[:, :2] / (alpha * np.sqrt(beta * _across(d) ** 2 + d[:, 2:] ** 2) + (1 - alpha) * d[:, 2:]))
+        return np.asarray(
+            d[:, :2]
+            / (alpha * np.sqrt(beta * _across(d) ** 2 + d[:, 2:] ** 2) + (1 - alpha) * d[:, 2:])
+        )
 
     return plane
 
@@ -86,21 +95,28 @@ def metashape(radial: Array, tangential: Array, fisheye: bool) -> Plane:
 
 
 def fitted_camera(where: str, plane: Plane, K: Array, size: Size, name: str) -> Camera:
-    """The pinhole or fisheye camera that sees as ``plane`` and ``K`` say. Raises CalibrationError if none comes near enough."""
+    """The pinhole or fisheye camera that sees as ``plane`` and ``K`` say. Raises CalibrationError
+    if none comes near enough.
+    """
     d, angle = _directions()
     with np.errstate(all="ignore"):
         m = plane(d)
         pixels = m @ K[:2, :2].T + K[:2, 2]
-        seen = np.isfinite(m).all(axis=1) & ((pixels >= 0) & (pixels <= np.array(size) - 1)).all(axis=1)
+        seen = np.isfinite(m).all(axis=1) & ((pixels >= 0) & (pixels <= np.array(size) - 1)).all(
+            axis=1
+        )
         seen &= (m * d[:, :2]).sum(axis=1) > 0
     fits: list[tuple[float, CameraModel, Array]] = []
     for model, widest in (("pinhole", LIMITS.pinhole_deg), ("fisheye", LIMITS.widest_deg)):
         if seen.sum() > LIMITS.steps[1] and np.degrees(angle[seen]).max() <= widest:
             fits.append(_fit(d[seen], m[seen], model, K))  # type: ignore[arg-type]
-    error_px, model, terms = min(fits, key=lambda fit: fit[0], default=(np.inf, "pinhole", np.zeros(0)))
+    error_px, model, terms = min(
+        fits, key=lambda fit: fit[0], default=(np.inf, "pinhole", np.zeros(0))
+    )
     if error_px > LIMITS.error_px:
         raise CalibrationError(
-            f"{where}: no lens model here comes nearer to this {name} than {error_px:.2f} px: calibrate with pinhole or equidistant"
+            f"{where}: no lens model here comes nearer to this {name} than {error_px:.2f} px: "
+            "calibrate with pinhole or equidistant"
         )
     focal = np.diag([terms[0], terms[0], 1.0])
     return make_camera(where, K @ focal, terms[1:] / terms[0], size, model)
@@ -111,11 +127,14 @@ def _directions() -> tuple[Array, Array]:
     steps, turns = LIMITS.steps
     angle = np.repeat(np.radians(np.linspace(0.5, LIMITS.widest_deg, steps)), turns)
     around = np.tile(np.linspace(0, 2 * np.pi, turns, endpoint=False), steps)
-    return np.column_stack([np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)]), angle
+    return np.column_stack(
+        [np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)]
+    ), angle
 
 
 def _fit(d: Array, m: Array, model: CameraModel, K: Array) -> tuple[float, CameraModel, Array]:
-    """Largest error in pixels, the model, and the focal length by which K's is multiplied, before it times the coefficients.
+    """Largest error in pixels, the model, and the focal length by which K's is multiplied, before
+    it times the coefficients.
 
     Linear, since both models are sums of terms.
     """
@@ -136,7 +155,9 @@ def _brown_terms(m: Array) -> Array:
     x, y = m.T
     r2 = x**2 + y**2
     radial = m[..., None] * np.stack([r2, r2**2, r2**3], axis=-1)[:, None]
-    tangential = np.stack([np.stack([2 * x * y, r2 + 2 * x**2], -1), np.stack([r2 + 2 * y**2, 2 * x * y], -1)], axis=1)
+    tangential = np.stack(
+        [np.stack([2 * x * y, r2 + 2 * x**2], -1), np.stack([r2 + 2 * y**2, 2 * x * y], -1)], axis=1
+    )
     return np.concatenate([radial, tangential], axis=-1)
 
 

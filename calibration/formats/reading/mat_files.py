@@ -24,7 +24,21 @@ MAX_INFLATED_BYTES = 32 * 2**20  # a calibration of 300 views with all its error
 MAX_ELEMENTS = 50_000  # as of a text file: see document.py
 MAT5_MAX_DEPTH = 20  # levels, as of a text file
 
-STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8", 16: "u1", 17: "u2", 18: "u4"}
+STORED = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+    16: "u1",
+    17: "u2",
+    18: "u4",
+}
 MI_MATRIX, MI_COMPRESSED = 14, 15  # data types (MAT-File Format, table 1-1)
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17  # array classes (table 1-3)
 NUMERIC = range(6, 16)
@@ -33,7 +47,9 @@ ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable of a class: what system it belongs to ("MCOS"), its class, and where the subsystem holds it."""
+    """A variable of a class: what system it belongs to ("MCOS"), its class, and where the subsystem
+    holds it.
+    """
 
     system: str
     class_name: str
@@ -41,14 +57,18 @@ class Opaque:
 
 
 class Mat5Reader:
-    """Reads elements of one buffer. order: "<" or ">". most_bytes: of a variable that is stored deflated."""
+    """Reads elements of one buffer. order: "<" or ">". most_bytes: of a variable that is stored
+    deflated.
+    """
 
     def __init__(self, data: bytes, order: str, most_bytes: int = MAX_INFLATED_BYTES) -> None:
         self._data, self._order, self._most_bytes = data, order, most_bytes
         self._elements = 0
 
     def variables(self, start: int) -> Iterator[tuple[str, Any]]:
-        """Name and value of each variable from ``start`` on: an array, text, list (cell), dict (struct) or Opaque."""
+        """Name and value of each variable from ``start`` on: an array, text, list (cell), dict
+        (struct) or Opaque.
+        """
         position = start
         while position + 8 <= len(self._data):
             kind, payload, position = self._element(self._data, position)
@@ -61,7 +81,9 @@ class Mat5Reader:
         """Type, payload and the position of the next element."""
         self._elements += 1
         if self._elements > MAX_ELEMENTS:
-            raise CalibrationError(f"holds more than {MAX_ELEMENTS} elements, which no calibration does")
+            raise CalibrationError(
+                f"holds more than {MAX_ELEMENTS} elements, which no calibration does"
+            )
         kind, size = self._integers(data, position, 2)
         start = position + 8
         if kind >> 16:  # small: size and type in one word, data in the other
@@ -81,7 +103,9 @@ class Mat5Reader:
     def _matrix(self, data: bytes, depth: int) -> tuple[str, Any]:
         """Name and value of the payload of an miMATRIX."""
         if depth > MAT5_MAX_DEPTH:
-            raise CalibrationError(f"is nested deeper than {MAT5_MAX_DEPTH} levels, which no calibration is")
+            raise CalibrationError(
+                f"is nested deeper than {MAT5_MAX_DEPTH} levels, which no calibration is"
+            )
         if not data:
             return "", np.zeros((0, 0))
         parts = _Parts(self, data)
@@ -98,7 +122,9 @@ class Mat5Reader:
         if kind == CHAR:
             return name, _characters(*parts.typed(), self._order)
         if kind == CELL:
-            return name, [self._matrix(parts.next(), depth + 1)[1] for _ in range(_count(shape, len(data)))]
+            return name, [
+                self._matrix(parts.next(), depth + 1)[1] for _ in range(_count(shape, len(data)))
+            ]
         if kind in (STRUCT, OBJECT):
             return name, self._struct(parts, kind, _count(shape, len(data)), depth)
         return name, None
@@ -115,7 +141,9 @@ class Mat5Reader:
         keys = [_text(names[i : i + width]) for i in range(0, len(names), width)]
         if count * len(keys) > MAX_ELEMENTS:
             raise CalibrationError("is damaged: a struct of more fields than the file has bytes")
-        structs = [{key: self._matrix(parts.next(), depth + 1)[1] for key in keys} for _ in range(count)]
+        structs = [
+            {key: self._matrix(parts.next(), depth + 1)[1] for key in keys} for _ in range(count)
+        ]
         return structs[0] if count == 1 else structs
 
     def _array(self, kind: int, payload: bytes) -> NDArray[np.generic]:
@@ -155,7 +183,9 @@ def _inflate(payload: bytes, most_bytes: int) -> bytes:
     except zlib.error as error:
         raise CalibrationError(f"is damaged: {error}") from error
     if inflater.unconsumed_tail:
-        raise CalibrationError(f"holds a variable of more than {most_bytes >> 20} MB, which no calibration does")
+        raise CalibrationError(
+            f"holds a variable of more than {most_bytes >> 20} MB, which no calibration does"
+        )
     return data
 
 
@@ -211,7 +241,9 @@ def subsystem_cells(raw: bytes) -> Sequence[Any]:
 
 @dataclass(frozen=True)
 class ObjectTable:
-    """The objects of a subsystem. names: of properties and classes; objects: (n, 6); cells: the values."""
+    """The objects of a subsystem. names: of properties and classes; objects: (n, 6); cells: the
+    values.
+    """
 
     names: list[str]
     objects: Words
@@ -227,10 +259,22 @@ class ObjectTable:
         raw = cells[0].astype(np.uint8).ravel(order="F").tobytes()
         words = np.frombuffer(raw[: len(raw) // 4 * 4], "<u4")
         count, offsets = int(words[1]), [int(offset) for offset in words[2:8]]
-        if not 40 <= offsets[0] <= len(raw) or offsets[:5] != sorted(offsets[:5]) or offsets[4] > len(raw) or count > MAX_NAMES:
-            raise CalibrationError("is damaged, or of a MATLAB not known here: the table of its objects makes no sense")
-        names = [name.decode("utf-8", "replace") for name in raw[40 : offsets[0]].split(b"\0")[:count]]
-        parts = [np.frombuffer(raw[start : start + (end - start) // 4 * 4], "<u4") for start, end in pairwise(offsets)]
+        if (
+            not 40 <= offsets[0] <= len(raw)
+            or offsets[:5] != sorted(offsets[:5])
+            or offsets[4] > len(raw)
+            or count > MAX_NAMES
+        ):
+            raise CalibrationError(
+                "is damaged, or of a MATLAB not known here: the table of its objects makes no sense"
+            )
+        names = [
+            name.decode("utf-8", "replace") for name in raw[40 : offsets[0]].split(b"\0")[:count]
+        ]
+        parts = [
+            np.frombuffer(raw[start : start + (end - start) // 4 * 4], "<u4")
+            for start, end in pairwise(offsets)
+        ]
         objects = parts[2][: len(parts[2]) // 6 * 6].reshape(-1, 6)
         return cls(names, objects, list(_blocks(parts[1])), list(_blocks(parts[3])), cells[2:])
 
@@ -242,7 +286,12 @@ class ObjectTable:
             return self.resolve(value.reference, depth + 1)
         if isinstance(value, dict):
             return {key: self.resolve(inner, depth + 1) for key, inner in value.items()}
-        if isinstance(value, np.ndarray) and value.dtype.kind == "u" and value.size >= 6 and value.flat[0] == REFERENCE:
+        if (
+            isinstance(value, np.ndarray)
+            and value.dtype.kind == "u"
+            and value.size >= 6
+            and value.flat[0] == REFERENCE
+        ):
             return self._object(int(value.ravel(order="F")[-2]), depth)
         return value
 
@@ -253,7 +302,10 @@ class ObjectTable:
         blocks, block = (self.saved, saved) if saved else (self.plain, plain)
         if not 0 <= block < len(blocks):
             raise CalibrationError("is damaged: an object without properties")
-        properties = {self._name(name): self._value(kind, value, depth) for name, kind, value in blocks[block].tolist()}
+        properties = {
+            self._name(name): self._value(kind, value, depth)
+            for name, kind, value in blocks[block].tolist()
+        }
         return properties["any"] if list(properties) == ["any"] else properties
 
     def _name(self, number: int) -> str:
@@ -272,7 +324,9 @@ class ObjectTable:
 
 
 def _blocks(words: Words) -> Iterator[Words]:
-    """(n, 3) name, kind and value of the properties of one object after the other; each block fills whole 8 bytes."""
+    """(n, 3) name, kind and value of the properties of one object after the other; each block fills
+    whole 8 bytes.
+    """
     position = 0
     while position < len(words):
         end = position + 1 + 3 * int(words[position])

@@ -1,4 +1,6 @@
-"""The transforms between two cameras that the parts of a file give, in the file's unit, the most usual way to write one first."""
+"""The transforms between two cameras that the parts of a file give, in the file's unit, the most
+usual way to write one first.
+"""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -18,16 +20,22 @@ from calibration.rig import MAX_BASELINE_M
 
 Array = NDArray[np.float64]
 LEAST_MM = 20.0
-"""A baseline of this number or more cannot be in meters, centimeters or board squares: stereoCalibrate was given millimeters."""
+"""A baseline of this number or more cannot be in meters, centimeters or board squares:
+stereoCalibrate was given millimeters.
+"""
 OTHER_BASELINE = 0.01
-"""Relative difference of baselines from which two transforms in one file are of two calibrations."""
+"""Relative difference of baselines from which two transforms in one file are of two
+calibrations.
+"""
 ROUNDED = 1e-6
 """Error of R R^T = I from which a rotation has been rounded when it was written."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """The transform (4, 4) from left to right axes, and the key of its translation. is_open: it may be the inverse."""
+    """The transform (4, 4) from left to right axes, and the key of its translation. is_open: it may
+    be the inverse.
+    """
 
     key: str
     T: Array
@@ -44,7 +52,8 @@ def has_pose(document: Section, parts: Parts) -> bool:
 
 
 def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
-    """The transform between the cameras; None where the file holds none. Raises CalibrationError for one that is none.
+    """The transform between the cameras; None where the file holds none. Raises CalibrationError
+    for one that is none.
 
     Its doubts name a unit that was guessed, and another transform in the file that disagrees.
     """
@@ -56,10 +65,14 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
     others: list[str] = []
     with suppress(CalibrationError):
         for other in found:
-            lengths_mm = [1000 * float(np.linalg.norm(one.T[:3, 3])) for one in (pose, _in_meters(document, other, parts))]
+            lengths_mm = [
+                1000 * float(np.linalg.norm(one.T[:3, 3]))
+                for one in (pose, _in_meters(document, other, parts))
+            ]
             if abs(lengths_mm[1] / lengths_mm[0] - 1) > OTHER_BASELINE:
                 mine, its = (
-                    f"{key} ({length_mm:.1f} mm)" for key, length_mm in zip((pose.key, other.key), lengths_mm, strict=True)
+                    f"{key} ({length_mm:.1f} mm)"
+                    for key, length_mm in zip((pose.key, other.key), lengths_mm, strict=True)
                 )
                 others.append(f"holds two baselines, of {mine} and of {its}: {pose.key} is taken")
     return Pose(pose.key, pose.T, pose.is_open, (*pose.doubts, *others))
@@ -68,9 +81,13 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
 def _poses(where: str, parts: Parts) -> Iterator[Pose]:
     R, T, transform = (_one(parts, role) for role in ("R", "T", "pose"))
     if R and T:
-        yield _with_sense(Pose(_name(T[0]), rigid(_rotation(where, R[0]), T[0].finite(where)), T[1] != ""), T[1])
+        yield _with_sense(
+            Pose(_name(T[0]), rigid(_rotation(where, R[0]), T[0].finite(where)), T[1] != ""), T[1]
+        )
     if transform:
-        yield _with_sense(Pose(_name(transform[0]), _square(where, transform[0]), True), transform[1])
+        yield _with_sense(
+            Pose(_name(transform[0]), _square(where, transform[0]), True), transform[1]
+        )
     for key, left, right in _of_cameras(where, parts):
         yield Pose(key, right @ inverse_transform(left), True)
     turns, projections = parts.pair("R"), parts.pair("P")
@@ -81,11 +98,15 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
 
 
 def _of_cameras(where: str, parts: Parts) -> Iterator[tuple[str, Array, Array]]:
-    """The poses of both cameras, as transforms into them: R and T, or a matrix; of a body or a place, from them."""
+    """The poses of both cameras, as transforms into them: R and T, or a matrix; of a body or a
+    place, from them.
+    """
     Rs, Ts, places = parts.pair("R"), parts.pair("T"), parts.pair("place")
     for Vs, into in ((Ts, True), (places, False)):
         if Rs and Vs:
-            both = [rigid(_rotation(where, R), V.finite(where)) for R, V in zip(Rs, Vs, strict=True)]
+            both = [
+                rigid(_rotation(where, R), V.finite(where)) for R, V in zip(Rs, Vs, strict=True)
+            ]
             yield _name(Vs[1]), *(both if into else map(inverse_transform, both))
     transforms: tuple[tuple[Role, bool], ...] = (("pose", True), ("body", False))
     for role, into in transforms:
@@ -95,10 +116,19 @@ def _of_cameras(where: str, parts: Parts) -> Iterator[tuple[str, Array, Array]]:
 
 
 def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
-    """The one leaf of a role, by the sides that it names; None for none, one on either side, and the left one's alone."""
+    """The one leaf of a role, by the sides that it names; None for none, one on either side, and
+    the left one's alone.
+    """
     if parts.pair(role) and not parts.get(role):
-        return next(((leaf, side) for side in ("both", "reversed") if (leaf := parts.get(role, side))), None)
-    sides: tuple[Side, ...] = ("", "both", "reversed", "right")  # the left camera's own place is no transform to the right one
+        return next(
+            ((leaf, side) for side in ("both", "reversed") if (leaf := parts.get(role, side))), None
+        )
+    sides: tuple[Side, ...] = (
+        "",
+        "both",
+        "reversed",
+        "right",
+    )  # the left camera's own place is no transform to the right one
     found = next(((leaf, side) for side in sides if (leaf := parts.get(role, side))), None)
     return (found[0], "") if found and found[1] == "right" else found
 
@@ -108,7 +138,9 @@ def _with_sense(pose: Pose, side: Side) -> Pose:
 
 
 def _rotation(where: str, leaf: Leaf) -> Array:
-    """(3, 3) of a matrix or a rotation vector; the nearest rotation where the file has rounded it."""
+    """(3, 3) of a matrix or a rotation vector; the nearest rotation where the file has rounded
+    it.
+    """
     numbers = leaf.finite(where)
     if numbers.size == 3:
         return np.asarray(cv2.Rodrigues(numbers)[0], dtype=np.float64)
@@ -125,8 +157,12 @@ def _square(where: str, leaf: Leaf) -> Array:
 
 
 def _in_meters(document: Section, pose: Pose, parts: Parts) -> Pose:
-    stated = next((word for word in words(pose.key.split(".")[-1]) if word in METERS), None) or _stated_unit(document)
-    numbered = (leaf := parts.get("K", "left")) is None or any(one in words(key) for key in leaf.path[-1:] for one in ("0", "1"))
+    stated = next(
+        (word for word in words(pose.key.split(".")[-1]) if word in METERS), None
+    ) or _stated_unit(document)
+    numbered = (leaf := parts.get("K", "left")) is None or any(
+        one in words(key) for key in leaf.path[-1:] for one in ("0", "1")
+    )
     length = float(np.linalg.norm(np.clip(pose.T[:3, 3], -1e9, 1e9)))
     if not stated and numbered and not LEAST_MM <= length <= MAX_BASELINE_M * 1000:
         return pose

@@ -1,4 +1,6 @@
-"""Access to the keys of a calibration file: each is read with its expected type, and errors name the place."""
+"""Access to the keys of a calibration file: each is read with its expected type, and errors name
+the place.
+"""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +16,9 @@ from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Put ``where`` (a file, a key) before the message of a CalibrationError that does not name it yet."""
+    """Put ``where`` (a file, a key) before the message of a CalibrationError that does not name it
+    yet.
+    """
     try:
         yield
     except CalibrationError as error:
@@ -25,7 +29,9 @@ def naming(where: str) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A mapping in a calibration file. where: the file and the keys that lead here, for messages."""
+    """A mapping in a calibration file. where: the file and the keys that lead here, for
+    messages.
+    """
 
     where: str
     content: Mapping[str, Any]
@@ -40,23 +46,31 @@ class Section:
         if isinstance(value, np.ndarray):
             return value.size
         try:
-            return self.numbers(key).size if not isinstance(value, Mapping) or "data" in value else 0
+            return (
+                self.numbers(key).size if not isinstance(value, Mapping) or "data" in value else 0
+            )
         except CalibrationError:
             return 0
 
     def first(self, *keys: str) -> str:
-        """The first of these names that the file uses for one thing; CalibrationError if it uses none."""
+        """The first of these names that the file uses for one thing; CalibrationError if it uses
+        none.
+        """
         for key in keys:
             if key in self.content:
                 return key
         others = f" (nor {', '.join(keys[1:])})" if len(keys) > 1 else ""
-        raise CalibrationError(f"{self.where}: no {keys[0]!r}{others}: the file is incomplete or of another kind")
+        raise CalibrationError(
+            f"{self.where}: no {keys[0]!r}{others}: the file is incomplete or of another kind"
+        )
 
     def section(self, key: str) -> "Section":
         """The mapping under ``key``."""
         value = self._value(key)
         if not isinstance(value, Mapping):
-            raise CalibrationError(f"{self.where}: {key}: expected keys and values, got {_shown(value)}")
+            raise CalibrationError(
+                f"{self.where}: {key}: expected keys and values, got {_shown(value)}"
+            )
         return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
 
     def text(self, key: str) -> str:
@@ -74,14 +88,18 @@ class Section:
         """Read (width, height), whole numbers, from two keys or from one that holds both."""
         values = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])
         if (values != np.round(values)).any():
-            raise CalibrationError(f"{self.where}: {' '.join(keys)}: expected whole numbers of pixels, got {values.tolist()}")
+            raise CalibrationError(
+                f"{self.where}: {' '.join(keys)}: expected whole numbers of pixels, got "
+                f"{values.tolist()}"
+            )
         return int(values[0]), int(values[1])
 
     def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
-        """Read (n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with ``data``.
+        """Read (n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with
+        ``data``.
 
-        counts: the lengths allowed; any if none is given. The length of the data counts, not the ``rows`` and ``cols`` written
-        beside it (several tools write those wrong).
+        counts: the lengths allowed; any if none is given. The length of the data counts, not the
+        ``rows`` and ``cols`` written beside it (several tools write those wrong).
         """
         value = self._value(key)
         if isinstance(value, Mapping):
@@ -89,10 +107,15 @@ class Section:
                 raise CalibrationError(f"{self.where}: {key}: a matrix without 'data'")
             value = value["data"]
         if isinstance(value, np.ndarray) and counts and value.size not in counts:
-            raise CalibrationError(f"{self.where}: {key}: expected {_any_of(counts)} numbers, got an array of shape {value.shape}")
+            raise CalibrationError(
+                f"{self.where}: {key}: expected {_any_of(counts)} numbers, got an array of shape "
+                f"{value.shape}"
+            )
         numbers = np.array([self._finite(key, item) for item in _flat(value)], dtype=np.float64)
         if counts and numbers.size not in counts:
-            raise CalibrationError(f"{self.where}: {key}: expected {_any_of(counts)} numbers, got {numbers.size}")
+            raise CalibrationError(
+                f"{self.where}: {key}: expected {_any_of(counts)} numbers, got {numbers.size}"
+            )
         return numbers
 
     def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
@@ -106,7 +129,9 @@ class Section:
         try:
             number = float("bool") if isinstance(item, bool) else float(item)
         except (TypeError, ValueError, OverflowError):
-            raise CalibrationError(f"{self.where}: {key}: expected a number, got {_shown(item)}") from None
+            raise CalibrationError(
+                f"{self.where}: {key}: expected a number, got {_shown(item)}"
+            ) from None
         if not np.isfinite(number):
             raise CalibrationError(f"{self.where}: {key}: {number} is not a finite number")
         return number
@@ -143,15 +168,26 @@ METERS = {
     "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "centimetres": 1e-2,
     "in": 0.0254, "inch": 0.0254, "inches": 0.0254,
 }  # fmt: skip
-GUESSES = (("meters", 1.0, 0.0), ("millimeters", 1e-3, 0.02), ("centimeters", 1e-2, 0.0), ("millimeters", 1e-3, 0.0))
-"""Units in the order in which they are tried, and the shortest baseline in meters: 10 is a rig of 10 cm rather than of 10 mm."""
+GUESSES = (
+    ("meters", 1.0, 0.0),
+    ("millimeters", 1e-3, 0.02),
+    ("centimeters", 1e-2, 0.0),
+    ("millimeters", 1e-3, 0.0),
+)
+"""Units in the order in which they are tried, and the shortest baseline in meters: 10 is a rig of
+10 cm rather than of 10 mm.
+"""
 
 
-def to_meters(translation: NDArray[np.float64], stated: str | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+def to_meters(
+    translation: NDArray[np.float64], stated: str | None
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Convert a translation (3,) to meters; return it with a warning, if its unit is doubtful.
 
-    stated: the unit that the file names, None where it names none. Where the baseline in that unit cannot be (under 5 mm or over
-    2 m), those of GUESSES are tried. Left as it is where none of them fits: the rig then refuses it with its number.
+    stated: the unit that the file names, None where it names none. Where the baseline in that unit
+    cannot be (under 5 mm or over
+    2 m), those of GUESSES are tried. Left as it is where none of them fits: the rig then refuses it
+    with its number.
     """
     length = float(np.linalg.norm(np.clip(translation, -1e9, 1e9)))
     named = METERS.get((stated or "").strip().lower())
@@ -159,8 +195,14 @@ def to_meters(translation: NDArray[np.float64], stated: str | None) -> tuple[NDA
         return translation * named, ()
     for unit, factor, least_m in GUESSES:
         if _possible(length * factor) and length * factor >= least_m:
-            said = f"the file says {stated}, in which the baseline of {length:g} cannot be" if stated else "the file names no unit"
-            return translation * factor, (f"{said}: it is taken as {unit}, {length * factor * 1000:.1f} mm",)
+            said = (
+                f"the file says {stated}, in which the baseline of {length:g} cannot be"
+                if stated
+                else "the file names no unit"
+            )
+            return translation * factor, (
+                f"{said}: it is taken as {unit}, {length * factor * 1000:.1f} mm",
+            )
     return translation * (named or 1.0), ()
 
 

@@ -5,7 +5,9 @@ from numpy.typing import NDArray
 
 
 def low_discrepancy(number: int, dimensions: int) -> NDArray[np.float64]:
-    """(number, dimensions) points that fill the unit cube evenly: Kronecker's sequence on roots of the generalized golden ratio."""
+    """(number, dimensions) points that fill the unit cube evenly: Kronecker's sequence on roots of
+    the generalized golden ratio.
+    """
     ratio = 1.5
     for _ in range(40):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

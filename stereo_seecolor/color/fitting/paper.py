@@ -1,11 +1,14 @@
-"""The paper's method (DeepSeeColor; Jamieson, How, Girdhar 2023): two small networks over range, trained by Adam.
+"""The paper's method (DeepSeeColor; Jamieson, How, Girdhar 2023): two small networks over range,
+trained by Adam.
 
     I = B(z) + D,  D = A(z) J
 
-The first network is B(z), trained to leave D small but not negative; the second is A(z), trained to give J = D / A the contrast of
-D, a mean of a half, and nothing above full scale. A 1x1 convolution of a range map is a product, so the networks are the functions
-of ``water.physics`` with raw weights before a sigmoid or a softplus. A loss is a sum over pixels of a function of channel, range
-and value: running sums of a moment table give it and its gradient exactly, without a pixel (docs/theory.md).
+The first network is B(z), trained to leave D small but not negative; the second is A(z), trained to
+give J = D / A the contrast of D, a mean of a half, and nothing above full scale. A 1x1 convolution
+of a range map is a product, so the networks are the functions of ``water.physics`` with raw weights
+before a sigmoid or a softplus. A loss is a sum over pixels of a function of channel, range and
+value: running sums of a moment table give it and its gradient exactly, without a pixel
+(docs/theory.md).
 """
 
 import time
@@ -28,27 +31,49 @@ BACKSCATTER, ATTENUATION = ("gamma_inf", "beta", "eta", "alpha"), ("w", "v", "y"
 """The four weights a channel of each network."""
 FRACTIONS = ("gamma_inf", "eta")
 """Weights that are fractions of full scale; all others are rates, 1/m."""
-COLD = {"gamma_inf": 0.1, "beta": 0.2, "eta": 0.02, "alpha": 1.0, "w": 0.1, "v": 0.1, "y": 0.1, "x": 0.1}
+COLD = {
+    "gamma_inf": 0.1,
+    "beta": 0.2,
+    "eta": 0.02,
+    "alpha": 1.0,
+    "w": 0.1,
+    "v": 0.1,
+    "y": 0.1,
+    "x": 0.1,
+}
 """The water before any training: thin backscatter, attenuation of 0.2 per meter."""
 LEAST = 1e-6
-"""Fractions stay this far inside (0, 1), rates above it: raw weights are finite, and no image shows the difference."""
+"""Fractions stay this far inside (0, 1), rates above it: raw weights are finite, and no image shows
+the difference.
+"""
 CLAMP_DEVIATIONS = 5.0
-"""The direct signal is clamped to so many standard deviations about its mean (docs/theory.md, row 5)."""
+"""The direct signal is clamped to so many standard deviations about its mean (docs/theory.md, row
+5).
+"""
 TARGET = 0.5
-"""Mean of a channel of the corrected image in the intensity loss, fraction of full scale (row 6)."""
+"""Mean of a channel of the corrected image in the intensity loss, fraction of full scale (row
+6).
+"""
 LEAST_VARIANCE = 1e-24
 """Under the root of a standard deviation: gives an image of one color a gradient."""
 LEAST_TRANSMISSION = 1e-26
-"""A below which it counts as this: its inverse is finite, and far above any gain that a fit could want."""
+"""A below which it counts as this: its inverse is finite, and far above any gain that a fit could
+want.
+"""
 
 
 def fit(
-    table: MomentTable, config: PaperConfig, encoding: InputEncoding, start: Water | None = None, until_s: float | None = None
+    table: MomentTable,
+    config: PaperConfig,
+    encoding: InputEncoding,
+    start: Water | None = None,
+    until_s: float | None = None,
 ) -> Water:
-    """The water after ``config.iterations`` steps, or after ``config.iterations_per_frame`` from the start.
+    """The water after ``config.iterations`` steps, or after ``config.iterations_per_frame`` from
+    the start.
 
-    table: of at least one pixel. start: the water of a frame of the same scene. until_s: time of ``time.perf_counter`` after which
-    no further step begins; one is always taken.
+    table: of at least one pixel. start: the water of a frame of the same scene. until_s: time of
+    ``time.perf_counter`` after which no further step begins; one is always taken.
     """
     with one_thread():
         training = Training(table, config, encoding, start)
@@ -62,40 +87,68 @@ def fit(
 class Training:
     """Both networks on one moment table. ``water`` may be asked for after any step."""
 
-    def __init__(self, table: MomentTable, config: PaperConfig, encoding: InputEncoding, start: Water | None = None) -> None:
+    def __init__(
+        self,
+        table: MomentTable,
+        config: PaperConfig,
+        encoding: InputEncoding,
+        start: Water | None = None,
+    ) -> None:
         self._config, self._encoding, self._sums = config, encoding, Sums(table, encoding)
-        start = start if start is not None and (start.final_sigmoid > 0) == config.final_sigmoid else None
+        start = (
+            start
+            if start is not None and (start.final_sigmoid > 0) == config.final_sigmoid
+            else None
+        )
         self._backscatter = Adam(raw_weights(BACKSCATTER, start), config.learning_rate)
         self._attenuation = Adam(raw_weights(ATTENUATION, start), config.learning_rate)
 
     def step(self) -> None:
-        """One step of Adam for each network; that of attenuation is trained on what the other leaves now."""
+        """One step of Adam for each network; that of attenuation is trained on what the other
+        leaves now.
+        """
         sums, raw = self._sums, self._backscatter.weights
-        self._backscatter.step(backscatter_loss(sums, backscatter(raw, sums.z, self._config.final_sigmoid), self._config.penalty))
+        self._backscatter.step(
+            backscatter_loss(
+                sums, backscatter(raw, sums.z, self._config.final_sigmoid), self._config.penalty
+            )
+        )
         with torch.no_grad():
             direct = Direct(sums, backscatter(raw, sums.z, self._config.final_sigmoid))
-        self._attenuation.step(attenuation_loss(sums, direct, 1 / attenuation(self._attenuation.weights, sums.z)))
+        self._attenuation.step(
+            attenuation_loss(sums, direct, 1 / attenuation(self._attenuation.weights, sums.z))
+        )
 
     @property
     def water(self) -> Water:
         """The water of the present weights."""
         final = self._config.final_sigmoid
-        values = (*_values(self._backscatter.weights.detach(), final), *softplus(self._attenuation.weights.detach()))
-        named = {name: value[:, 0].numpy() for name, value in zip(BACKSCATTER + ATTENUATION, values, strict=True)}
+        values = (
+            *_values(self._backscatter.weights.detach(), final),
+            *softplus(self._attenuation.weights.detach()),
+        )
+        named = {
+            name: value[:, 0].numpy()
+            for name, value in zip(BACKSCATTER + ATTENUATION, values, strict=True)
+        }
         return Water(**named, input_encoding=self._encoding, final_sigmoid=float(final))
 
 
 def backscatter(raw: Tensor, z: Tensor, final_sigmoid: bool = False) -> Tensor:
-    """The backscatter network (the paper's fig. backscatter-net): (3, L) of raw weights (4, 3, 1) at (L,) ranges.
+    """The backscatter network (the paper's fig. backscatter-net): (3, L) of raw weights (4, 3, 1)
+    at (L,) ranges.
 
-    final_sigmoid: the sigmoid is the last layer, as printed, and gamma_inf and eta have any sign; else it is on each of these two.
+    final_sigmoid: the sigmoid is the last layer, as printed, and gamma_inf and eta have any sign;
+    else it is on each of these two.
     """
     found = physics.backscatter(z, *_values(raw, final_sigmoid))
     return cast(Tensor, torch.sigmoid(found) if final_sigmoid else found)
 
 
 def attenuation(raw: Tensor, z: Tensor) -> Tensor:
-    """The attenuation network (fig. attenuation-net): (3, L) of raw weights (4, 3, 1) at (L,) ranges."""
+    """The attenuation network (fig. attenuation-net): (3, L) of raw weights (4, 3, 1) at (L,)
+    ranges.
+    """
     return cast(Tensor, physics.attenuation(z, *softplus(raw)).clamp(min=LEAST_TRANSMISSION))
 
 
@@ -106,7 +159,9 @@ def _values(raw: Tensor, final_sigmoid: bool) -> tuple[Tensor, ...]:
 
 
 def raw_weights(names: tuple[str, ...], water: Water | None) -> Tensor:
-    """(4, 3, 1) weights before a sigmoid or a softplus that give the water's parameters of these names, or those of COLD."""
+    """(4, 3, 1) weights before a sigmoid or a softplus that give the water's parameters of these
+    names, or those of COLD.
+    """
 
     def raw(name: str) -> NDArray[np.float64]:
         value = np.full(3, COLD[name]) if water is None else getattr(water, name)
@@ -122,7 +177,9 @@ def raw_weights(names: tuple[str, ...], water: Water | None) -> Tensor:
 
 
 class Adam:
-    """Adam's steps (Kingma, Ba 2015, algorithm 1) for one tensor of weights; torch.optim's takes 1 s to import."""
+    """Adam's steps (Kingma, Ba 2015, algorithm 1) for one tensor of weights; torch.optim's takes 1
+    s to import.
+    """
 
     def __init__(self, weights: Tensor, learning_rate: float) -> None:
         self.weights = weights.requires_grad_()
@@ -141,8 +198,8 @@ class Adam:
 
 
 class Sums:
-    """A moment table's running sums. z (L,): meters. light (V,). pixels: their number. below (3, L, V + 1, 3): sums of light to the
-    powers 0, 1, 2 over the values before each.
+    """A moment table's running sums. z (L,): meters. light (V,). pixels: their number. below (3, L,
+    V + 1, 3): sums of light to the powers 0, 1, 2 over the values before each.
     """
 
     def __init__(self, table: MomentTable, encoding: InputEncoding) -> None:
@@ -161,7 +218,8 @@ class Sums:
 
 
 def backscatter_loss(sums: Sums, veil: Tensor, penalty: float) -> Tensor:
-    """Mean of max(D, 0) - k min(D, 0), D = I - B; the paper's eq. bs-loss prints + k min(D, 0), which rewards negative D.
+    """Mean of max(D, 0) - k min(D, 0), D = I - B; the paper's eq. bs-loss prints + k min(D, 0),
+    which rewards negative D.
 
     veil (3, L): B. penalty: k.
     """
@@ -180,32 +238,53 @@ class Direct:
     def __init__(self, sums: Sums, veil: Tensor) -> None:
         number, first, second = sums.total.unbind(-1)
         mean = (first - veil * number).sum(1, True) / sums.pixels
-        variance = (second - 2 * veil * first + veil**2 * number).sum(1, True) / sums.pixels - mean**2
+        variance = (second - 2 * veil * first + veil**2 * number).sum(
+            1, True
+        ) / sums.pixels - mean**2
         width = CLAMP_DEVIATIONS * variance.clamp(min=0).sqrt()
-        self.veil, self.floor, self.ceiling = veil, (mean - width).clamp(0, 1), (mean + width).clamp(0, 1)
+        self.veil, self.floor, self.ceiling = (
+            veil,
+            (mean - width).clamp(0, 1),
+            (mean + width).clamp(0, 1),
+        )
         self.low, self._high = sums.under(veil + self.floor), sums.under(veil + self.ceiling)
         self._above = number - self._high[..., 0]
-        at_floor = torch.stack([self.floor * self.low[..., 0], self.floor**2 * self.low[..., 0]], -1)
+        at_floor = torch.stack(
+            [self.floor * self.low[..., 0], self.floor**2 * self.low[..., 0]], -1
+        )
         self.sums = self.above(self.low)[..., 1:] + at_floor
         mean, square = (self.sums.sum(1) / sums.pixels).unbind(-1)
         self.deviation = (square - mean**2).clamp(min=0).sqrt()
 
     def above(self, low: Tensor) -> Tensor:
-        """(3, L, 3) number of pixels and sums of D and its square, without those counted in ``low`` (3, L, 3)."""
+        """(3, L, 3) number of pixels and sums of D and its square, without those counted in ``low``
+        (3, L, 3).
+        """
         number, first, second = (self._high - low).unbind(-1)
         direct = first - self.veil * number + self.ceiling * self._above
-        square = second - 2 * self.veil * first + self.veil**2 * number + self.ceiling**2 * self._above
+        square = (
+            second - 2 * self.veil * first + self.veil**2 * number + self.ceiling**2 * self._above
+        )
         return torch.stack([number + self._above, direct, square], -1)
 
 
 def attenuation_loss(sums: Sums, direct: Direct, gain: Tensor) -> Tensor:
-    """Saturation + intensity + variation of J = gain D (eqs. of the paper's section on attenuation). gain (3, L): 1 / A."""
+    """Saturation + intensity + variation of J = gain D (eqs. of the paper's section on
+    attenuation). gain (3, L): 1 / A.
+    """
     first = (gain * direct.sums[..., 0]).sum(1) / sums.pixels
     square = (gain**2 * direct.sums[..., 1]).sum(1) / sums.pixels
     deviation = (square - first**2).clamp(min=LEAST_VARIANCE).sqrt()
     low = sums.under(direct.veil + torch.maximum(1 / gain, direct.floor))
     number, light, light2 = direct.above(low).unbind(-1)
     at_floor = (gain * direct.floor > 1) * direct.low[..., 0]
-    number, light, light2 = number + at_floor, light + at_floor * direct.floor, light2 + at_floor * direct.floor**2
+    number, light, light2 = (
+        number + at_floor,
+        light + at_floor * direct.floor,
+        light2 + at_floor * direct.floor**2,
+    )
     over = (gain**2 * light2 - 2 * gain * light + number) * (gain * direct.ceiling > 1)
-    return over.sum() / (3 * sums.pixels) + ((first - TARGET) ** 2 + (deviation - direct.deviation) ** 2).mean()
+    return (
+        over.sum() / (3 * sums.pixels)
+        + ((first - TARGET) ** 2 + (deviation - direct.deviation) ** 2).mean()
+    )

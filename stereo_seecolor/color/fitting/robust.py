@@ -1,12 +1,14 @@
 """The default fit: the water under which the same reef, dark to bright, is seen at every range.
 
     quantile_p of channel c at range z = B_c(z) + white_c A_c(z) exp(reflectance_cp + brightness_z),
-    B_c(z) = gamma_inf_c (1 - exp(-beta_c z)),  A_c(z) = exp(-z (far_c + (near_c - far_c) exp(-z / 4 m)))
+    B_c(z) = gamma_inf_c (1 - exp(-beta_c z)), A_c(z) = exp(-z (far_c + (near_c - far_c) exp(-z / 4
+        m)))
 
-Content and light may change with range (brightness_z) as long as they change alike in all channels. Reflectances are nearly
-those of natural scenes, a little warm, and the brighter the nearer to gray. The water's prior is ``water_prior``, that of the rest
-``scene_prior``. All of this is one regularized least squares over some 20 ranges, solved by Gauss-Newton steps; the inverse of
-its curvature is the covariance.
+Content and light may change with range (brightness_z) as long as they change alike in all channels.
+Reflectances are nearly those of natural scenes, a little warm, and the brighter the nearer to gray.
+The water's prior is ``water_prior``, that of the rest ``scene_prior``. All of this is one
+regularized least squares over some 20 ranges, solved by Gauss-Newton steps; the inverse of its
+curvature is the covariance.
 """
 
 from collections.abc import Sequence
@@ -35,32 +37,43 @@ class RobustSettings:
     few_pixels: float = 200.0
     """Quantiles of this many pixels weigh half: neighbors are often of one thing."""
     nothing_learned: float = 0.9
-    """A standard error of at least this fraction of the prior's is no measurement: the image added nothing."""
+    """A standard error of at least this fraction of the prior's is no measurement: the image added
+    nothing.
+    """
     little_relief: float = 1.2
     """Farthest over nearest range; below, a fit's attenuation is dominated by the prior."""
     least_direct: float = 0.05
-    """Direct signal left at least when the first backscatter is subtracted, fraction of the light: a logarithm needs some."""
+    """Direct signal left at least when the first backscatter is subtracted, fraction of the light:
+    a logarithm needs some.
+    """
     least_light: float = 1e-6
-    """Fraction of full scale, a tenth of a value of 16 bits: a black image is scaled by this instead of by 0."""
+    """Fraction of full scale, a tenth of a value of 16 bits: a black image is scaled by this
+    instead of by 0.
+    """
     red_highlights: float = 0.55
-    """Least excess of red of the brightest hundredth over the middle half, against natural scenes, before a frame is warned of:
-    logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit particles or little light mostly at 0.5 to 1.3."""
+    """Least excess of red of the brightest hundredth over the middle half, against natural scenes,
+    before a frame is warned of: logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit
+    particles or little light mostly at 0.5 to 1.3.
+    """
 
 
 ROBUST_SETTINGS = RobustSettings()
 MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
 """The middle half and the brightest hundredth, among the nine quantiles."""
 RED_HIGHLIGHTS = (
-    "the brightest points are redder than the scene (particles in lamp light, strong JPEG compression, little light): "
+    "the brightest points are redder than the scene (particles in lamp light, strong JPEG "
+    "compression, little light): "
     "colors may come out too green; set color.robust.white_point or use a chart"
 )
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
-    """Fit the water, with standard errors, to a table of at least one pixel; warnings where the table hardly determines it.
+    """Fit the water, with standard errors, to a table of at least one pixel; warnings where the
+    table hardly determines it.
 
-    start: a water to begin from; it changes the duration of the fit, not its result. The white point's brightness is such that the
-    brightest thousandth of a scene is near full scale at exposure 1.
+    start: a water to begin from; it changes the duration of the fit, not its result. The white
+    point's brightness is such that the brightest thousandth of a scene is near full scale at
+    exposure 1.
     """
     return fit_quantiles(quantiles_by_range(table, config.input_encoding), config, start)
 
@@ -71,16 +84,26 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
 
 
 def fit_all(
-    several: Sequence[RangeQuantiles], config: ColorConfig, starts: Sequence[Water | None] = (), enough: float = 0.0
+    several: Sequence[RangeQuantiles],
+    config: ColorConfig,
+    starts: Sequence[Water | None] = (),
+    enough: float = 0.0,
 ) -> list[Water]:
-    """``fit`` of each of several tables, from their quantiles, at once. enough: as of ``minimize``."""
-    begun = [_begin_robust(seen, config, start) for seen, start in zip(several, starts or [None] * len(several), strict=True)]
+    """``fit`` of each of several tables, from their quantiles, at once. enough: as of
+    ``minimize``.
+    """
+    begun = [
+        _begin_robust(seen, config, start)
+        for seen, start in zip(several, starts or [None] * len(several), strict=True)
+    ]
     found, curvature, _ = minimize([problem for problem, _ in begun], [x for _, x in begun], enough)
     problems = (problem for problem, _ in begun)
     return [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
 
 
-def _begin_robust(seen: RangeQuantiles, config: ColorConfig, start: Water | None) -> tuple[Problem, Vector]:
+def _begin_robust(
+    seen: RangeQuantiles, config: ColorConfig, start: Water | None
+) -> tuple[Problem, Vector]:
     """What is minimized, and from where."""
     scale = scale_of(seen)
     light = seen.light / scale
@@ -98,16 +121,32 @@ def scale_of(seen: RangeQuantiles) -> float:
     return max(float(seen.light[..., -2].max()), ROBUST_SETTINGS.least_light)
 
 
-def _water(seen: RangeQuantiles, problem: Problem, x: Vector, curvature: NDArray[np.float64], config: ColorConfig) -> Water:
+def _water(
+    seen: RangeQuantiles,
+    problem: Problem,
+    x: Vector,
+    curvature: NDArray[np.float64],
+    config: ColorConfig,
+) -> Water:
     """The water of the parameters at the minimum, with standard errors and warnings."""
-    scale, precision, prior_error = scale_of(seen), problem.precision, whole_prior(len(seen.range_m), config.robust)[2]
-    covariance: NDArray[np.float64] = np.asarray(np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64)
+    scale, precision, prior_error = (
+        scale_of(seen),
+        problem.precision,
+        whole_prior(len(seen.range_m), config.robust)[2],
+    )
+    covariance: NDArray[np.float64] = np.asarray(
+        np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64
+    )
     learned = deviations(covariance) < ROBUST_SETTINGS.nothing_learned * prior_error
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
-    errors[:4] = standard_errors(values, correlated_covariance(curvature, precision, seen.light.shape[-1]))[:4]
+    errors[:4] = standard_errors(
+        values, correlated_covariance(curvature, precision, seen.light.shape[-1])
+    )[:4]
     if config.robust.white_point == "scene":
-        errors[4] *= error_with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
+        errors[4] *= (
+            error_with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
+        )
     errors = np.where(learned, errors, np.nan)
     y, w, beta, gamma_inf, white = values
     return Water(
@@ -129,52 +168,83 @@ def _water(seen: RangeQuantiles, problem: Problem, x: Vector, curvature: NDArray
 def _values(logarithms: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     """(5, 3) y, w, beta, gamma_inf, white of the (5, 3) logarithms of ``standard_errors``."""
     far, _, beta, backscatter, white = np.exp(logarithms)
-    return np.stack([far, far * np.expm1(logarithms[1]), beta, backscatter * white * scale, white * scale])
+    return np.stack(
+        [far, far * np.expm1(logarithms[1]), beta, backscatter * white * scale, white * scale]
+    )
 
 
-def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def standard_errors(
+    values: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """(5, 3) marginal standard errors of (5, 3) y, w, beta, gamma_inf, white, to first order.
 
-    Of white those of its color: its brightness is exposure. covariance: (15, 15) of log far, log(near / far), log beta,
-    log(gamma_inf / white), log white, each R, G, B. What two of them share in a parameter is counted with their covariance:
-    w = far (near / far - 1), gamma_inf = (gamma_inf / white) white.
+    Of white those of its color: its brightness is exposure. covariance: (15, 15) of log far,
+    log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B. What two of them
+    share in a parameter is counted with their covariance: w = far (near / far - 1), gamma_inf =
+    (gamma_inf / white) white.
     """
     y, w, beta, gamma_inf, white = values
     by_logarithm = np.zeros((4, 5, 3))
-    by_logarithm[0, 0], by_logarithm[1, :2], by_logarithm[2, 2], by_logarithm[3, 3:] = y, (w, w + y), beta, gamma_inf
+    by_logarithm[0, 0], by_logarithm[1, :2], by_logarithm[2, 2], by_logarithm[3, 3:] = (
+        y,
+        (w, w + y),
+        beta,
+        gamma_inf,
+    )
     together = covariance.reshape(5, 3, 5, 3).diagonal(axis1=1, axis2=3)
     variances = np.einsum("kic,ijc,kjc->kc", by_logarithm, together, by_logarithm)
     return np.vstack([np.sqrt(np.maximum(variances, 0.0)), deviations(covariance)[4] * white])
 
 
-def correlated_covariance(curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int) -> NDArray[np.float64]:
-    """(15, 15) covariance of the water if errors of all quantiles of a range are fully correlated, so that they count as one."""
+def correlated_covariance(
+    curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int
+) -> NDArray[np.float64]:
+    """(15, 15) covariance of the water if errors of all quantiles of a range are fully correlated,
+    so that they count as one.
+    """
     size = len(precision)
-    return np.asarray(np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[:WATER])
+    return np.asarray(
+        np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[
+            :WATER
+        ]
+    )
 
 
-def error_with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) standard errors of the logarithm of the white point, where all of a scene may be of one color.
+def error_with_cast(
+    error: NDArray[np.float64], prior_error: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(3,) standard errors of the logarithm of the white point, where all of a scene may be of one
+    color.
 
-    Quantiles of a scene have a cast in common, which no number of them averages away: what they say of the white point is no more
-    exact than the cast of the sea floor's scenes. (3,) error: as if it were; prior_error: before any image.
+    Quantiles of a scene have a cast in common, which no number of them averages away: what they say
+    of the white point is no more exact than the cast of the sea floor's scenes. (3,) error: as if
+    it were; prior_error: before any image.
     """
     from_images = np.maximum(error**-2.0 - prior_error**-2.0, 1e-6)
-    return np.asarray((prior_error**-2.0 + 1 / (1 / from_images + np.diag(sea_floor().cast))) ** -0.5)
+    return np.asarray(
+        (prior_error**-2.0 + 1 / (1 / from_images + np.diag(sea_floor().cast))) ** -0.5
+    )
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     """Warnings where the water is determined by the prior more than by the image."""
     if seen.clipped.all():
-        return ("every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",)
+        return (
+            "every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",
+        )
     near_m, far_m = seen.range_m[0], seen.range_m[-1]
     if far_m > ROBUST_SETTINGS.little_relief * near_m:
         return ()
-    return (f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; use color.lock=survey",)
+    return (
+        f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; "
+        "use color.lock=survey",
+    )
 
 
 def _highlight_warnings(apart: Vector, quantiles: int) -> tuple[str, ...]:
-    """Whether the white point rests on highlights that the scene's colors contradict. apart: parameters less their prior means."""
+    """Whether the white point rests on highlights that the scene's colors contradict. apart:
+    parameters less their prior means.
+    """
     content = apart[WATER : WATER + 3 * quantiles].reshape(3, quantiles)
     redder = content[:, HIGHLIGHTS].mean(axis=1) - content[:, MIDDLE].mean(axis=1)
     return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > ROBUST_SETTINGS.red_highlights else ()
@@ -182,30 +252,47 @@ def _highlight_warnings(apart: Vector, quantiles: int) -> tuple[str, ...]:
 
 def trust_in(seen: RangeQuantiles) -> Vector:
     """(G,) weight of each range, 0..1; all 0 where every quantile is at full scale."""
-    return np.asarray(seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all()))
+    return np.asarray(
+        seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all())
+    )
 
 
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
-    """Set the reflectances and brightnesses in ``x`` to means of the direct signal's logarithm under the water in ``x``."""
+    """Set the reflectances and brightnesses in ``x`` to means of the direct signal's logarithm
+    under the water in ``x``.
+    """
     log_far, log_near, log_beta, log_backscatter, log_white = x[:WATER].reshape(5, 3, 1)
     veil = backscatter(range_m, np.exp(log_backscatter + log_white), np.exp(log_beta), 0.0, 0.0)
     far = np.exp(log_far)
     loss = optical_depth(range_m, far * np.expm1(log_near), RATE_OF_CHANGE, far, 0.0)
     direct = (
-        np.log(np.maximum(light - veil[..., None], ROBUST_SETTINGS.least_direct * light) + NOISE.floor)
+        np.log(
+            np.maximum(light - veil[..., None], ROBUST_SETTINGS.least_direct * light) + NOISE.floor
+        )
         + (loss - log_white)[..., None]
     )
     reflectance = x[WATER : WATER + direct[:, 0].size].reshape(3, 1, -1)
     brightness = (direct - reflectance).mean(axis=(0, 2))
     x[WATER + reflectance.size :] = brightness - brightness.mean()
-    x[WATER : WATER + reflectance.size] = (direct - x[WATER + reflectance.size :, None]).mean(axis=1).ravel()
+    x[WATER : WATER + reflectance.size] = (
+        (direct - x[WATER + reflectance.size :, None]).mean(axis=1).ravel()
+    )
 
 
 def parameters(water: Water, scale: float) -> Vector:
-    """(15,) logarithms of a water's parameters, in the order of ``x``, with intensities as fractions of ``scale``."""
+    """(15,) logarithms of a water's parameters, in the order of ``x``, with intensities as
+    fractions of ``scale``.
+    """
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(
-        [np.log(water.y), np.log1p(ratio), np.log(water.beta), np.log(backscatter), np.log(water.white / scale)], dtype=np.float64
+        [
+            np.log(water.y),
+            np.log1p(ratio),
+            np.log(water.beta),
+            np.log(backscatter),
+            np.log(water.white / scale),
+        ],
+        dtype=np.float64,
     )
 
 
@@ -217,20 +304,28 @@ class MisfitSettings:
     """What counts as the same water."""
 
     tolerance: float = 0.05
-    """Standard deviation of the logarithms of a shared water's parameters from frame to frame: what cannot be seen in a color."""
+    """Standard deviation of the logarithms of a shared water's parameters from frame to frame: what
+    cannot be seen in a color.
+    """
     exposure: float = 2.0
     """Standard deviation of the logarithm of a frame's exposure: it says nothing of the water."""
 
 
 MISFIT_SETTINGS = MisfitSettings()
 ENOUGH = 0.1
-"""A step that lowers a cost by less ends its minimization: costs are compared with limits of 25 and more."""
+"""A step that lowers a cost by less ends its minimization: costs are compared with limits of 25 and
+more.
+"""
 
 
-def quality(seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water] | None = None) -> NDArray[np.float64]:
-    """(N,) least cost of each frame's quantiles under its water at any exposure; for None, under the water that fits it best.
+def quality(
+    seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water] | None = None
+) -> NDArray[np.float64]:
+    """(N,) least cost of each frame's quantiles under its water at any exposure; for None, under
+    the water that fits it best.
 
-    The cost is half the sum of squared errors in standard deviations, with those of the priors: 0 or above.
+    The cost is half the sum of squared errors in standard deviations, with those of the priors: 0
+    or above.
     waters: of the robust method, or of another with attenuation far away (y) above 0.
     """
     if not seen:
@@ -240,7 +335,9 @@ def quality(seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequ
     return minimize([problem for problem, _ in begun], [x for _, x in begun], ENOUGH)[2]
 
 
-def _begin_misfit(seen: RangeQuantiles, settings: RobustConfig, water: Water | None) -> tuple[Problem, NDArray[np.float64]]:
+def _begin_misfit(
+    seen: RangeQuantiles, settings: RobustConfig, water: Water | None
+) -> tuple[Problem, NDArray[np.float64]]:
     """What is minimized, and from where."""
     scale = scale_of(seen)
     light = seen.light / scale

@@ -1,7 +1,9 @@
-"""Levenberg's damped Gauss-Newton steps for the robust fit, of many frames at once; derivatives of the water by autograd.
+"""Levenberg's damped Gauss-Newton steps for the robust fit, of many frames at once; derivatives of
+the water by autograd.
 
-A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances (channel after channel), of G
-brightnesses. Every range of a channel gets its own copy of the channel's five numbers, so that the gradients of
+A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances
+(channel after channel), of G brightnesses. Every range of a channel gets its own copy of the
+channel's five numbers, so that the gradients of
 sum(log A white) and of sum(B) are the whole Jacobian: two backward passes.
 """
 
@@ -45,16 +47,22 @@ class Steps:
 
 STEPS = Steps()
 BRIGHTEST = 20.0
-"""Logarithm of light above which all counts as this: it is finite, and far above that of any image."""
+"""Logarithm of light above which all counts as this: it is finite, and far above that of any
+image.
+"""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100 (docs/lab/color.md)."""
+    """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100
+    (docs/lab/color.md).
+    """
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
-    """Standard deviation of each quantile, dark to bright, as a fraction of the direct signal: content differs from range to range,
-    dark content most. In photographs with measured depth by 0.4 to 0.6 at the dark end, 0.1 to 0.2 at the bright one."""
+    """Standard deviation of each quantile, dark to bright, as a fraction of the direct signal:
+    content differs from range to range, dark content most. In photographs with measured depth by
+    0.4 to 0.6 at the dark end, 0.1 to 0.2 at the bright one.
+    """
     all: float = 0.05
     """Fraction of all light, backscatter included."""
     outlier: float = 2.0
@@ -62,11 +70,15 @@ class Noise:
     floor: float = 0.001
     """Light that a camera's offset hides, against the brightest."""
     darker: float = 0.03
-    """Fraction by which backscatter may exceed the darkest quantile: nothing is darker than the backscatter before it."""
+    """Fraction by which backscatter may exceed the darkest quantile: nothing is darker than the
+    backscatter before it.
+    """
 
     green_over_blue: float = 0.06
-    """1/m, most by which attenuation of green exceeds that of blue. Pure water absorbs 0.036 more at 535 than at 460 nm (Pope, Fry
-    1997), and all else in the sea absorbs blue more. Cameras, and daylight lost on its way down to what lies deeper, add some."""
+    """1/m, most by which attenuation of green exceeds that of blue. Pure water absorbs 0.036 more
+    at 535 than at 460 nm (Pope, Fry 1997), and all else in the sea absorbs blue more. Cameras, and
+    daylight lost on its way down to what lies deeper, add some.
+    """
     rate: float = 0.01
     """1/m, standard deviation beyond it."""
 
@@ -75,9 +87,11 @@ NOISE = Noise()
 
 
 class Problem(NamedTuple):
-    """A frame's data and prior. range_m (G,): meters. light (3, G, P): quantiles, as fractions of the brightest.
+    """A frame's data and prior. range_m (G,): meters. light (3, G, P): quantiles, as fractions of
+    the brightest.
 
-    clipped (3, G, P). trust (G,): weight of each range, 0..1. mean (n,), precision (n, n): of the Gaussian prior.
+    clipped (3, G, P). trust (G,): weight of each range, 0..1. mean (n,), precision (n, n): of the
+    Gaussian prior.
     """
 
     range_m: Array
@@ -89,7 +103,8 @@ class Problem(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """Frames at some parameters. cost (N,): with renewed weights; cost_before: with those given. weights (N, 3, G, P).
+    """Frames at some parameters. cost (N,): with renewed weights; cost_before: with those given.
+    weights (N, 3, G, P).
 
     matrix (N, n, n): Gauss-Newton's; slope (N, n): the gradient.
     """
@@ -102,13 +117,18 @@ class Normal(NamedTuple):
 
     def where(self, better: Tensor, other: "Normal") -> "Normal":
         """Frames of this where ``better`` (N,), those of ``other`` elsewhere."""
-        chosen = (torch.where(better.view(-1, *(1,) * (a.dim() - 1)), a, b) for a, b in zip(self, other, strict=True))
+        chosen = (
+            torch.where(better.view(-1, *(1,) * (a.dim() - 1)), a, b)
+            for a, b in zip(self, other, strict=True)
+        )
         return Normal(*chosen)
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Problems, as tensors. z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n); precision (N, n, n)."""
+    """Problems, as tensors. z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n);
+    precision (N, n, n).
+    """
 
     z: Tensor
     trust: Tensor
@@ -119,28 +139,39 @@ class Batch:
 
     @classmethod
     def of(cls, problems: Sequence[Problem]) -> Self:
-        """Several problems, padded to the ranges of the one that has most: ranges without trust, which move nothing."""
+        """Several problems, padded to the ranges of the one that has most: ranges without trust,
+        which move nothing.
+        """
         groups = max(len(problem.range_m) for problem in problems)
         parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
-        z, light, clipped, trust, mean, precision = (torch.from_numpy(np.stack(part)) for part in parts)
-        return cls(z[:, None], trust[:, None], (light + NOISE.floor).log(), clipped, mean, precision)
+        z, light, clipped, trust, mean, precision = (
+            torch.from_numpy(np.stack(part)) for part in parts
+        )
+        return cls(
+            z[:, None], trust[:, None], (light + NOISE.floor).log(), clipped, mean, precision
+        )
 
     def at(self, keep: Tensor) -> Self:
         """The problems of a mask (N,)."""
         return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
     def normal(self, x: Tensor, weights: Tensor | None = None) -> Normal:
-        """Costs and normal equations at x (N, n). weights: those of ``cost_before``; None: the renewed ones."""
+        """Costs and normal equations at x (N, n). weights: those of ``cost_before``; None: the
+        renewed ones.
+        """
         number, _, groups, quantiles = self.log_light.shape
         log_transmitted, veil, (by_a, by_b) = self._water(x)
-        reflectance, brightness = x[:, WATER:-groups].view(number, 3, 1, quantiles), x[:, None, -groups:, None]
+        reflectance = x[:, WATER:-groups].view(number, 3, 1, quantiles)
+        brightness = x[:, None, -groups:, None]
         direct = (log_transmitted[..., None] + brightness + reflectance).clamp(max=BRIGHTEST).exp()
         u = 1 / (direct + veil[..., None] + NOISE.floor)
         q, r = direct * u, -u.log() - self.log_light
         content = torch.tensor(NOISE.content, dtype=x.dtype)
         w = self.trust[..., None] / ((content * q) ** 2 + NOISE.all**2 + (r / NOISE.outlier) ** 2)
         w = w.masked_fill(self.clipped & (r > 0), 0)
-        over = ((veil + NOISE.floor).log() - self.log_light[..., 0]).clamp(min=0) * ~self.clipped[..., 0]
+        over = ((veil + NOISE.floor).log() - self.log_light[..., 0]).clamp(min=0) * ~self.clipped[
+            ..., 0
+        ]
         w_over = self.trust / NOISE.darker**2
         excess, by_rates = _excess(x)
         away = x - self.mean
@@ -151,15 +182,20 @@ class Batch:
 
         wq, wu, k = w * q, w * u, w_over * (over > 0) / (veil + NOISE.floor)
         qq, qu, wqq = (wq * q).sum(3), (wq * u).sum(3), wq * q
-        uu, qr, ur = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3), (wu * r).sum(3) + k * over
+        uu, qr = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3)
+        ur = (wu * r).sum(3) + k * over
         water = torch.einsum("incg,jncg->ncij", by_a * qq + by_b * qu, by_a) + torch.einsum(
             "incg,jncg->ncij", by_a * qu + by_b * uu, by_b
         )
-        by_content = torch.einsum("incg,ncgp->ncip", by_a, wqq) + torch.einsum("incg,ncgp->ncip", by_b, wq * u)
-        by_bright, along = (by_a * qq + by_b * qu).permute(1, 2, 0, 3), (by_a * qr + by_b * ur).sum(3)
+        by_content = torch.einsum("incg,ncgp->ncip", by_a, wqq) + torch.einsum(
+            "incg,ncgp->ncip", by_b, wq * u
+        )
+        by_bright = (by_a * qq + by_b * qu).permute(1, 2, 0, 3)
+        along = (by_a * qr + by_b * ur).sum(3)
         matrix, slope = self.precision.clone(), pull.clone()
         for c in range(3):
-            own, mine = slice(c, WATER, 3), slice(WATER + c * quantiles, WATER + (c + 1) * quantiles)
+            own = slice(c, WATER, 3)
+            mine = slice(WATER + c * quantiles, WATER + (c + 1) * quantiles)
             matrix[:, own, own] += water[:, c]
             for one, other, block in (
                 (own, mine, by_content),
@@ -169,67 +205,111 @@ class Batch:
                 matrix[:, one, other] += block[:, c]
                 matrix[:, other, one] += block[:, c].mT
             slope[:, own] += along[:, :, c].T
-        matrix.diagonal(dim1=1, dim2=2)[:, WATER:] += torch.cat([wqq.sum(2).reshape(number, -1), qq.sum(1)], 1)
+        matrix.diagonal(dim1=1, dim2=2)[:, WATER:] += torch.cat(
+            [wqq.sum(2).reshape(number, -1), qq.sum(1)], 1
+        )
         slope[:, WATER:] += torch.cat([(wq * r).sum(2).reshape(number, -1), qr.sum(1)], 1)
         matrix[:, :6, :6] += by_rates.mT @ by_rates
         slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
         return Normal(cost, before, w, matrix, slope)
 
     def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
-        """log(A white) and B (N, 3, G), and their derivatives by the five logarithms of their channel, (5, N, 3, G)."""
+        """log(A white) and B (N, 3, G), and their derivatives by the five logarithms of their
+        channel, (5, N, 3, G).
+        """
         number, _, groups, _ = self.log_light.shape
-        p = x[:, :WATER].view(number, 5, 3, 1).transpose(0, 1).expand(5, number, 3, groups).clone().requires_grad_()
+        p = (
+            x[:, :WATER]
+            .view(number, 5, 3, 1)
+            .transpose(0, 1)
+            .expand(5, number, 3, groups)
+            .clone()
+            .requires_grad_()
+        )
         far, near, beta, scatter, white = p
         y = far.exp()
-        log_transmitted = white - optical_depth(self.z, torch.expm1(near) * y, RATE_OF_CHANGE, y, 0.0)
+        log_transmitted = white - optical_depth(
+            self.z, torch.expm1(near) * y, RATE_OF_CHANGE, y, 0.0
+        )
         veil = backscatter(self.z, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
-        by_a, by_b = (torch.autograd.grad(part.sum(), p, retain_graph=True)[0] for part in (log_transmitted, veil))
+        by_a, by_b = (
+            torch.autograd.grad(part.sum(), p, retain_graph=True)[0]
+            for part in (log_transmitted, veil)
+        )
         return log_transmitted.detach(), veil.detach(), (by_a, by_b)
 
 
-def minimize(problems: Sequence[Problem], start: Sequence[Array], enough: float = 0.0) -> tuple[list[Array], list[Array], Array]:
-    """Minimize each problem's cost from its start; returns parameters, Gauss-Newton matrices and costs at the minima.
+def minimize(
+    problems: Sequence[Problem], start: Sequence[Array], enough: float = 0.0
+) -> tuple[list[Array], list[Array], Array]:
+    """Minimize each problem's cost from its start; returns parameters, Gauss-Newton matrices and
+    costs at the minima.
 
     enough: a step down that lowers a cost by less is its last, where costs alone are wanted.
     Problems that have converged are left out of further steps.
     """
     groups = max(len(problem.range_m) for problem in problems)
-    padded = np.stack([np.pad(x, (0, groups - len(problem.range_m))) for x, problem in zip(start, problems, strict=True)])
+    padded = np.stack(
+        [
+            np.pad(x, (0, groups - len(problem.range_m)))
+            for x, problem in zip(start, problems, strict=True)
+        ]
+    )
     with one_thread():
         batch, x = Batch.of(problems), torch.from_numpy(padded)
-        going, damping = torch.ones(len(x), dtype=torch.bool), x.new_full((len(x),), STEPS.first_damping)
+        going, damping = (
+            torch.ones(len(x), dtype=torch.bool),
+            x.new_full((len(x),), STEPS.first_damping),
+        )
         now = batch.normal(x)
         for _ in range(STEPS.most):
             here, at, damp = batch.at(going), x[going], damping[going]
             known = Normal(*(part[going] for part in now))
-            damped = known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+            damped = (
+                known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+            )
             move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
             trial = here.normal(at - move, known.weights)
             better = trial.cost_before < known.cost
             x[going] = torch.where(better[:, None], at - move, at)
             damping[going] = torch.where(
-                better, (STEPS.less_damping * damp).clamp(min=STEPS.least_damping), STEPS.more_damping * damp
+                better,
+                (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
+                STEPS.more_damping * damp,
             )
             for whole, part in zip(now, trial.where(better, known), strict=True):
                 whole[going] = part
-            small = better & ((move[:, :WATER].abs().amax(1) < STEPS.converged) | (known.cost - trial.cost_before < enough))
+            small = better & (
+                (move[:, :WATER].abs().amax(1) < STEPS.converged)
+                | (known.cost - trial.cost_before < enough)
+            )
             going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
             if not going.any():
                 break
     sizes = [len(problem.mean) for problem in problems]
     found = [one[:size].copy() for one, size in zip(x.numpy(), sizes, strict=True)]
-    return found, [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)], now.cost.numpy()
+    return (
+        found,
+        [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)],
+        now.cost.numpy(),
+    )
 
 
 def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
-    """Solves (N, n, n) symmetric positive definite systems; where rounding made one singular, by the step of steepest descent."""
+    """Solves (N, n, n) symmetric positive definite systems; where rounding made one singular, by
+    the step of steepest descent.
+    """
     factor, failed = torch.linalg.cholesky_ex(matrix)
     steepest = vector / matrix.diagonal(dim1=1, dim2=2)
-    return torch.where(failed[:, None] > 0, steepest, torch.cholesky_solve(vector[..., None], factor)[..., 0])
+    return torch.where(
+        failed[:, None] > 0, steepest, torch.cholesky_solve(vector[..., None], factor)[..., 0]
+    )
 
 
 def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
-    """(N, 2) excess of green's attenuation over blue's, far and near, above what water can have, and its slopes (N, 2, 6)."""
+    """(N, 2) excess of green's attenuation over blue's, far and near, above what water can have,
+    and its slopes (N, 2, 6).
+    """
     rates = torch.stack([x[:, :3], x[:, :3] + x[:, 3:6]], 1).exp() / NOISE.rate
     excess = (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(min=0)
     slopes = x.new_zeros(len(x), 2, 6)
@@ -239,7 +319,9 @@ def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _padded(problem: Problem, groups: int) -> tuple[NDArray[np.generic], ...]:
-    """A problem's arrays with ``groups`` ranges; those that are added have no trust, and a prior by themselves."""
+    """A problem's arrays with ``groups`` ranges; those that are added have no trust, and a prior by
+    themselves.
+    """
     more, size = groups - len(problem.range_m), len(problem.mean)
     precision = np.eye(size + more)
     precision[:size, :size] = problem.precision

@@ -1,7 +1,9 @@
-"""Colors of the sea floor: what cameras see, without water, of scenes that are mixed from published reflectance spectra.
+"""Colors of the sea floor: what cameras see, without water, of scenes that are mixed from published
+reflectance spectra.
 
-``reflectances.csv`` holds the spectra with their sources; cameras are those of the prior of the water. The result, which the prior
-of the robust fit reads, is kept in ``scene_colors.json``; ``python -m stereo_seecolor.color.fitting.scene_colors`` makes it anew.
+``reflectances.csv`` holds the spectra with their sources; cameras are those of the prior of the
+water. The result, which the prior of the robust fit reads, is kept in ``scene_colors.json``;
+``python -m stereo_seecolor.color.fitting.scene_colors`` makes it anew.
 """
 
 import csv
@@ -32,9 +34,13 @@ class Scenes:
     kinds: int = 8
     """Kinds of things in a scene, 1 to this many, each with a share that may be any (Dirichlet)."""
     pigment: float = 0.2
-    """Standard deviation of the logarithm of the power of a reflectance: more or less of the same pigment (Beer's law)."""
+    """Standard deviation of the logarithm of the power of a reflectance: more or less of the same
+    pigment (Beer's law).
+    """
     brightness: float = 0.4
-    """Standard deviation of the logarithm of a thing's brightness from scene to scene, and of its places within one."""
+    """Standard deviation of the logarithm of a thing's brightness from scene to scene, and of its
+    places within one.
+    """
     shade: float = 0.5
     """Standard deviation of the logarithm of the light of a place."""
 
@@ -46,9 +52,10 @@ SCENES = Scenes()
 class SceneColors:
     """Logarithms of R, G, B less their mean, at the quantiles of ``FRACTIONS`` of the sea floor.
 
-    mean: (3, 9). channels: (3, 3) covariance of the channels at one quantile, the mean over quantiles, against the variance along
-    the axis from warm to cool (R up, B down): from green to magenta a color varies less. cast: (3, 3) covariance of what all
-    quantiles of a scene have in common.
+    mean: (3, 9). channels: (3, 3) covariance of the channels at one quantile, the mean over
+    quantiles, against the variance along the axis from warm to cool (R up, B down): from green to
+    magenta a color varies less. cast: (3, 3) covariance of what all quantiles of a scene have in
+    common.
     """
 
     mean: Array
@@ -65,7 +72,9 @@ def sea_floor() -> SceneColors:
 
 def read_spectra() -> tuple[list[str], list[str], Array]:
     """Kinds, sources, and reflectances (N, 31) at ``WAVELENGTH_NM`` of the table of spectra."""
-    head, *rows = csv.reader(line for line in SPECTRA.read_text().splitlines() if not line.startswith("#"))
+    head, *rows = csv.reader(
+        line for line in SPECTRA.read_text().splitlines() if not line.startswith("#")
+    )
     nm = np.array(head[3:], np.float64)
     spectra = [np.interp(WAVELENGTH_NM, nm, np.array(row[3:], np.float64)) for row in rows]
     return [row[0] for row in rows], [row[1] for row in rows], np.array(spectra)
@@ -77,15 +86,24 @@ def mixed(without: frozenset[str] = frozenset()) -> SceneColors:
     kept = np.array([source not in without for source in sources])
     _, kind_of = np.unique(np.array(kinds)[kept], return_inverse=True)
     rng = np.random.default_rng(1)
-    logs = np.array([np.log(np.quantile(_scene(spectra[kept], kind_of, rng), FRACTIONS, axis=0).T) for _ in range(SCENES.number)])
+    logs = np.array(
+        [
+            np.log(np.quantile(_scene(spectra[kept], kind_of, rng), FRACTIONS, axis=0).T)
+            for _ in range(SCENES.number)
+        ]
+    )
     colors = logs - logs.mean(axis=1, keepdims=True)
     each = np.mean([np.cov(colors[:, :, p].T) for p in range(FRACTIONS.size)], axis=0)
     warm = np.array([1.0, 0.0, -1.0]) / np.sqrt(2)
-    return SceneColors(colors.mean(axis=0), each / (warm @ each @ warm), np.cov(colors.mean(axis=2).T))
+    return SceneColors(
+        colors.mean(axis=0), each / (warm @ each @ warm), np.cov(colors.mean(axis=2).T)
+    )
 
 
 def _scene(spectra: Array, kind_of: NDArray[np.intp], rng: np.random.Generator) -> Array:
-    """(pixels, 3) linear light of a scene of some kinds of things, each by one of its spectra; white is 1."""
+    """(pixels, 3) linear light of a scene of some kinds of things, each by one of its spectra;
+    white is 1.
+    """
     chosen = rng.permutation(kind_of.max() + 1)[: rng.integers(1, SCENES.kinds + 1)]
     things = np.array([rng.choice(np.flatnonzero(kind_of == kind)) for kind in chosen])
     power = np.exp(rng.normal(0, SCENES.pigment, (len(things), 1)))
@@ -98,7 +116,16 @@ def _scene(spectra: Array, kind_of: NDArray[np.intp], rng: np.random.Generator) 
 
 if __name__ == "__main__":
     made = mixed()
-    content = {name: np.round(getattr(made, name), 4).tolist() for name in ("mean", "channels", "cast")}
+    content = {
+        name: np.round(getattr(made, name), 4).tolist() for name in ("mean", "channels", "cast")
+    }
     COLORS.write_text(
-        json.dumps({"made by": "stereo_seecolor.color.fitting.scene_colors of reflectances.csv", **content}, indent=1) + "\n"
+        json.dumps(
+            {
+                "made by": "stereo_seecolor.color.fitting.scene_colors of reflectances.csv",
+                **content,
+            },
+            indent=1,
+        )
+        + "\n"
     )

@@ -1,4 +1,6 @@
-"""The prior of the robust fit: of the scene's reflectances and light, joined with that of the water (``water_prior``)."""
+"""The prior of the robust fit: of the scene's reflectances and light, joined with that of the water
+(``water_prior``).
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,34 +17,47 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScenePrior:
-    """Logarithms of reflectance at the nine quantiles of ``range_quantiles``, dark to bright, against the brightest thousandth.
+    """Logarithms of reflectance at the nine quantiles of ``range_quantiles``, dark to bright,
+    against the brightest thousandth.
 
-    Numbers without a source of their own were chosen on synthetic scenes and reefs of seeds below 100 (docs/lab/color.md).
+    Numbers without a source of their own were chosen on synthetic scenes and reefs of seeds below
+    100 (docs/lab/color.md).
     """
 
     reflectance: tuple[float, ...] = (0.003, 0.005, 0.013, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)
     """Mean of a channel, as a fraction of the brightest thousandth's. With a darkest of 0.009
     backscatter came out too low in every kind of water; with one of 0.001, too high over sand."""
     natural: tuple[float, float, float] = (0.2, 0.0, -0.25)
-    """Natural scenes are warm (logarithm against green). Coral sand is at 0.16, 0, -0.27; the mean of photographs in daylight,
-    ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25."""
+    """Natural scenes are warm (logarithm against green). Coral sand is at 0.16, 0, -0.27; the mean
+    of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25.
+    """
     sea_floor: float = 0.25
-    """Share of the mean color of the sea floor's spectra (0.27, 0, -0.41 at the median), the rest ``natural``. With a half, or all,
-    FLSea's white targets come out yellower, by 0.1 and 0.4 degrees, and drawn scenes of such spectra better."""
+    """Share of the mean color of the sea floor's spectra (0.27, 0, -0.41 at the median), the rest
+    ``natural``. With a half, or all, FLSea's white targets come out yellower, by 0.1 and 0.4
+    degrees, and drawn scenes of such spectra better.
+    """
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.9, 0.6, 0.25)
-    """Fraction of ``natural`` at each quantile: brighter things are nearer to gray; the brightest are white, or reflections."""
+    """Fraction of ``natural`` at each quantile: brighter things are nearer to gray; the brightest
+    are white, or reflections.
+    """
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
-    """Standard deviation from warm to cool about that: dark things have any color, bright ones less. How channels vary together,
-    and less from green to magenta, is that of the sea floor's spectra (``scene_colors``)."""
+    """Standard deviation from warm to cool about that: dark things have any color, bright ones
+    less. How channels vary together, and less from green to magenta, is that of the sea floor's
+    spectra (``scene_colors``).
+    """
     alike: float = 0.2
-    """Correlation of the colors of neighboring quantiles, and its powers of those beyond: what is strongly colored is so from dark
-    to bright. In 30 photographs 0.8 to 0.95, which takes white from the brightest alone and suits reefs less."""
+    """Correlation of the colors of neighboring quantiles, and its powers of those beyond: what is
+    strongly colored is so from dark to bright. In 30 photographs 0.8 to 0.95, which takes white
+    from the brightest alone and suits reefs less.
+    """
     reflectance_all: float = 1.0
     """Standard deviation of a quantile's reflectance, all channels together."""
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0
-    """Precision that holds the mean of the brightnesses near 0: the overall brightness is the exposure's."""
+    """Precision that holds the mean of the brightnesses near 0: the overall brightness is the
+    exposure's.
+    """
 
 
 SCENE = ScenePrior()
@@ -53,9 +68,13 @@ class SetByUser:
     """Variances of logarithms that the configuration sets."""
 
     value: float = 1e-6
-    """Variance of each value: a thousandth of the parameter, which keeps the covariance invertible."""
+    """Variance of each value: a thousandth of the parameter, which keeps the covariance
+    invertible.
+    """
     white_brightness: float = 4.0
-    """Variance of the brightness of a white point whose color is set: a factor of 7 up or down, as exposure is free."""
+    """Variance of the brightness of a white point whose color is set: a factor of 7 up or down, as
+    exposure is free.
+    """
 
 
 SET = SetByUser()
@@ -63,18 +82,27 @@ SET = SetByUser()
 
 @lru_cache(maxsize=64)
 def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Matrix]:
-    """Mean and precision of all parameters (water, reflectances, brightnesses), and (5, 3) the water's ``deviations``."""
+    """Mean and precision of all parameters (water, reflectances, brightnesses), and (5, 3) the
+    water's ``deviations``.
+    """
     number = len(SCENE.reflectance)
     size = WATER + 3 * number + groups
     content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)
     mean, precision = np.zeros(size), np.zeros((size, size))
     mean[:WATER], water_covariance = _water(settings)
     precision[:WATER, :WATER] = np.linalg.inv(water_covariance)
-    mean[content] = (np.log(SCENE.reflectance) + _mean_color() * (settings.scene_colors == "natural")).ravel()
+    mean[content] = (
+        np.log(SCENE.reflectance) + _mean_color() * (settings.scene_colors == "natural")
+    ).ravel()
     apart = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
-    colors, together = np.outer(SCENE.color, SCENE.color) * SCENE.alike**apart, SCENE.reflectance_all**2 * np.eye(number)
+    colors, together = (
+        np.outer(SCENE.color, SCENE.color) * SCENE.alike**apart,
+        SCENE.reflectance_all**2 * np.eye(number),
+    )
     channels = sea_floor().channels + 1 / 3  # brightness varies as warmth does
-    precision[content, content] = np.linalg.inv(np.kron(channels, colors) + np.kron(np.ones((3, 3)), together))
+    precision[content, content] = np.linalg.inv(
+        np.kron(channels, colors) + np.kron(np.ones((3, 3)), together)
+    )
     precision[brightness, brightness] = np.eye(groups) / SCENE.brightness**2 + SCENE.mean_brightness
     return mean, precision, deviations(water_covariance)
 
@@ -87,7 +115,9 @@ def _mean_color() -> Matrix:
 
 
 def deviations(covariance: Matrix) -> Matrix:
-    """(5, 3) standard deviations of the water's logarithms, of covariance (15, 15); of the white point's without their mean."""
+    """(5, 3) standard deviations of the water's logarithms, of covariance (15, 15); of the white
+    point's without their mean.
+    """
     color = np.eye(3) - 1 / 3
     variances = np.diag(covariance).reshape(5, 3).copy()
     variances[4] = np.diag(color @ covariance[12:, 12:] @ color)
@@ -101,11 +131,19 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
         mean, covariance = _set(mean, covariance, slice(3, 6), np.zeros(3), together=0.0)
     if settings.white_point != "scene":
         white = np.zeros(3) if settings.white_point == "none" else np.log(settings.white_point)
-        mean, covariance = _set(mean, covariance, slice(12, WATER), white - white.mean(), together=SET.white_brightness)
+        mean, covariance = _set(
+            mean, covariance, slice(12, WATER), white - white.mean(), together=SET.white_brightness
+        )
     return mean, covariance
 
 
-def _set(mean: Vector, covariance: Matrix, where: slice, values: Vector, together: float) -> tuple[Vector, Matrix]:
-    """The Gaussian after the numbers at ``where`` have been observed. together: variance of an offset that they have in common."""
-    gain = covariance[:, where] @ np.linalg.inv(covariance[where, where] + SET.value * np.eye(3) + together)
+def _set(
+    mean: Vector, covariance: Matrix, where: slice, values: Vector, together: float
+) -> tuple[Vector, Matrix]:
+    """The Gaussian after the numbers at ``where`` have been observed. together: variance of an
+    offset that they have in common.
+    """
+    gain = covariance[:, where] @ np.linalg.inv(
+        covariance[where, where] + SET.value * np.eye(3) + together
+    )
     return mean + gain @ (values - mean[where]), covariance - gain @ covariance[where]

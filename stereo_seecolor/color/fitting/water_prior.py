@@ -1,8 +1,11 @@
-"""The prior of the water: daylight that passed through Jerlov's water types, down to the reef and on to the camera.
+"""The prior of the water: daylight that passed through Jerlov's water types, down to the reef and
+on to the camera.
 
-Spectra of many waters, depths and cameras are put through the equations of image formation (Akkaynak and Treibitz, CVPR 2018).
-Each gives the fifteen parameters of the model, and the prior is the Gaussian of these. So the fit of a scene with little relief is
-dominated by waters that exist, and its white point by light that such waters transmit.
+Spectra of many waters, depths and cameras are put through the equations of image formation
+(Akkaynak and Treibitz, CVPR 2018).
+Each gives the fifteen parameters of the model, and the prior is the Gaussian of these. So the fit
+of a scene with little relief is dominated by waters that exist, and its white point by light that
+such waters transmit.
 """
 
 from dataclasses import dataclass
@@ -17,13 +20,17 @@ from stereo_seecolor.water.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
 Vector = NDArray[np.float64]
 
 WATER = 15
-"""Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white, each for R, G, B."""
+"""Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white,
+each for R, G, B.
+"""
 
 _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid coast
 WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
 RATE_OF_CHANGE = 0.25
-"""1/m: over 4 m a coefficient goes from near to far. Any light stays monotone in range while near is below 8 times far."""
+"""1/m: over 4 m a coefficient goes from near to far. Any light stays monotone in range while near
+is below 8 times far.
+"""
 
 
 @dataclass(frozen=True)
@@ -35,7 +42,9 @@ class Ensemble:
     deepest_m: float = 15.0
     """Largest depth of the scene below the surface, where it is not known,"""
     most_optical_depth: float = 2.0
-    """if daylight has at most this optical depth there in the clearest part of the spectrum: deeper, dives bring lamps."""
+    """if daylight has at most this optical depth there in the clearest part of the spectrum:
+    deeper, dives bring lamps.
+    """
     least_scattering_per_m: float = 0.02
     """Scattering of the clearest water type, whose table gives nearly none."""
     beam_scattering: float = 0.4
@@ -51,7 +60,9 @@ class Ensemble:
     lit_above_m: float = 1.0
     """The water between is lit at a depth within this of the bottom's."""
     scattering_reference_nm: float = 535.0
-    """Wavelength at which the scattering of particles is stated; its power of the wavelength is 0 to -1."""
+    """Wavelength at which the scattering of particles is stated; its power of the wavelength is 0
+    to -1.
+    """
     gamma_inf: tuple[float, float] = (0.02, 12.0)
     """Least backscatter against the white point, and the factor from least to most."""
     seen_at_m: float = 2.0
@@ -87,10 +98,13 @@ ENSEMBLE, LEFT_OUT = Ensemble(), LeftOut()
 
 @lru_cache
 def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
-    """Mean (15,) and covariance (15, 15) of log far, log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B.
+    """Mean (15,) and covariance (15, 15) of log far, log(near / far), log beta, log(gamma_inf /
+    white), log white, each R, G, B.
 
-    a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is known up to the exposure, which is given a wide spread.
-    depth_m: how far below the surface the scene lies, where known; else anything from the surface to where little red is left.
+    a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is known up to the exposure, which is
+    given a wide spread.
+    depth_m: how far below the surface the scene lies, where known; else anything from the surface
+    to where little red is left.
     """
     samples = np.stack([_water(draw, depth_m) for draw in low_discrepancy(ENSEMBLE.samples, 10)])
     return samples.mean(axis=0), np.cov(samples.T) + _left_out()
@@ -118,18 +132,35 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     kd = np.interp(WAVELENGTH_NM, TABLE_NM, table)
     scattering = max(scattering_per_m(table), ENSEMBLE.least_scattering_per_m)
     beam = kd + ENSEMBLE.beam_scattering * draw[1] * scattering
-    depth_m = draw[2] * min(ENSEMBLE.deepest_m, ENSEMBLE.most_optical_depth / kd.min()) if depth_m is None else depth_m
+    depth_m = (
+        draw[2] * min(ENSEMBLE.deepest_m, ENSEMBLE.most_optical_depth / kd.min())
+        if depth_m is None
+        else depth_m
+    )
     sunlight = np.exp(-kd * depth_m)
     channels = drawn_camera(draw[3:7])
     white = channels @ sunlight
     transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
-    fall, far = np.polyfit(np.exp(-RATE_OF_CHANGE * _RANGE_M), -np.log(transmission) / _RANGE_M[:, None], 1)
+    fall, far = np.polyfit(
+        np.exp(-RATE_OF_CHANGE * _RANGE_M), -np.log(transmission) / _RANGE_M[:, None], 1
+    )
     above = np.exp(kd * 2 * ENSEMBLE.lit_above_m * (draw[7] - 0.5))
-    scattered = sunlight * above * (WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8] * scattering / beam
+    scattered = (
+        sunlight
+        * above
+        * (WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8]
+        * scattering
+        / beam
+    )
     backscatter = channels @ scattered
     reached = channels @ (scattered * -np.expm1(-ENSEMBLE.seen_at_m * beam)) / backscatter
     log_white = np.log(white)
-    log_backscatter = np.log(backscatter) - log_white + np.log(ENSEMBLE.gamma_inf[0]) + draw[9] * np.log(ENSEMBLE.gamma_inf[1])
+    log_backscatter = (
+        np.log(backscatter)
+        - log_white
+        + np.log(ENSEMBLE.gamma_inf[0])
+        + draw[9] * np.log(ENSEMBLE.gamma_inf[1])
+    )
     return np.concatenate(
         [
             np.log(far),
@@ -142,8 +173,12 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
 
 
 def drawn_camera(draw: Vector) -> NDArray[np.float64]:
-    """(3, wavelengths) a camera's filters, of unit sum. draw: (4,) numbers in [0, 1), for peaks and widths."""
+    """(3, wavelengths) a camera's filters, of unit sum. draw: (4,) numbers in [0, 1), for peaks and
+    widths.
+    """
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
-    widths = np.array(ENSEMBLE.widths_nm) * (1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3])
+    widths = np.array(ENSEMBLE.widths_nm) * (
+        1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3]
+    )
     filters = np.exp(-0.5 * ((WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
     return np.asarray(filters / filters.sum(axis=1, keepdims=True))

@@ -1,8 +1,10 @@
-"""The color of the light's pattern, solved a second time after the water is removed from the sightings.
+"""The color of the light's pattern, solved a second time after the water is removed from the
+sightings.
 
-Where range depends on the place in the image (borders are farther than the middle), differences between views of a spot are
-divided between the pattern and the trend with range. The trend is then left to the water, but the fitted water removes another
-trend, and backscatter: views that agreed differ again, and borders get another color than the middle. So the water is fitted to the
+Where range depends on the place in the image (borders are farther than the middle), differences
+between views of a spot are divided between the pattern and the trend with range. The trend is then
+left to the water, but the fitted water removes another trend, and backscatter: views that agreed
+differ again, and borders get another color than the middle. So the water is fitted to the
 sightings, as it will be to the images, and the color that it leaves is added to the pattern.
 """
 
@@ -26,31 +28,45 @@ from stereo_seecolor.records import Water
 
 Array = NDArray[np.float64]
 LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
-"""Prior of the pattern's remaining color: a few percent, and no trend with range, which was removed with the water. With 0.05
-two of eight drawn dives gain less and one loses; with 0.2 the evidence is for no dive."""
+"""Prior of the pattern's remaining color: a few percent, and no trend with range, which was removed
+with the water. With 0.05 two of eight drawn dives gain less and one loses; with 0.2 the evidence is
+for no dive.
+"""
 USES = Use(gains=True), Use(pattern=True, gains=True), Use(pattern=True, ranged=True, gains=True)
-"""Frames keep gains of their own here, which are not used: else a slope along the track follows what the water is off by from one
-altitude to the next (drawn dives: 10 % of pattern in color instead of 4)."""
+"""Frames keep gains of their own here, which are not used: else a slope along the track follows
+what the water is off by from one altitude to the next (drawn dives: 10 % of pattern in color
+instead of 4).
+"""
 LINEAR = ColorConfig(input_encoding="linear")
 FULL = 65535
 """Full scale of the sightings' light where it is counted."""
 
 
 def beside_water(
-    found: SurveyLight, windows: Sequence[SeenWindow], names: Sequence[str], size: tuple[int, int], recorded: Array | None = None
+    found: SurveyLight,
+    windows: Sequence[SeenWindow],
+    names: Sequence[str],
+    size: tuple[int, int],
+    recorded: Array | None = None,
 ) -> SurveyLight:
     """The light with the color of its pattern solved again after the water is removed.
 
-    Unchanged where color has no pattern, where no change has more evidence, or where the water leaves no spot any light.
+    Unchanged where color has no pattern, where no change has more evidence, or where the water
+    leaves no spot any light.
     windows, names, size, recorded: as given to ``solve_light``, which found the light.
     """
     if not found.color.use.pattern:
         return found
     light, log_gains = found.solved, np.zeros(len(names)) if recorded is None else recorded
     gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
-    shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(-1, SHADING, 3)
+    shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(
+        -1, SHADING, 3
+    )
     even = [_even(window, light, gains, shading, size) for window in windows]
-    water, views = with_color_trend(_water(even), light.color_trend), Views(size, light.reference_m, light.seen_m)
+    water, views = (
+        with_color_trend(_water(even), light.color_trend),
+        Views(size, light.reference_m, light.seen_m),
+    )
     made = [_window(views, window, seen, water) for window, seen in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
     if not made:
@@ -58,27 +74,40 @@ def beside_water(
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
     prior = LightPrior.unknown(LEFT, alike(found.crossed))
-    left = min((solve(made, colors, use, len(measured), prior) for use in USES), key=lambda solution: solution.misfit)
-    return replace(found, solved=replace(light, coefficients=light.coefficients + left.coefficients))
+    left = min(
+        (solve(made, colors, use, len(measured), prior) for use in USES),
+        key=lambda solution: solution.misfit,
+    )
+    return replace(
+        found, solved=replace(light, coefficients=light.coefficients + left.coefficients)
+    )
 
 
-def _even(window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]) -> Sightings:
+def _even(
+    window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]
+) -> Sightings:
     """The sightings of a window with the light divided out."""
     seen = window.seen
     log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
-    own = np.einsum("ns,nsc->nc", shading_terms(places(seen.pixel, size)), shading[window.frames][seen.frame])
+    own = np.einsum(
+        "ns,nsc->nc", shading_terms(places(seen.pixel, size)), shading[window.frames][seen.frame]
+    )
     return replace(seen, light=seen.light * np.exp(-log_light - own))
 
 
 def _water(windows: Sequence[Sightings]) -> Water:
     """The water fitted to all sightings, whose light was divided out."""
-    light, range_m = (np.concatenate([getattr(seen, part) for seen in windows]) for part in ("light", "range_m"))
+    light, range_m = (
+        np.concatenate([getattr(seen, part) for seen in windows]) for part in ("light", "range_m")
+    )
     counted = np.round(FULL * np.clip(light, 0.0, 1.0)).astype(np.uint16)
     return robust.fit(measure(counted[None], range_m[None].astype(np.float32)), LINEAR)
 
 
 def _window(views: Views, window: SeenWindow, seen: Sightings, water: Water) -> Window:
-    """The sightings of a window with the water removed, without those to which it leaves no light."""
+    """The sightings of a window with the water removed, without those to which it leaves no
+    light.
+    """
     direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
     darkest = LIMITS.light[0]
     kept = usable(window.seen) & (direct > darkest).all(axis=1)

@@ -1,7 +1,8 @@
-"""The change of one spot's color with range, over several frames: a second measurement of the water beside the fit to colors.
+"""The change of one spot's color with range, over several frames: a second measurement of the water
+beside the fit to colors.
 
-The fit compares near with far pixels, and mistakes a difference in color of near corals and far sand for water. A spot that is seen
-from two ranges has one color.
+The fit compares near with far pixels, and mistakes a difference in color of near corals and far
+sand for water. A spot that is seen from two ranges has one color.
 """
 
 from dataclasses import dataclass, replace
@@ -16,8 +17,10 @@ from stereo_seecolor.records import Water
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.25
-"""Systematic error of a trend, as a power of the range, however well sightings agree: gains and pattern take part of it, or add to
-it. On drawn dives with lamps, whose errors by the sightings' scatter are 0.05 to 0.15, it is off by up to 0.4."""
+"""Systematic error of a trend, as a power of the range, however well sightings agree: gains and
+pattern take part of it, or add to it. On drawn dives with lamps, whose errors by the sightings'
+scatter are 0.05 to 0.15, it is off by up to 0.4.
+"""
 MOST_BACKSCATTER = 0.8
 """Fraction of a channel's light: a spot with more of it says nothing of attenuation."""
 
@@ -26,8 +29,9 @@ MOST_BACKSCATTER = 0.8
 class ColorTrend:
     """A color change with range.
 
-    power: (3,) R, G, B of a spot are proportional to range to this power, beside a common factor; mean 0. error: standard error of
-    each. range_m: range at which it was measured. light: (3,) linear light of a typical spot there, fraction of full scale.
+    power: (3,) R, G, B of a spot are proportional to range to this power, beside a common factor;
+    mean 0. error: standard error of each. range_m: range at which it was measured. light: (3,)
+    linear light of a typical spot there, fraction of full scale.
     """
 
     power: Array
@@ -37,20 +41,30 @@ class ColorTrend:
 
     def content(self) -> dict[str, Any]:
         """The trend as JSON."""
-        return {"power": self.power.tolist(), "error": self.error, "range_m": self.range_m, "light": self.light.tolist()}
+        return {
+            "power": self.power.tolist(),
+            "error": self.error,
+            "range_m": self.range_m,
+            "light": self.light.tolist(),
+        }
 
     @classmethod
     def from_content(cls, content: Any) -> "ColorTrend":
-        """The trend from JSON. Raises ValueError, KeyError or TypeError where ``content`` is something else."""
-        power, light = (np.array(content[name], np.float64).reshape(3) for name in ("power", "light"))
+        """The trend from JSON. Raises ValueError, KeyError or TypeError where ``content`` is
+        something else.
+        """
+        power, light = (
+            np.array(content[name], np.float64).reshape(3) for name in ("power", "light")
+        )
         return cls(power, float(content["error"]), float(content["range_m"]), light)
 
 
 def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
-    """The water with the mean of its attenuation and the trend's, weighted by variance; colors at the trend's range do not change.
+    """The water with the mean of its attenuation and the trend's, weighted by variance; colors at
+    the trend's range do not change.
 
-    The change of brightness with range is not taken from the trend, since lamps have part in it. Waters of the paper's methods are
-    unchanged: their coefficients depend on range in another way.
+    The change of brightness with range is not taken from the trend, since lamps have part in it.
+    Waters of the paper's methods are unchanged: their coefficients depend on range in another way.
     """
     if trend is None or water.x.any():
         return water
@@ -60,7 +74,9 @@ def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
     near, _, far = direct * attenuation / attenuation[1] + backscatter
     power = (far - near) / light / np.log(steps[2] / steps[0])
     off = (trend.power - (power - power.mean())) * light / direct
-    variance = np.nan_to_num(water.standard_errors.get("y", np.full(3, np.nan)) * z, nan=np.inf) ** 2
+    variance = (
+        np.nan_to_num(water.standard_errors.get("y", np.full(3, np.nan)) * z, nan=np.inf) ** 2
+    )
     error = np.hypot(trend.error, SYSTEMATIC) * light / direct
     taken = off / (1.0 + error**2 / variance)
     y = np.maximum(water.y - (taken - taken @ LUMINANCE) / z, np.maximum(-water.w, 0.0))

@@ -7,7 +7,13 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.gain_chain import Chain, Chosen, Differences, offset_between, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import (
+    Chain,
+    Chosen,
+    Differences,
+    offset_between,
+    solve_chain,
+)
 from stereo_seecolor.color.render.tone import FULL_AT
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins, decoded_values
 from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable
@@ -21,7 +27,9 @@ _PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Linear light summed over the channels and pixels of each range bin, and the pixels; both (256,) and to be added."""
+    """Linear light summed over the channels and pixels of each range bin, and the pixels; both
+    (256,) and to be added.
+    """
 
     light: NDArray[np.floating]
     pixels: NDArray[np.signedinteger]
@@ -38,7 +46,11 @@ class Brightness:
         """The range bins that have pixels, as 9 bytes each: a dive has thousands of frames."""
         bins = np.flatnonzero(self.pixels)
         packed = np.empty(bins.size, _PACKED)
-        packed["range_bin"], packed["light"], packed["pixels"] = bins, self.light[bins], self.pixels[bins]
+        packed["range_bin"], packed["light"], packed["pixels"] = (
+            bins,
+            self.light[bins],
+            self.pixels[bins],
+        )
         return packed.tobytes()
 
     @classmethod
@@ -56,16 +68,26 @@ class Brightness:
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """Ratio of brightness to the reference's, averaged over range bins that both have; 1 where there is none."""
+        """Ratio of brightness to the reference's, averaged over range bins that both have; 1 where
+        there is none.
+        """
         both = (self.light > 0) & (reference.light > 0)
         if not both.any():
             return 1.0
-        brighter = np.log(self.light[both] / self.pixels[both]) - np.log(reference.light[both] / reference.pixels[both])
-        return float(np.exp(np.average(brighter, weights=np.minimum(self.pixels[both], reference.pixels[both]))))
+        brighter = np.log(self.light[both] / self.pixels[both]) - np.log(
+            reference.light[both] / reference.pixels[both]
+        )
+        return float(
+            np.exp(
+                np.average(brighter, weights=np.minimum(self.pixels[both], reference.pixels[both]))
+            )
+        )
 
 
 def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
-    """The table for a ``factor`` times shorter exposure: the pixels of each value bin are moved to the nearest bin."""
+    """The table for a ``factor`` times shorter exposure: the pixels of each value bin are moved to
+    the nearest bin.
+    """
     light = decoded_bins(table.bit_depth, encoding)
     nearest = np.searchsorted(0.5 * (light[1:] + light[:-1]), light / factor)
     counts = np.zeros_like(table.counts)
@@ -77,8 +99,15 @@ def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> Mome
 def exposed(water: Water, factor: float) -> Water:
     """The water as it looks at a ``factor`` times longer exposure."""
     if water.final_sigmoid:
-        return replace(water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor)
-    return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor, white=water.white * factor)
+        return replace(
+            water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor
+        )
+    return replace(
+        water,
+        gamma_inf=water.gamma_inf * factor,
+        eta=water.eta * factor,
+        white=water.white * factor,
+    )
 
 
 # The exposure that the camera recorded, as a prior of each frame's gain, where it explains
@@ -95,9 +124,13 @@ class RecordSettings:
     """When records are used."""
 
     varies: float = 0.03
-    """Least standard deviation over the dive (logarithm) of records that are examined; smaller offsets are not corrected."""
+    """Least standard deviation over the dive (logarithm) of records that are examined; smaller
+    offsets are not corrected.
+    """
     left: float = 0.8
-    """Fraction of the offsets between frames that may be left with them, as for gains that are measured."""
+    """Fraction of the offsets between frames that may be left with them, as for gains that are
+    measured.
+    """
     no_gain: float = 1e-9
     """Logarithm: a gain of color alone has none of luminance but for rounding."""
 
@@ -106,9 +139,13 @@ SETTINGS = RecordSettings()
 
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
-    """(F,) logarithms of each frame's recorded exposure, of mean 0; 0 for a frame that lacks a number which others recorded."""
+    """(F,) logarithms of each frame's recorded exposure, of mean 0; 0 for a frame that lacks a
+    number which others recorded.
+    """
     values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
-    fields = np.fromiter((np.nan if value is None else value for value in values), np.float64).reshape(len(captures), 3)
+    fields = np.fromiter(
+        (np.nan if value is None else value for value in values), np.float64
+    ).reshape(len(captures), 3)
     recorded = ~np.isnan(fields)
     complete = (recorded | ~recorded.any(axis=0)).all(axis=1)
     logs = np.log(np.where(recorded, fields, 1.0)) @ np.array([1.0, 1.0, -2.0])
@@ -127,16 +164,26 @@ def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
 
 
 def explain(offsets: tuple[float, float]) -> bool:
-    """Whether subtracting the records lowers the differences of luminance enough. offsets: of ``offsets_about``."""
+    """Whether subtracting the records lowers the differences of luminance enough. offsets: of
+    ``offsets_about``.
+    """
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
 def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
-    """Solve the gains of all frames about the (F,) records; one without overlap gets its record. chosen: see ``solve_chain``."""
+    """Solve the gains of all frames about the (F,) records; one without overlap gets its record.
+    chosen: see ``solve_chain``.
+    """
     chain = solve_chain(found, recorded, chosen)
-    left = chain.offsets[1] if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain else chain.offsets[0]
+    left = (
+        chain.offsets[1]
+        if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain
+        else chain.offsets[0]
+    )
     return Chain(
-        chain.gains + recorded[:, None], chain.measured | (recorded != 0), (offset_between(found, np.zeros_like(recorded)), left)
+        chain.gains + recorded[:, None],
+        chain.measured | (recorded != 0),
+        (offset_between(found, np.zeros_like(recorded)), left),
     )
 
 
@@ -149,9 +196,13 @@ class ExposureLimits:
     """Limits of brightness beyond which a frame gets a warning."""
 
     dark: float = 0.005
-    """Linear light of the brightest channel, fraction of full scale (16 of 255 in sRGB): noise of 1.5 of 255 is a tenth of it."""
+    """Linear light of the brightest channel, fraction of full scale (16 of 255 in sRGB): noise of
+    1.5 of 255 is a tenth of it.
+    """
     dark_fraction: float = 0.9
-    """Fraction of the pixels of known range that are darker: a lit object in open water fills more than the rest."""
+    """Fraction of the pixels of known range that are darker: a lit object in open water fills more
+    than the rest.
+    """
     clipped_fraction: float = 0.1
     """Fraction of these pixels that are clipped: highlights and white cards fill less."""
     step_px: int = 4
@@ -162,12 +213,15 @@ LIMITS = ExposureLimits()
 
 
 def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
-    """A warning for each fault of a frame's exposure, judged where its range is known; empty for a good exposure.
+    """A warning for each fault of a frame's exposure, judged where its range is known; empty for a
+    good exposure.
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
     """
     small = image[:: LIMITS.step_px, :: LIMITS.step_px]
-    brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])]
+    brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[
+        np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])
+    ]
     if not brightest.size:
         return ()
     light = decoded_values(8 * image.dtype.itemsize, encoding)
@@ -175,5 +229,7 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
         return ("the frame is almost black: its colors are mostly noise",)
     clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
     if clipped > LIMITS.clipped_fraction:
-        return (f"overexposed: {clipped:.0%} of it is clipped by the camera, its color not recoverable",)
+        return (
+            f"overexposed: {clipped:.0%} of it is clipped by the camera, its color not recoverable",
+        )
     return ()

@@ -1,10 +1,13 @@
-"""The shading of every frame: shadows and sunlight that move over the reef, as a smooth pattern of each frame's own.
+"""The shading of every frame: shadows and sunlight that move over the reef, as a smooth pattern of
+each frame's own.
 
-    log I(frame, u, v) - log I(other, u', v') = S(frame; u, v) - S(other; u', v') + difference of their gains
+    log I(frame, u, v) - log I(other, u', v') = S(frame; u, v) - S(other; u', v') + difference of
+        their gains
 
-Waves, and whatever floats above, throw light and shadow as wide as a picture, which lie elsewhere on the reef in the next one.
-Where two frames show the same patches, medians over parts of the picture keep their difference; the shading of all frames follows
-from them in one banded system, as gains do (``gain_chain``). What stays in place on the reef no view tells from the reef's color.
+Waves, and whatever floats above, throw light and shadow as wide as a picture, which lie elsewhere
+on the reef in the next one. Where two frames show the same patches, medians over parts of the
+picture keep their difference; the shading of all frames follows from them in one banded system, as
+gains do (``gain_chain``). What stays in place on the reef no view tells from the reef's color.
 """
 
 from dataclasses import dataclass
@@ -16,7 +19,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.banded import solve_banded
 from stereo_seecolor.color.photometry.light_model import SHADING, SHAPE, FrameLight, shading_terms
-from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Deviations, shading_deviations
+from stereo_seecolor.color.photometry.light_prior import (
+    COLOR,
+    LUMINANCE,
+    Deviations,
+    shading_deviations,
+)
 from stereo_seecolor.color.render.tone import FULL_AT
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
 from stereo_seecolor.compute.compiled import compiled
@@ -39,7 +47,9 @@ class ShadingSettings:
     half: float = 10.0
     """Patches with which a part weighs half of what it can."""
     gain: tuple[float, float] = (0.3, 0.03)
-    """Standard deviation of a frame's gain of luminance and of color, logarithm, as in the chain."""
+    """Standard deviation of a frame's gain of luminance and of color, logarithm, as in the
+    chain.
+    """
     outlier: float = 1.5
     """Robust standard deviations beyond which a part weighs less than half (Cauchy)."""
     floor: float = 0.005
@@ -53,9 +63,18 @@ class ShadingSettings:
 SETTINGS = ShadingSettings()
 ACROSS = 127
 """Steps of a place from the middle of a picture to its edge."""
-PART = np.dtype([("i", "<i4"), ("j", "<i4"), ("at_i", "i1", 2), ("at_j", "i1", 2), ("value", "<f2", 4), ("patches", "u1")])
-"""Part of frame i that frame j < i shows too: logarithm of i over j (luminance, color R, G, B), and where both see it. 21 bytes: a
-dive of 100,000 frames has five million of these.
+PART = np.dtype(
+    [
+        ("i", "<i4"),
+        ("j", "<i4"),
+        ("at_i", "i1", 2),
+        ("at_j", "i1", 2),
+        ("value", "<f2", 4),
+        ("patches", "u1"),
+    ]
+)
+"""Part of frame i that frame j < i shows too: logarithm of i over j (luminance, color R, G, B), and
+where both see it. 21 bytes: a dive of 100,000 frames has five million of these.
 """
 Parts = NDArray[np.void]
 """(D,) of PART."""
@@ -64,9 +83,13 @@ Parts = NDArray[np.void]
 def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> Parts:
     """The difference of two frames in each part of the first's image: medians over patches.
 
-    pair: the two frames' numbers. at: (N, 2) places of the patches in either image, -1..1. values: (N, 4) differences, as of PART.
+    pair: the two frames' numbers. at: (N, 2) places of the patches in either image, -1..1. values:
+    (N, 4) differences, as of PART.
     """
-    part = np.clip(((at[0] + 1) / 2 * SETTINGS.parts).astype(int), 0, SETTINGS.parts - 1) @ (1, SETTINGS.parts)
+    part = np.clip(((at[0] + 1) / 2 * SETTINGS.parts).astype(int), 0, SETTINGS.parts - 1) @ (
+        1,
+        SETTINGS.parts,
+    )
     found = []
     for number in np.unique(part):
         inside = part == number
@@ -85,12 +108,17 @@ def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
     if len(parts) and used[0]:
         solved += _solved(parts, 0, frames, SETTINGS.gain[0], LUMINANCE)[..., None]
     if len(parts) and used[1]:
-        solved += np.stack([_solved(parts, channel, frames, SETTINGS.gain[1], COLOR) for channel in (1, 2, 3)], axis=2)
+        solved += np.stack(
+            [_solved(parts, channel, frames, SETTINGS.gain[1], COLOR) for channel in (1, 2, 3)],
+            axis=2,
+        )
     return solved
 
 
 def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> NDArray[np.void]:
-    """The differences of whole frames (DIFFERENCE) less the part that is explained by the (F, SHADING, 3) shading."""
+    """The differences of whole frames (DIFFERENCE) less the part that is explained by the (F,
+    SHADING, 3) shading.
+    """
     if not len(parts):
         return found
     frames, left = len(shading), found.copy()
@@ -99,7 +127,9 @@ def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> ND
     at = np.minimum(np.searchsorted(pairs, pair), len(pairs) - 1)
     patches = parts["patches"].astype(np.float64)
     luminance = shading.mean(axis=2, keepdims=True)
-    for output, own in enumerate(np.moveaxis(np.concatenate([luminance, shading - luminance], axis=2), 2, 0)):
+    for output, own in enumerate(
+        np.moveaxis(np.concatenate([luminance, shading - luminance], axis=2), 2, 0)
+    ):
         said = _explained(parts, np.pad(own, ((0, 0), (1, 0))))
         mean = np.bincount(part, patches * said) / np.bincount(part, patches)
         for medians in ("whole", "fitted", "judged"):
@@ -108,7 +138,9 @@ def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> ND
 
 
 def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviations) -> Array:
-    """(frames, SHADING) coefficients of luminance (output 0) or of a color (1 to 3). gain: prior standard deviation of a gain."""
+    """(frames, SHADING) coefficients of luminance (output 0) or of a color (1 to 3). gain: prior
+    standard deviation of a gain.
+    """
     value, patches = (parts[name].astype(np.float64) for name in ("value", "patches"))
     prior, own = np.array([gain, *shading_deviations(about)]) ** -2.0, np.zeros((frames, OWN))
     least = patches / (patches + SETTINGS.half)
@@ -116,7 +148,9 @@ def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviatio
         off = value[:, output] - _explained(parts, own)
         scale = max(deviation_about_zero(off), SETTINGS.floor)
         weight = least / (scale**2 + (off / SETTINGS.outlier) ** 2)
-        own = solve_banded(*_equations(parts, value[:, output], weight, prior, frames)).reshape(frames, OWN)
+        own = solve_banded(*_equations(parts, value[:, output], weight, prior, frames)).reshape(
+            frames, OWN
+        )
     return own[:, 1:]
 
 
@@ -131,8 +165,12 @@ def _terms(at: NDArray[np.int8]) -> Array:
     return np.concatenate([np.ones((len(at), 1)), shading_terms(at / ACROSS)], axis=1)
 
 
-def _equations(parts: Parts, value: Array, weight: Array, prior: Array, frames: int) -> tuple[Array, Array]:
-    """The normal equations of frames about 0: their diagonals and those below, and the right side. prior: (OWN,) precisions."""
+def _equations(
+    parts: Parts, value: Array, weight: Array, prior: Array, frames: int
+) -> tuple[Array, Array]:
+    """The normal equations of frames about 0: their diagonals and those below, and the right side.
+    prior: (OWN,) precisions.
+    """
     reach = int((parts["i"] - parts["j"]).max())
     blocks, slope = np.zeros((reach + 1, frames, OWN, OWN)), np.zeros((frames, OWN))
     blocks[0] += np.diag(prior)
@@ -148,7 +186,9 @@ def _equations(parts: Parts, value: Array, weight: Array, prior: Array, frames: 
 
 
 def _band(blocks: Array) -> Array:
-    """((reach + 1) OWN, F OWN) diagonals of the matrix with (reach + 1, F, OWN, OWN) ``blocks`` on its diagonal and below."""
+    """((reach + 1) OWN, F OWN) diagonals of the matrix with (reach + 1, F, OWN, OWN) ``blocks`` on
+    its diagonal and below.
+    """
     reach, frames = blocks.shape[:2]
     band = np.zeros((reach * OWN, frames * OWN), order="F")
     for back in range(reach):
@@ -164,25 +204,30 @@ def _band(blocks: Array) -> Array:
 NODES = {8: 4096, 16: 65536}
 """Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
 DARKEST = -12.0
-"""Logarithm of the darkest light that is distinguished from black: 0.4 of the least linear value of 16 bits."""
+"""Logarithm of the darkest light that is distinguished from black: 0.4 of the least linear value of
+16 bits.
+"""
 
 MOST = SHAPE.most
 """``SHAPE.most`` as a plain number, which compiled functions can read."""
 
 
 class _Scale(NamedTuple):
-    """log_light (V,): of each value. values (NODES,): of each step of the logarithm, from DARKEST to 0."""
+    """log_light (V,): of each value. values (NODES,): of each step of the logarithm, from DARKEST
+    to 0.
+    """
 
     log_light: NDArray[np.float32]
     values: NDArray[Any]
 
 
 def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding) -> Image:
-    """The image with the light's pattern and the frame's gain and shading divided out, at the same bit depth.
+    """The image with the light's pattern and the frame's gain and shading divided out, at the same
+    bit depth.
 
     range_m: (H, W) meters; where it is unknown, the pattern at the reference range is used.
-    Values above full scale are clipped. Values that the camera had clipped stay clipped, and the other channels of such a pixel do
-    not get darker: the pixel would change its color.
+    Values above full scale are clipped. Values that the camera had clipped stay clipped, and the
+    other channels of such a pixel do not get darker: the pixel would change its color.
     """
     out = np.empty_like(image)
     log_range = light.light.log_range(range_m).astype(np.float32)
@@ -213,14 +258,27 @@ def _scale(bit_depth: int, encoding: InputEncoding) -> _Scale:
 
 
 @compiled
-def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, log_shading: Any, scale: Any, clipped: int, out: Any) -> None:
-    """Divide pattern, gain and shading out of every pixel, into ``out``. clipped: least value that the camera may have clipped."""
+def _even(
+    image: Any,
+    log_range: Any,
+    maps: Any,
+    log_gain: Any,
+    log_shading: Any,
+    scale: Any,
+    clipped: int,
+    out: Any,
+) -> None:
+    """Divide pattern, gain and shading out of every pixel, into ``out``. clipped: least value that
+    the camera may have clipped.
+    """
     most, last = np.float32(MOST), scale.values.size - 1
     step = np.float32(last / -DARKEST)
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
             z = log_range[row, column]
-            is_clipped = max(image[row, column, 0], image[row, column, 1], image[row, column, 2]) >= clipped
+            is_clipped = (
+                max(image[row, column, 0], image[row, column, 1], image[row, column, 2]) >= clipped
+            )
             for c in range(3):
                 value = image[row, column, c]
                 pattern = np.float32(0)

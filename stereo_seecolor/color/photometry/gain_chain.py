@@ -1,8 +1,9 @@
-"""The gain of every frame of a dive, solved from the differences of neighboring frames that show the same patches.
+"""The gain of every frame of a dive, solved from the differences of neighboring frames that show
+the same patches.
 
-The pattern over the image and the trend with range have been solved before (in a long dive from a part of the frames). So two
-frames are described by one difference (of luminance, and of three channels of color) and its number of patches. The gains of all
-frames follow from a banded system.
+The pattern over the image and the trend with range have been solved before (in a long dive from a
+part of the frames). So two frames are described by one difference (of luminance, and of three
+channels of color) and its number of patches. The gains of all frames follow from a banded system.
 """
 
 from dataclasses import dataclass
@@ -27,18 +28,24 @@ class ChainSettings:
     """Weights of differences between frames, and when gains are used."""
 
     least_patches: int = 20
-    """Seen by both frames, for the fit and for judging it each: the median of fewer follows single caustics."""
+    """Seen by both frames, for the fit and for judging it each: the median of fewer follows single
+    caustics.
+    """
     alike: float = 10.0
     """Number of patches that count as one, as in the solver of the pattern."""
     gain: float = 0.3
-    """Prior standard deviation of a frame's gain of luminance, logarithm. Twice that of the joint solution: a slope of the pattern
-    can no longer be taken for a drift. On half of the patches of a real dive, 0.15 leaves offsets of 0.082 on the others, 0.3 and
-    0.6 leave 0.074."""
+    """Prior standard deviation of a frame's gain of luminance, logarithm. Twice that of the joint
+    solution: a slope of the pattern can no longer be taken for a drift. On half of the patches of a
+    real dive, 0.15 leaves offsets of 0.082 on the others, 0.3 and 0.6 leave 0.074.
+    """
     floor: tuple[float, float] = (0.05, 0.01)
-    """Least standard error of a difference of luminance and of color, logarithm: what pattern and trend are off by for all patches
-    together."""
+    """Least standard error of a difference of luminance and of color, logarithm: what pattern and
+    trend are off by for all patches together.
+    """
     outlier: float = 2.0
-    """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose, a cloud of sand."""
+    """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose, a
+    cloud of sand.
+    """
     rounds: int = 5
     """Rounds with new weights."""
     offset: float = 0.03
@@ -52,19 +59,23 @@ _LUMINANCE, _COLOR = slice(0, 1), slice(1, 4)
 
 
 DIFFERENCE = np.dtype(
-    [("i", "<i4"), ("j", "<i4"), ("patches", "<i4")] + [(what, "<f4", 4) for what in ("whole", "fitted", "judged", "spread")]
+    [("i", "<i4"), ("j", "<i4"), ("patches", "<i4")]
+    + [(what, "<f4", 4) for what in ("whole", "fitted", "judged", "spread")]
 )
-"""Difference between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches, and their number.
+"""Difference between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B)
+over patches, and their number.
 
-whole: of all patches. fitted, judged: of each half of them. spread: robust standard deviation of one patch's. 76 bytes: a dive of a
-million frames has three million of these.
+whole: of all patches. fitted, judged: of each half of them. spread: robust standard deviation of
+one patch's. 76 bytes: a dive of a million frames has three million of these.
 """
 Differences = NDArray[np.void]
 """(D,) of DIFFERENCE."""
 
 
 class DifferenceTable:
-    """A growing table of differences, stored as bytes. whole: of frames. parts: of parts of their images."""
+    """A growing table of differences, stored as bytes. whole: of frames. parts: of parts of their
+    images.
+    """
 
     def __init__(self) -> None:
         self._whole, self._parts = bytearray(), bytearray()
@@ -85,10 +96,14 @@ class DifferenceTable:
         return np.frombuffer(self._parts, PART)
 
 
-def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> tuple[Differences, Parts]:
-    """Differences between the first frame of a window and each of the others, with the light's pattern and trend removed.
+def differences(
+    window: SeenWindow, light: SurveyLight, size: tuple[int, int]
+) -> tuple[Differences, Parts]:
+    """Differences between the first frame of a window and each of the others, with the light's
+    pattern and trend removed.
 
-    size: (width, height) of the images that the sightings' pixels are of. Parts are empty unless the light has shading.
+    size: (width, height) of the images that the sightings' pixels are of. Parts are empty unless
+    the light has shading.
     """
     good = usable(window.seen)
     seen = window.seen
@@ -100,11 +115,15 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
     first, found, parts = np.flatnonzero(frame == 0), [], [np.zeros(0, PART)]
     for other in range(1, len(window.frames)):
         there = np.flatnonzero(frame == other)
-        common, a, b = np.intersect1d(patch[first], patch[there], assume_unique=True, return_indices=True)
+        common, a, b = np.intersect1d(
+            patch[first], patch[there], assume_unique=True, return_indices=True
+        )
         difference = values[first[a]] - values[there[b]]
         held = (common // 2) % 2 == 1
         if min(held.sum(), (~held).sum()) >= SETTINGS.least_patches:
-            whole, fitted, judged = (np.median(difference[part], axis=0) for part in (held | ~held, ~held, held))
+            whole, fitted, judged = (
+                np.median(difference[part], axis=0) for part in (held | ~held, ~held, held)
+            )
             spread = ROBUST_DEVIATION * np.median(np.abs(difference - whole), axis=0)
             pair = window.frames[0], window.frames[other]
             found.append((*pair, len(common), whole, fitted, judged, spread))
@@ -115,8 +134,10 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The gains of all frames. gains: (F, 3) logarithms of R, G, B, 0 where they do not help. measured (F,): frames that were
-    compared with others. offsets: rms of luminance between frames, without and with gains, on patches left out of the fit.
+    """The gains of all frames. gains: (F, 3) logarithms of R, G, B, 0 where they do not help.
+    measured (F,): frames that were
+    compared with others. offsets: rms of luminance between frames, without and with gains, on
+    patches left out of the fit.
     """
 
     gains: Array
@@ -136,14 +157,21 @@ def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None))
     measured = np.zeros(len(known), np.bool_)
     measured[found["i"]] = measured[found["j"]] = True
     halves, outputs = (_outputs(found, known, part) for part in ("fitted", "whole"))
-    luminance, color = (_offsets(found, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR))
-    used = [_helps(offsets) if use is None else use for use, offsets in zip(chosen, (luminance, color), strict=True)]
+    luminance, color = (
+        _offsets(found, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR)
+    )
+    used = [
+        _helps(offsets) if use is None else use
+        for use, offsets in zip(chosen, (luminance, color), strict=True)
+    ]
     gains = outputs[:, _LUMINANCE] * used[0] + outputs[:, _COLOR] * used[1]
     return Chain(gains, measured, luminance)
 
 
 def offset_between(found: Differences, known: Array) -> float:
-    """rms of luminance between frames on patches left out of the fit, with the (F,) logarithms of known gains subtracted."""
+    """rms of luminance between frames on patches left out of the fit, with the (F,) logarithms of
+    known gains subtracted.
+    """
     return _offsets(found, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
 
 
@@ -160,18 +188,24 @@ def _values(found: Differences, medians: str, output: int, known: Array) -> Arra
 
 
 def _offsets(found: Differences, gains: Array, known: Array, part: slice) -> tuple[float, float]:
-    """rms of the differences between frames on patches left out of the fit, without and with gains."""
+    """rms of the differences between frames on patches left out of the fit, without and with
+    gains.
+    """
     if not len(found):
         return 0.0, 0.0
     columns = range(4)[part]
     weights, squares = found["patches"].astype(np.float64), [0.0, 0.0]
-    for gain, column in zip(gains.T, columns, strict=True):  # one after the other: a long dive has millions of differences
+    for gain, column in zip(
+        gains.T, columns, strict=True
+    ):  # one after the other: a long dive has millions of differences
         off = _values(found, "judged", column, known)
         squares[0] += float(np.einsum("d,d,d", off, off, weights))
         off -= gain[found["i"]]
         off += gain[found["j"]]
         squares[1] += float(np.einsum("d,d,d", off, off, weights))
-    without, with_gains = (float(np.sqrt(square / (len(columns) * weights.sum()))) for square in squares)
+    without, with_gains = (
+        float(np.sqrt(square / (len(columns) * weights.sum()))) for square in squares
+    )
     return without, with_gains
 
 
@@ -181,20 +215,31 @@ def _helps(offsets: tuple[float, float]) -> bool:
 
 
 def _outputs(found: Differences, known: Array, medians: str) -> Array:
-    """(F, 4) gains of luminance and of color, fitted to the medians of that name ("fitted" or "whole")."""
+    """(F, 4) gains of luminance and of color, fitted to the medians of that name ("fitted" or
+    "whole").
+    """
     solved = np.zeros((len(known), 4))
     if not len(found):
         return solved
     i, j = (np.ascontiguousarray(found[end]) for end in "ij")
     for output in range(4):
-        deviation, floor = (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
-        variance = found["spread"][:, output].astype(np.float64) ** 2 * SETTINGS.alike / found["patches"] + floor**2
-        solved[:, output] = _chain(i, j, _values(found, medians, output, known), variance, np.full(len(known), deviation))
+        deviation, floor = (
+            (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
+        )
+        variance = (
+            found["spread"][:, output].astype(np.float64) ** 2 * SETTINGS.alike / found["patches"]
+            + floor**2
+        )
+        solved[:, output] = _chain(
+            i, j, _values(found, medians, output, known), variance, np.full(len(known), deviation)
+        )
     return solved
 
 
 def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Array) -> Array:
-    """(F,) gains about 0 whose differences are the values: least squares with Cauchy weights and the prior of a gain, banded."""
+    """(F,) gains about 0 whose differences are the values: least squares with Cauchy weights and
+    the prior of a gain, banded.
+    """
     frames, reach = len(deviation), int((i - j).max())
     weight, gains = 1.0 / variance, np.zeros(frames)
     for _ in range(SETTINGS.rounds):

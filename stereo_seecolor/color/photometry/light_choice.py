@@ -1,4 +1,6 @@
-"""Chooses the terms of the light: those with which views of patches that were left out of the fit agree better."""
+"""Chooses the terms of the light: those with which views of patches that were left out of the fit
+agree better.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
-from stereo_seecolor.color.photometry.light_solver import Solution, Use, Window, explained, pattern_error, solve
+from stereo_seecolor.color.photometry.light_solver import (
+    Solution,
+    Use,
+    Window,
+    explained,
+    pattern_error,
+    solve,
+)
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
@@ -21,17 +30,25 @@ class ChoiceSettings:
     """When a term is worth using."""
 
     better: float = 0.02
-    """Fraction by which it must lower the spread between views of patches left out; chance lowers it by less than 1 %."""
+    """Fraction by which it must lower the spread between views of patches left out; chance lowers
+    it by less than 1 %.
+    """
     visible: float = 0.003
     """Least by which it must lower it, natural logarithm: less is not seen, even side by side."""
     offset: float = 0.03
-    """Offsets between frames (rms, logarithm) that are worth a gain for each frame, which may then hardly change the spread,"""
+    """Offsets between frames (rms, logarithm) that are worth a gain for each frame, which may then
+    hardly change the spread,
+    """
     offset_left: float = 0.8
     """if at most this fraction of them is left."""
     sure: float = 2.0
-    """Standard errors of the offset of a pair of frames, by the scatter of its patches, beyond which frames differ."""
+    """Standard errors of the offset of a pair of frames, by the scatter of its patches, beyond
+    which frames differ.
+    """
     robust_error: float = 1.17
-    """Relative standard error of a robust standard deviation, times the root of the size of its sample; of Gaussian values."""
+    """Relative standard error of a robust standard deviation, times the root of the size of its
+    sample; of Gaussian values.
+    """
     least_patches: int = 300
     """Left out and seen by two frames or more: fewer judge nothing."""
 
@@ -55,9 +72,11 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The solution with the terms that help. before, after: spread without and with them, on patches left out of the fit.
+    """The solution with the terms that help. before, after: spread without and with them, on
+    patches left out of the fit.
 
-    judging: number of these patches. error: standard error of the pattern, as of ``pattern_error``; 0 without a pattern.
+    judging: number of these patches. error: standard error of the pattern, as of ``pattern_error``;
+    0 without a pattern.
     """
 
     use: Use
@@ -80,20 +99,29 @@ class Candidate(NamedTuple):
     prior: LightPrior
 
 
-def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int) -> Choice:
-    """Choose the candidate with most evidence among those that lower the spread on patches left out enough.
+def choose(
+    windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
+) -> Choice:
+    """Choose the candidate with most evidence among those that lower the spread on patches left out
+    enough.
 
-    These are the candidates that are worth using (ChoiceSettings) and within one standard error of the least spread (Breiman et al.
-    1984, "Classification and regression trees"). Shading, and gains of frames that differ no more than caustics explain, also need
-    more evidence than the same terms without them: patches left out lie under the same caustics as their neighbors in the fit.
+    These are the candidates that are worth using (ChoiceSettings) and within one standard error of
+    the least spread (Breiman et al. 1984, "Classification and regression trees"). Shading, and
+    gains of frames that differ no more than caustics explain, also need more evidence than the same
+    terms without them: patches left out lie under the same caustics as their neighbors in the fit.
     values: as in ``solve``. candidates: the first is no correction. frames: number of frames.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
-    fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
+    fitted, judged = (
+        [value[window.held == held] for window, value in zip(windows, values, strict=True)]
+        for held in (False, True)
+    )
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
     def left(candidate: Candidate) -> Spread:
-        return spread_left(judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior))
+        return spread_left(
+            judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior)
+        )
 
     @cache
     def whole(candidate: Candidate) -> Solution:
@@ -108,8 +136,12 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
 
     nothing, *others = candidates
     before = left(nothing)
-    frames_differ = before.between_frames > LIGHT_CHOICE_SETTINGS.sure * before.by_chance * np.sqrt(nothing.prior.alike)
-    chance = 1 + LIGHT_CHOICE_SETTINGS.robust_error * float(np.sqrt(nothing.prior.alike / max(judging, 1)))
+    frames_differ = before.between_frames > LIGHT_CHOICE_SETTINGS.sure * before.by_chance * np.sqrt(
+        nothing.prior.alike
+    )
+    chance = 1 + LIGHT_CHOICE_SETTINGS.robust_error * float(
+        np.sqrt(nothing.prior.alike / max(judging, 1))
+    )
     tried = [
         (candidate, left(candidate))
         for candidate in others
@@ -117,7 +149,9 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
     ]
     worth = [(candidate, spread) for candidate, spread in tried if _worth(spread, before, chance)]
     most = chance * min((spread.between_views for _, spread in worth), default=0.0)
-    good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [(nothing, before)]
+    good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [
+        (nothing, before)
+    ]
     solved = [(whole(one), one.use, spread) for one, spread in good]
     solution, use, after = min(solved, key=lambda found: found[0].misfit)
     error = pattern_error(solution, [other for other, *_ in solved]) if use.pattern else 0.0
@@ -125,7 +159,9 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
-    """Spread of the differences between each view of a patch and the one before it, with the solution removed."""
+    """Spread of the differences between each view of a patch and the one before it, with the
+    solution removed.
+    """
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
     for window, value in zip(windows, values, strict=True):
@@ -140,14 +176,21 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
     of_pairs = np.split(difference[np.argsort(pair, kind="stable")], np.cumsum(number)[:-1])
     squares = [float((np.median(several, axis=0) ** 2).mean()) for several in of_pairs]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
-    between_views, between_frames = deviation_about_zero(size), float(np.sqrt(np.average(squares, weights=number)))
-    return Spread(between_views, between_frames, between_views * float(np.sqrt(len(number) / len(difference))))
+    between_views, between_frames = (
+        deviation_about_zero(size),
+        float(np.sqrt(np.average(squares, weights=number))),
+    )
+    return Spread(
+        between_views, between_frames, between_views * float(np.sqrt(len(number) / len(difference)))
+    )
 
 
 def _worth(new: Spread, old: Spread, chance: float) -> bool:
     """chance: factor by which the spread between views may grow without being worse."""
     lowered = old.between_views - new.between_views
-    evener = lowered > max(LIGHT_CHOICE_SETTINGS.better * old.between_views, LIGHT_CHOICE_SETTINGS.visible)
+    evener = lowered > max(
+        LIGHT_CHOICE_SETTINGS.better * old.between_views, LIGHT_CHOICE_SETTINGS.visible
+    )
     steadier = (
         old.between_frames > LIGHT_CHOICE_SETTINGS.offset
         and new.between_frames < LIGHT_CHOICE_SETTINGS.offset_left * old.between_frames
@@ -167,17 +210,24 @@ class OneLightSettings:
     """When one light is refused."""
 
     evidence: float = 10.0
-    """For each light more, twice the natural logarithm: very strong (Kass and Raftery 1995). Lamps switched on between two lines:
-    69 to 116 on five drawn dives; one light throughout: at most 4 on 21, at most 5 on 12 ways to part a real dive."""
+    """For each light more, twice the natural logarithm: very strong (Kass and Raftery 1995). Lamps
+    switched on between two lines:
+    69 to 116 on five drawn dives; one light throughout: at most 4 on 21, at most 5 on 12 ways to
+    part a real dive.
+    """
 
 
 ONE_LIGHT_SETTINGS = OneLightSettings()
 
 
-def under_one_light(windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int) -> bool:
-    """Whether one light explains all windows about as well as a light for each part of the dive that shares no spot with others.
+def under_one_light(
+    windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
+) -> bool:
+    """Whether one light explains all windows about as well as a light for each part of the dive
+    that shares no spot with others.
 
-    values, frames: as ``solve``'s. candidates: the lights that are tried for all together, and for each part.
+    values, frames: as ``solve``'s. candidates: the lights that are tried for all together, and for
+    each part.
     """
     parts = _parts(windows, frames)
     if len(parts) == 1:
@@ -185,10 +235,15 @@ def under_one_light(windows: Sequence[Window], values: Sequence[Array], candidat
 
     def misfit(part: Sequence[int]) -> float:
         held, seen = [windows[number] for number in part], [values[number] for number in part]
-        return min(solve(held, seen, candidate.use, frames, candidate.prior).misfit for candidate in candidates)
+        return min(
+            solve(held, seen, candidate.use, frames, candidate.prior).misfit
+            for candidate in candidates
+        )
 
     together = misfit(range(len(windows)))
-    return together - sum(misfit(part) for part in parts) < ONE_LIGHT_SETTINGS.evidence * (len(parts) - 1)
+    return together - sum(misfit(part) for part in parts) < ONE_LIGHT_SETTINGS.evidence * (
+        len(parts) - 1
+    )
 
 
 def _parts(windows: Sequence[Window], frames: int) -> list[list[int]]:
@@ -207,24 +262,32 @@ def _parts(windows: Sequence[Window], frames: int) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class CrossingSettings:
-    """Limits on the reef's motion through the picture, in sizes of the picture. Chosen by cross-validation on a real dive of
+    """Limits on the reef's motion through the picture, in sizes of the picture. Chosen by
+    cross-validation on a real dive of
     20 frames: the pattern of each part of 2 to 10 frames was applied to the frames outside it.
     """
 
     alike: float = 10.0
-    """Number of sightings that count as one: neighbors are under the same caustic, and have the same errors of range and pose."""
+    """Number of sightings that count as one: neighbors are under the same caustic, and have the
+    same errors of range and pose.
+    """
     whole: float = 1.5
-    """Motion below which more sightings count as one, in inverse proportion. Three neighboring frames cross 0.3: their pattern of
-    luminance left 0.84 to 1.22 of the spread of other frames with 10 alike, with 50 it leaves 0.84 to 0.94."""
+    """Motion below which more sightings count as one, in inverse proportion. Three neighboring
+    frames cross 0.3: their pattern of luminance left 0.84 to 1.22 of the spread of other frames
+    with 10 alike, with 50 it leaves 0.84 to 0.94.
+    """
     color: float = 1.0
-    """Least for a pattern of color. With less, it made other frames worse (up to 1.5 times at 0.3, 1.3 at 0.7)."""
+    """Least for a pattern of color. With less, it made other frames worse (up to 1.5 times at 0.3,
+    1.3 at 0.7).
+    """
 
 
 CROSSING_SETTINGS = CrossingSettings()
 
 
 def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> float:
-    """The sum over all windows of the reef's motion through the image, from the window's first frame to the nearest other.
+    """The sum over all windows of the reef's motion through the image, from the window's first
+    frame to the nearest other.
 
     In image sizes. size: (width, height) of the images that the sightings' pixels are of.
     """
@@ -233,14 +296,18 @@ def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> fl
 
 def alike(crossed: float) -> float:
     """The number of correlated sightings that count as one. crossed: of ``pictures_crossed``."""
-    return CROSSING_SETTINGS.alike * max(1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole))
+    return CROSSING_SETTINGS.alike * max(
+        1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
+    )
 
 
 def _shift(window: SeenWindow, size: tuple[int, int]) -> float:
     """Median motion of a window's patches, in image sizes."""
     nearest, seen = 1 + int(np.argmin(np.abs(window.frames[1:] - window.frames[0]))), window.seen
     first, there = (np.flatnonzero(seen.frame == number) for number in (0, nearest))
-    common, a, b = np.intersect1d(seen.patch[first], seen.patch[there], assume_unique=True, return_indices=True)
+    common, a, b = np.intersect1d(
+        seen.patch[first], seen.patch[there], assume_unique=True, return_indices=True
+    )
     if not common.size:
         return 0.0
     moved = (seen.pixel[first[a]] - seen.pixel[there[b]]) / np.array(size)

@@ -1,10 +1,13 @@
-"""The model of a survey's light: the brightness of one surface depends on its place in the image, its range and the frame.
+"""The model of a survey's light: the brightness of one surface depends on its place in the image,
+its range and the frame.
 
-    log I_c(u, v, z, frame) = log scene_c + log pattern_c(u, v, z) + log gain_c(frame) + log shading_c(u, v, frame)
+    log I_c(u, v, z, frame) = log scene_c + log pattern_c(u, v, z) + log gain_c(frame) + log
+        shading_c(u, v, frame)
 
-The pattern is vignetting times the light of lamps on the rig: smooth over the image and over range, the same in all frames. Its
-logarithm is a polynomial with mean 0 over the image at every range, so that the trend with range is left to the water. The shading
-is sunlight and shadows that move over the reef: a polynomial over the image, another for each frame.
+The pattern is vignetting times the light of lamps on the rig: smooth over the image and over range,
+the same in all frames. Its logarithm is a polynomial with mean 0 over the image at every range, so
+that the trend with range is left to the water. The shading is sunlight and shadows that move over
+the reef: a polynomial over the image, another for each frame.
 """
 
 from array import array
@@ -28,20 +31,29 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PatternShape:
-    """The polynomial. On 20 frames of a strobe-lit reef, half of its sightings left out, degrees 6 and 8 gain nothing more."""
+    """The polynomial. On 20 frames of a strobe-lit reef, half of its sightings left out, degrees 6
+    and 8 gain nothing more.
+    """
 
     degree: int = 4
     """Total degree over the image: lamps and lenses are as smooth as that."""
     range_degree: int = 2
     """Degree in the logarithm of the range."""
     range_step: float = 0.2
-    """Logarithm of range that is 1 in the polynomial: keeps its terms of like size at usual relief."""
+    """Logarithm of range that is 1 in the polynomial: keeps its terms of like size at usual
+    relief.
+    """
     most: float = 1.6
     """Largest logarithm of the pattern, up and down: a factor of 5; more is extrapolation."""
 
 
 SHAPE = PatternShape()
-POWERS = tuple((a, b) for total in range(1, SHAPE.degree + 1) for a in range(total, -1, -1) for b in [total - a])
+POWERS = tuple(
+    (a, b)
+    for total in range(1, SHAPE.degree + 1)
+    for a in range(total, -1, -1)
+    for b in [total - a]
+)
 """Powers of x and y of the pattern's terms."""
 PATTERN = len(POWERS)
 """Terms of the pattern at the reference range; as many follow for each power of the range."""
@@ -52,7 +64,9 @@ SHADING = 5
 
 @dataclass(frozen=True, eq=False)
 class ByFrame(Mapping[str, Array]):
-    """A mapping from a frame's name to (K,) numbers. numbers: (F, K) for all ``names``, NaN for those that have none."""
+    """A mapping from a frame's name to (K,) numbers. numbers: (F, K) for all ``names``, NaN for
+    those that have none.
+    """
 
     names: Names = field(default_factory=Names)
     numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
@@ -92,18 +106,25 @@ class _Items(ItemsView[str, Array]):
 
     def __iter__(self) -> Iterator[tuple[str, Array]]:
         of = self._mapping
-        return ((name, numbers) for name, numbers, known in zip(of.names, of.numbers, of._known, strict=True) if known)
+        return (
+            (name, numbers)
+            for name, numbers, known in zip(of.names, of.numbers, of._known, strict=True)
+            if known
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
     """The light of a survey.
 
-    coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: range at which only the first PATTERN terms are
-    not 0. seen_m: nearest and farthest range at which it was measured. gains: name of a frame -> (3,) logarithm of its gain.
-    fade: power of the range by which the light of a surface falls off, by water and lamps together; 0 where it was not measured.
+    coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: range at which
+    only the first PATTERN terms are not 0. seen_m: nearest and farthest range at which it was
+    measured. gains: name of a frame -> (3,) logarithm of its gain.
+    fade: power of the range by which the light of a surface falls off, by water and lamps together;
+    0 where it was not measured.
     color_trend: change of a surface's color with range; None where it was not measured.
-    shading: name of a frame -> (3 SHADING,) coefficients of the logarithm of its shading, each for R, G, B.
+    shading: name of a frame -> (3 SHADING,) coefficients of the logarithm of its shading, each for
+    R, G, B.
     """
 
     coefficients: Array
@@ -125,12 +146,18 @@ class Light:
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 
     def log_range(self, range_m: NDArray[np.floating]) -> Array:
-        """The polynomial's variable, log of range: 0 at the reference range, and where the range is unknown."""
+        """The polynomial's variable, log of range: 0 at the reference range, and where the range is
+        unknown.
+        """
         known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
-        return np.asarray(np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step)
+        return np.asarray(
+            np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step
+        )
 
     def maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
-        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each pixel and channel."""
+        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each pixel
+        and channel.
+        """
         if size not in self._maps:
             self._maps[size] = self._computed_maps(size)
         return self._maps[size]
@@ -141,7 +168,10 @@ class Light:
 
     def _computed_maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
         width, height = size
-        x, y = _normalized(np.arange(width, dtype=np.float64), width), _normalized(np.arange(height, dtype=np.float64), height)
+        x, y = (
+            _normalized(np.arange(width, dtype=np.float64), width),
+            _normalized(np.arange(height, dtype=np.float64), height),
+        )
         parts = self.coefficients.reshape(SHAPE.range_degree + 1, PATTERN, 3)
         grid = np.zeros((SHAPE.degree + 1, SHAPE.degree + 1, 3, SHAPE.range_degree + 1))
         for term, (a, b) in enumerate(POWERS):
@@ -154,7 +184,10 @@ class Light:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of the whole light."""
-        gains, shading = (content_key_of(one for pair in of.items() for one in pair) for of in (self.gains, self.shading))
+        gains, shading = (
+            content_key_of(one for pair in of.items() for one in pair)
+            for of in (self.gains, self.shading)
+        )
         return content_key(replace(self, gains={}, shading={}).content(), gains, shading)
 
     def content(self) -> dict[str, Any]:
@@ -171,13 +204,25 @@ class Light:
 
     @classmethod
     def from_content(cls, content: Any) -> "Light":
-        """The light from JSON. Raises ValueError, KeyError or TypeError where ``content`` is something else."""
+        """The light from JSON. Raises ValueError, KeyError or TypeError where ``content`` is
+        something else.
+        """
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
         gains = ByFrame.of(content["log_gains"].items(), 3)
         shading = ByFrame.of(content.get("log_shading", {}).items(), 3 * SHADING)
-        trend = ColorTrend.from_content(content["color_trend"]) if "color_trend" in content else None
-        return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]), trend, shading)
+        trend = (
+            ColorTrend.from_content(content["color_trend"]) if "color_trend" in content else None
+        )
+        return cls(
+            coefficients,
+            float(content["reference_m"]),
+            (near_m, far_m),
+            gains,
+            float(content["fade"]),
+            trend,
+            shading,
+        )
 
 
 def _streamed(of: Mapping[str, Array]) -> Streamed:
@@ -186,7 +231,8 @@ def _streamed(of: Mapping[str, Array]) -> Streamed:
 
 @dataclass(frozen=True, eq=False)
 class FrameLight:
-    """The light in the pixels of one frame. log_gain: (3,), 0 where none was measured. maps: as of ``Light.maps``.
+    """The light in the pixels of one frame. log_gain: (3,), 0 where none was measured. maps: as of
+    ``Light.maps``.
     log_shading: (H, W, 3).
     """
 
@@ -195,11 +241,20 @@ class FrameLight:
     maps: NDArray[np.float32]
     log_shading: NDArray[np.float32]
 
-    def seen_through(self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> "FrameLight":
-        """The same light in the pixels of another image, such as the unrectified one, to which ``warp`` takes an (H, W) map."""
+    def seen_through(
+        self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]
+    ) -> "FrameLight":
+        """The same light in the pixels of another image, such as the unrectified one, to which
+        ``warp`` takes an (H, W) map.
+        """
         powers = range(self.maps.shape[-1])
-        maps = [np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1) for c in range(3)]
-        shading = np.stack([warp(np.ascontiguousarray(self.log_shading[..., c])) for c in range(3)], axis=2)
+        maps = [
+            np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1)
+            for c in range(3)
+        ]
+        shading = np.stack(
+            [warp(np.ascontiguousarray(self.log_shading[..., c])) for c in range(3)], axis=2
+        )
         return replace(self, maps=np.stack(maps, axis=2), log_shading=shading)
 
 
@@ -207,34 +262,52 @@ def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Arra
     """(N, TERMS) of the polynomial, each of mean 0 over the picture."""
     x, y = places(pixel, size).T
     flat = np.stack([x**a * y**b - _mean(a, b) for a, b in POWERS], axis=1)
-    return np.concatenate([flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1)
+    return np.concatenate(
+        [flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1
+    )
 
 
 def places(pixel: Array, size: tuple[int, int]) -> Array:
-    """(N, 2) pixels x, y normalized to -1 at the first edge of an image of ``size`` (width, height), and 1 at the last."""
+    """(N, 2) pixels x, y normalized to -1 at the first edge of an image of ``size`` (width,
+    height), and 1 at the last.
+    """
     return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
 
 
 def shading_terms(place: Array) -> Array:
     """(N, SHADING) of a frame's shading at (N, 2) ``places``, each of mean 0 over the picture."""
-    return np.stack([place[:, 0] ** a * place[:, 1] ** b - _mean(a, b) for a, b in POWERS[:SHADING]], axis=1)
+    return np.stack(
+        [place[:, 0] ** a * place[:, 1] ** b - _mean(a, b) for a, b in POWERS[:SHADING]], axis=1
+    )
 
 
 def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
-    """(H, W, 3) logarithm of a frame's shading in a picture of ``size`` (width, height); coefficients: as of ``Light.shading``."""
+    """(H, W, 3) logarithm of a frame's shading in a picture of ``size`` (width, height);
+    coefficients: as of ``Light.shading``.
+    """
     width, height = size
     if not coefficients.any():
         return np.zeros((height, width, 3), np.float32)
-    x, y = _normalized(np.arange(width, dtype=np.float64), width), _normalized(np.arange(height, dtype=np.float64), height)
-    of_rows = [y[:, None] ** b * of_rgb for (_, b), of_rgb in zip(POWERS, coefficients.reshape(SHADING, 3), strict=False)]
+    x, y = (
+        _normalized(np.arange(width, dtype=np.float64), width),
+        _normalized(np.arange(height, dtype=np.float64), height),
+    )
+    of_rows = [
+        y[:, None] ** b * of_rgb
+        for (_, b), of_rgb in zip(POWERS, coefficients.reshape(SHADING, 3), strict=False)
+    ]
     mean = np.array([_mean(a, b) for a, b in POWERS[:SHADING]]) @ coefficients.reshape(SHADING, 3)
     rows = np.stack([*of_rows, np.tile(-mean, (height, 1))])  # (SHADING + 1, H, 3)
     columns = np.stack([*(x**a for a, _ in POWERS[:SHADING]), np.ones(width)])
-    return np.asarray(np.einsum("sx,syc->yxc", columns.astype(np.float32), rows.astype(np.float32), optimize=True))
+    return np.asarray(
+        np.einsum("sx,syc->yxc", columns.astype(np.float32), rows.astype(np.float32), optimize=True)
+    )
 
 
 def _normalized(pixel: Array, size: int) -> Array:
-    """Pixel coordinates normalized to -1 at the first edge of the image and 1 at the last. size: pixels from edge to edge."""
+    """Pixel coordinates normalized to -1 at the first edge of the image and 1 at the last. size:
+    pixels from edge to edge.
+    """
     return (2 * pixel + 1 - size) / size
 
 
@@ -243,19 +316,32 @@ def _mean(a: int, b: int) -> float:
     return 0.0 if a % 2 or b % 2 else 1.0 / ((a + 1) * (b + 1))
 
 
-MEAN_SQUARES = np.array([[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c, d in POWERS] for a, b in POWERS])
+MEAN_SQUARES = np.array(
+    [[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c, d in POWERS] for a, b in POWERS]
+)
 """(PATTERN, PATTERN) mean over the picture of the products of the pattern's terms."""
 
 
 def lit_by(water: Water, light: Light | None) -> Water:
-    """The water with two measurements of the light: the change of colors with range, and the fall-off of lamps on the rig."""
-    return water if light is None else with_color_trend(_with_fall_off(water, light), light.color_trend)
+    """The water with two measurements of the light: the change of colors with range, and the
+    fall-off of lamps on the rig.
+    """
+    return (
+        water
+        if light is None
+        else with_color_trend(_with_fall_off(water, light), light.color_trend)
+    )
 
 
 def _with_fall_off(water: Water, light: Light) -> Water:
-    """The water with the fall-off of lamps on the rig: the fall-off with range that the water itself does not explain."""
+    """The water with the fall-off of lamps on the rig: the fall-off with range that the water
+    itself does not explain.
+    """
     if not light.fade:
         return water
     near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
     near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)
-    return replace(water, fall_off=float(np.clip(light.fade - (near - far) / SHAPE.range_step, 0.0, LIMITS.fall_off)))
+    return replace(
+        water,
+        fall_off=float(np.clip(light.fade - (near - far) / SHAPE.range_step, 0.0, LIMITS.fall_off)),
+    )

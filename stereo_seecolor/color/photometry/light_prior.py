@@ -1,4 +1,6 @@
-"""Priors of a survey's light: its pattern, trend, gains and shading; lamps on the rig; lenses in sunlight."""
+"""Priors of a survey's light: its pattern, trend, gains and shading; lamps on the rig; lenses in
+sunlight.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
-from stereo_seecolor.color.photometry.light_model import PATTERN, POWERS, SHADING, SHAPE, TERMS, pattern_terms
+from stereo_seecolor.color.photometry.light_model import (
+    PATTERN,
+    POWERS,
+    SHADING,
+    SHAPE,
+    TERMS,
+    pattern_terms,
+)
 
 # A prior of the light of lamps on the rig: the light of many random rigs is computed, and its
 # mean and covariance taken.
@@ -26,9 +35,13 @@ class LampSettings:
     """The random rigs; pairs are the ends of uniform distributions."""
 
     rigs: int = 400
-    """Number of rigs, nine for each coefficient of the pattern: the covariance is stable to a few percent."""
+    """Number of rigs, nine for each coefficient of the pattern: the covariance is stable to a few
+    percent.
+    """
     sideways_m: float = 0.8
-    """Lamps are up to this far from the camera, to both sides (or above and below): arms longer than that are rare."""
+    """Lamps are up to this far from the camera, to both sides (or above and below): arms longer
+    than that are rare.
+    """
     up_m: float = 0.5
     """Distance of lamps from the camera in the direction across, each way."""
     ahead_m: float = 0.3
@@ -44,9 +57,13 @@ class LampSettings:
     half_width: tuple[float, float] = (0.4, 0.9)
     """Tangent of half the horizontal field of view: 44 to 84 degrees."""
     sun: tuple[float, float] = (0.0, 0.6)
-    """Fraction of the light at the reference range that is the sun's: none at night, most in shallow water by day."""
+    """Fraction of the light at the reference range that is the sun's: none at night, most in
+    shallow water by day.
+    """
     rest: float = 0.05
-    """Standard deviation of what is not drawn (shading, reflectors), of a coefficient of the pattern; of its change a fifth."""
+    """Standard deviation of what is not drawn (shading, reflectors), of a coefficient of the
+    pattern; of its change a fifth.
+    """
     rest_trend: float = 0.04
     """Standard deviation of the same in the trend, for a range that is a fifth longer."""
 
@@ -63,32 +80,43 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for rigs with lamps.
+    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for rigs with
+    lamps.
 
-    By night and by day, when the sun adds even light. reference_m: the range that the images are taken from.
+    By night and by day, when the sun adds even light. reference_m: the range that the images are
+    taken from.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5
     pixel, steps = np.tile(places, (len(_STEPS), 1)), np.repeat(_STEPS, len(places))
     terms = np.column_stack([pattern_terms(pixel, steps, SIZE), steps, np.ones_like(steps)])
-    range_m, draws = reference_m * np.exp(SHAPE.range_step * steps), low_discrepancy(LAMP_PRIOR_SETTINGS.rigs, 18)
+    range_m, draws = (
+        reference_m * np.exp(SHAPE.range_step * steps),
+        low_discrepancy(LAMP_PRIOR_SETTINGS.rigs, 18),
+    )
     light = np.stack([_light(draw, pixel, range_m, steps == 0) for draw in draws])
     regular = 1e-6 * len(steps) * np.eye(terms.shape[1])
     found = np.linalg.solve(terms.T @ terms + regular, terms.T @ light.T)[: TERMS + 1].T
     number = TERMS // (SHAPE.range_degree + 1)
     rest = np.array(
-        [LAMP_PRIOR_SETTINGS.rest] * number + [0.2 * LAMP_PRIOR_SETTINGS.rest] * (TERMS - number) + [LAMP_PRIOR_SETTINGS.rest_trend]
+        [LAMP_PRIOR_SETTINGS.rest] * number
+        + [0.2 * LAMP_PRIOR_SETTINGS.rest] * (TERMS - number)
+        + [LAMP_PRIOR_SETTINGS.rest_trend]
     )
     return found.mean(axis=0), np.cov(found.T) + np.diag(rest**2)
 
 
 def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool_]) -> Array:
-    """(N,) logarithm of the light that returns to (N, 2) pixels from (N,) ranges. draw: (18,) numbers in [0, 1).
+    """(N,) logarithm of the light that returns to (N, 2) pixels from (N,) ranges. draw: (18,)
+    numbers in [0, 1).
 
     reference: (N,) True at the range for which the sun's fraction is defined.
     """
     tangent, corner = _between(LAMP_PRIOR_SETTINGS.half_width, draw[0]), _between(CORNER, draw[1])
-    attenuation, one = _between(LAMP_PRIOR_SETTINGS.attenuation, draw[2]), draw[3] < LAMP_PRIOR_SETTINGS.alone
+    attenuation, one = (
+        _between(LAMP_PRIOR_SETTINGS.attenuation, draw[2]),
+        draw[3] < LAMP_PRIOR_SETTINGS.alone,
+    )
     across = (2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * tangent
     ray = np.column_stack([across, np.ones(len(pixel))])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -106,7 +134,11 @@ def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool
         distance_m = np.linalg.norm(away, axis=1)
         axis = np.array([*(LAMP_PRIOR_SETTINGS.aim_rad * np.sqrt(12) * (part[3:5] - 0.5)), 1.0])
         cosine = np.maximum(away @ axis / np.linalg.norm(axis) / distance_m, 0.02)
-        beam = cosine ** _between(LAMP_PRIOR_SETTINGS.beam, part[5]) / distance_m**2 * np.exp(-attenuation * distance_m)
+        beam = (
+            cosine ** _between(LAMP_PRIOR_SETTINGS.beam, part[5])
+            / distance_m**2
+            * np.exp(-attenuation * distance_m)
+        )
         lit += beam * (not (one and side > 0))
     sun = _between(LAMP_PRIOR_SETTINGS.sun, draw[17])
     lit += lit[reference].mean() * sun / (1 - sun)
@@ -131,26 +163,40 @@ class LensSettings:
     """Standard deviations, of logarithms."""
 
     rest: float = 0.03
-    """Of the part of a coefficient of the pattern that is not radial: housings and ports are mounted nearly centered. Its change
-    for a range that is a fifth longer has a fifth of this, as for lamps."""
+    """Of the part of a coefficient of the pattern that is not radial: housings and ports are
+    mounted nearly centered. Its change for a range that is a fifth longer has a fifth of this, as
+    for lamps.
+    """
     gain: float = 0.5
-    """Of a frame's gain: clouds, the sun's height and automatic exposure change it by a stop and more."""
+    """Of a frame's gain: clouds, the sun's height and automatic exposure change it by a stop and
+    more.
+    """
 
 
 LENS_PRIOR_SETTINGS = LensSettings()
 
 
 def lens_ensemble(trend: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses in daylight.
+    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses in
+    daylight.
 
-    trend: standard deviation of the trend. The mean is no pattern, so that a pattern that the dive does not determine stays even.
+    trend: standard deviation of the trend. The mean is no pattern, so that a pattern that the dive
+    does not determine stays even.
     """
     radial = np.zeros(TERMS + 1)
     width, height = SIZE
-    radial[POWERS.index((2, 0))], radial[POWERS.index((0, 2))] = np.array([width**2, height**2]) / (width**2 + height**2)
+    radial[POWERS.index((2, 0))], radial[POWERS.index((0, 2))] = np.array([width**2, height**2]) / (
+        width**2 + height**2
+    )
     corner = np.log(np.linspace(*CORNER, 101))
-    rest = [LENS_PRIOR_SETTINGS.rest] * PATTERN + [0.2 * LENS_PRIOR_SETTINGS.rest] * (TERMS - PATTERN) + [trend]
-    return np.zeros(TERMS + 1), (corner**2).mean() * np.outer(radial, radial) + np.diag(np.square(rest))
+    rest = (
+        [LENS_PRIOR_SETTINGS.rest] * PATTERN
+        + [0.2 * LENS_PRIOR_SETTINGS.rest] * (TERMS - PATTERN)
+        + [trend]
+    )
+    return np.zeros(TERMS + 1), (corner**2).mean() * np.outer(radial, radial) + np.diag(
+        np.square(rest)
+    )
 
 
 # Priors of a survey's light: Gaussians of pattern, trend with range, gains and shading of frames.
@@ -160,8 +206,8 @@ def lens_ensemble(trend: float) -> tuple[Array, Array]:
 class Deviations:
     """Prior standard deviations of logarithms with mean 0.
 
-    A slope of the pattern along the track and a drift of gains look alike. Gains are held so close to 0 that the pattern explains
-    both.
+    A slope of the pattern along the track and a drift of gains look alike. Gains are held so close
+    to 0 that the pattern explains both.
     """
 
     coefficient: float
@@ -173,18 +219,26 @@ class Deviations:
     gain: float
     """Standard deviation of a frame's gain."""
     shading: float
-    """Standard deviation of how a frame's shading changes from the middle of the picture to its edge."""
+    """Standard deviation of how a frame's shading changes from the middle of the picture to its
+    edge.
+    """
     systematic: float
-    """Error of the model itself (the light of lamps is no polynomial): sightings weigh no more than with this error against the
-    priors, however well they agree."""
+    """Error of the model itself (the light of lamps is no polynomial): sightings weigh no more than
+    with this error against the priors, however well they agree.
+    """
 
 
-LUMINANCE = Deviations(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05)
-"""Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a fifth of a stop. Without
-``systematic`` gains took half of the lamps' fall-off, on a synthetic night dive whose views agree within 1 %."""
+LUMINANCE = Deviations(
+    coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05
+)
+"""Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a
+fifth of a stop. Without ``systematic`` gains took half of the lamps' fall-off, on a synthetic night
+dive whose views agree within 1 %.
+"""
 COLOR = Deviations(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03, shading=0.05, systematic=0.0)
-"""Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for gains the frames of a real dive
-drifted from pink to green, at the same agreement between views."""
+"""Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for
+gains the frames of a real dive drifted from pink to green, at the same agreement between views.
+"""
 
 
 def shading_deviations(about: Deviations) -> tuple[float, ...]:
@@ -200,18 +254,23 @@ class Gaussian:
     precision: Array
 
     def misfit(self, found: Array, squares: float, matrix: Array) -> float:
-        """Twice the negative logarithm of the evidence for this prior, up to a constant (MacKay 1992).
+        """Twice the negative logarithm of the evidence for this prior, up to a constant (MacKay
+        1992).
 
-        found: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal equations.
+        found: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
+        equations.
         """
         off = found - self.mean[:, None]
-        spread = np.linalg.slogdet(matrix + self.precision)[1] - np.linalg.slogdet(self.precision)[1]
+        spread = (
+            np.linalg.slogdet(matrix + self.precision)[1] - np.linalg.slogdet(self.precision)[1]
+        )
         return float(squares + (off * (self.precision @ off)).sum() + found.shape[1] * spread)
 
 
 @dataclass(frozen=True, eq=False)
 class LightPrior:
-    """A prior of the light. mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
+    """A prior of the light. mean, covariance: of the TERMS coefficients and the trend. gain,
+    systematic: as in Deviations.
 
     shading: (SHADING,) standard deviations of the coefficients of a frame's shading.
     alike: number of correlated sightings that count as one measurement against the prior.
@@ -227,30 +286,51 @@ class LightPrior:
     @classmethod
     def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
         """The prior for light of unknown kind: independent coefficients of mean 0."""
-        deviations = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
+        deviations = (
+            [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
+        )
         return cls(
-            np.zeros(TERMS + 1), np.diag(np.square(deviations)), about.gain, shading_deviations(about), about.systematic, alike
+            np.zeros(TERMS + 1),
+            np.diag(np.square(deviations)),
+            about.gain,
+            shading_deviations(about),
+            about.systematic,
+            alike,
         )
 
     @classmethod
     def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
-        """The prior of luminance under lamps on the rig, with or without daylight, in pictures taken from about ``reference_m``."""
-        return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, alike)
+        """The prior of luminance under lamps on the rig, with or without daylight, in pictures
+        taken from about ``reference_m``.
+        """
+        return cls(
+            *lamp_ensemble(reference_m),
+            LUMINANCE.gain,
+            shading_deviations(LUMINANCE),
+            LUMINANCE.systematic,
+            alike,
+        )
 
     @classmethod
     def lens(cls, alike: float) -> "LightPrior":
-        """The prior of the luminance of pictures in sunlight, whose strength and exposure change from frame to frame."""
+        """The prior of the luminance of pictures in sunlight, whose strength and exposure change
+        from frame to frame.
+        """
         ensemble, gain = lens_ensemble(LUMINANCE.trend), LENS_PRIOR_SETTINGS.gain
         return cls(*ensemble, gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
-        """The prior of the terms in use (``columns``), and of gain and shading of ``frames`` frames.
+        """The prior of the terms in use (``columns``), and of gain and shading of ``frames``
+        frames.
 
         of_frame: number of unknowns of a frame: none, its gain, or its gain and its shading.
         """
         number = int(columns.sum())
         own = np.tile([self.gain, *self.shading][:of_frame], frames)
-        mean, precision = np.zeros(number + own.size), np.diag(np.concatenate([np.ones(number), own**-2.0]))
+        mean, precision = (
+            np.zeros(number + own.size),
+            np.diag(np.concatenate([np.ones(number), own**-2.0])),
+        )
         mean[:number] = self.mean[columns]
         precision[:number, :number] = np.linalg.inv(self.covariance[np.ix_(columns, columns)])
         return Gaussian(mean, precision)

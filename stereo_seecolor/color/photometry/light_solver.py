@@ -1,10 +1,13 @@
-"""The light of a survey from patches that several frames see: robust least squares on the sums of windows of neighboring frames.
+"""The light of a survey from patches that several frames see: robust least squares on the sums of
+windows of neighboring frames.
 
-    log light of sighting k = scene(patch_k) + terms_k coefficients + trend(range_k) + log_gain(frame_k)
+    log light of sighting k = scene(patch_k) + terms_k coefficients + trend(range_k) +
+        log_gain(frame_k)
 
-The brightness of a patch is unknown and eliminated within its window, so that each window adds its own normal equations. The trend
-with range holds the water and the fall-off of lamps; it is fitted with the rest and left in the images. Luminance (the mean
-logarithm of R, G, B) and color (the rest) are solved separately: moving shadows and caustics disturb luminance, and color hardly.
+The brightness of a patch is unknown and eliminated within its window, so that each window adds its
+own normal equations. The trend with range holds the water and the fall-off of lamps; it is fitted
+with the rest and left in the images. Luminance (the mean logarithm of R, G, B) and color (the rest)
+are solved separately: moving shadows and caustics disturb luminance, and color hardly.
 """
 
 from collections.abc import Sequence
@@ -14,7 +17,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHADING, SHAPE, TERMS, pattern_terms
+from stereo_seecolor.color.photometry.light_model import (
+    MEAN_SQUARES,
+    PATTERN,
+    SHADING,
+    SHAPE,
+    TERMS,
+    pattern_terms,
+)
 from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
 from stereo_seecolor.color.photometry.observations import Sightings
 from stereo_seecolor.robust_statistics import deviation_about_zero
@@ -29,18 +39,26 @@ class SolverSettings:
     rounds: int = 5
     """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
-    """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics, fish, wrong matches."""
+    """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics,
+    fish, wrong matches.
+    """
     first_prior: float = 1e-3
-    """Precision of all unknowns in the first round, before the scatter is known: it only keeps the system solvable."""
+    """Precision of all unknowns in the first round, before the scatter is known: it only keeps the
+    system solvable.
+    """
     least_scale: float = 1e-4
-    """Least robust standard deviation of the residuals, logarithm: sightings without noise would all be outliers."""
+    """Least robust standard deviation of the residuals, logarithm: sightings without noise would
+    all be outliers.
+    """
 
 
 SETTINGS = SolverSettings()
 
 
 class Use(NamedTuple):
-    """Terms in use. ranged: the pattern changes with range. shading: each frame has a pattern of its own beside its gain."""
+    """Terms in use. ranged: the pattern changes with range. shading: each frame has a pattern of
+    its own beside its gain.
+    """
 
     pattern: bool = False
     ranged: bool = False
@@ -61,7 +79,8 @@ class Use(NamedTuple):
 class Window:
     """Sightings of one window.
 
-    patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light (N, 3).
+    patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light
+    (N, 3).
     held (N,): sightings of patches that are left out of the fit, to judge it.
     """
 
@@ -84,10 +103,12 @@ class Window:
 class Solution:
     """A solved light; Q outputs: 1 for luminance, 3 for color.
 
-    coefficients: (TERMS, Q), 0 of terms that are not in use. trend: (1, Q), per unit of ``Light.log_range``. gains: (F, Q)
-    logarithms of mean 0. shading: (F, SHADING, Q) coefficients. trend_error: standard error of each number of the trend.
+    coefficients: (TERMS, Q), 0 of terms that are not in use. trend: (1, Q), per unit of
+    ``Light.log_range``. gains: (F, Q) logarithms of mean 0. shading: (F, SHADING, Q) coefficients.
+    trend_error: standard error of each number of the trend.
     misfit: twice the negative logarithm of the evidence, to compare priors and terms.
-    covariance: (PATTERN, PATTERN) of the coefficients of the pattern at the reference range; 0 without a pattern.
+    covariance: (PATTERN, PATTERN) of the coefficients of the pattern at the reference range; 0
+    without a pattern.
     """
 
     coefficients: Array
@@ -101,37 +122,53 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Makes a Window from sightings. size: (width, height) of the image. reference_m, seen_m: as in Light."""
+    """Makes a Window from sightings. size: (width, height) of the image. reference_m, seen_m: as in
+    Light.
+    """
 
     size: tuple[int, int]
     reference_m: float
     seen_m: tuple[float, float]
 
-    def window(self, seen: Sightings, frames: NDArray[np.int64], usable: NDArray[np.bool_]) -> Window:
+    def window(
+        self, seen: Sightings, frames: NDArray[np.int64], usable: NDArray[np.bool_]
+    ) -> Window:
         """The window of the usable (N,) sightings of patches that two frames or more see.
 
         frames: number in the dive of each of the sightings' frames.
         """
         patch = seen.patch[usable]
-        kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1] if patch.size else np.zeros(0, np.int64)
+        kept = (
+            np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1]
+            if patch.size
+            else np.zeros(0, np.int64)
+        )
         patch = np.unique(seen.patch[kept], return_inverse=True)[1]
-        log_range = np.log(np.clip(seen.range_m[kept], *self.seen_m) / self.reference_m) / SHAPE.range_step
+        log_range = (
+            np.log(np.clip(seen.range_m[kept], *self.seen_m) / self.reference_m) / SHAPE.range_step
+        )
         terms = pattern_terms(seen.pixel[kept], log_range, self.size).astype(np.float32)
         trend = log_range[:, None].astype(np.float32)
         held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
         return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
 
 
-def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, prior: LightPrior) -> Solution:
+def solve(
+    windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, prior: LightPrior
+) -> Solution:
     """Solve the light by robust least squares.
 
-    values: of each window, (N, Q) logarithms to explain: luminance or color. use: terms to solve. frames: number of frames in all.
+    values: of each window, (N, Q) logarithms to explain: luminance or color. use: terms to solve.
+    frames: number of frames in all.
     """
     columns = np.zeros(TERMS + 1, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
     of_frame = (1 + SHADING if use.shading else 1) if use.gains else 0
     known, outputs = prior.of(columns, frames, of_frame), values[0].shape[1]
-    parts = [_Part.of(window, columns, of_frame, value) for window, value in zip(windows, values, strict=True)]
+    parts = [
+        _Part.of(window, columns, of_frame, value)
+        for window, value in zip(windows, values, strict=True)
+    ]
     fit = _robust_fit(parts, known, prior, outputs)
     number = int(columns.sum())
     coefficients = np.zeros((TERMS + 1, outputs))
@@ -148,14 +185,17 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
         shading=own[:, 1:],
         trend_error=float(np.sqrt(covariance[number - 1, number - 1])),
         misfit=known.misfit(fit.found, squares, fit.matrix / fit.variance),
-        covariance=np.asarray(covariance[:PATTERN, :PATTERN], np.float64) if use.pattern else np.zeros((PATTERN, PATTERN)),
+        covariance=np.asarray(covariance[:PATTERN, :PATTERN], np.float64)
+        if use.pattern
+        else np.zeros((PATTERN, PATTERN)),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A robust fit. found (n, Q): the unknowns. matrix (n, n): its normal equations, without the prior. squares: weighted sum of
-    squared residuals. variance: of a measurement against the prior: of a sighting, times the number that count as one.
+    """A robust fit. found (n, Q): the unknowns. matrix (n, n): its normal equations, without the
+    prior. squares: weighted sum of squared residuals. variance: of a measurement against the prior:
+    of a sighting, times the number that count as one.
     """
 
     found: Array
@@ -165,29 +205,37 @@ class _Fit:
 
 
 def _robust_fit(parts: "Sequence[_Part]", known: Gaussian, prior: LightPrior, outputs: int) -> _Fit:
-    """Solve for the unknowns in rounds, each with Cauchy weights from the residuals of the round before."""
+    """Solve for the unknowns in rounds, each with Cauchy weights from the residuals of the round
+    before.
+    """
     weights = [np.ones(len(part.patch)) for part in parts]
     variance = SETTINGS.first_prior
     for _ in range(SETTINGS.rounds):
         matrix, slope = _sums(parts, weights, len(known.mean), outputs)
         right = slope + variance * (known.precision @ known.mean)[:, None]
         found = np.asarray(np.linalg.solve(matrix + variance * known.precision, right), np.float64)
-        residuals = [part.residuals(found, weight) for part, weight in zip(parts, weights, strict=True)]
+        residuals = [
+            part.residuals(found, weight) for part, weight in zip(parts, weights, strict=True)
+        ]
         every = np.concatenate(residuals)
         scale = max(deviation_about_zero(every) if every.size else 0.0, SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own in residuals]
         variance = prior.alike * max(scale, prior.systematic) ** 2
-    squares = sum(float((weight * own**2).sum()) for weight, own in zip(weights, residuals, strict=True))
+    squares = sum(
+        float((weight * own**2).sum()) for weight, own in zip(weights, residuals, strict=True)
+    )
     return _Fit(found, matrix, squares, variance)
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
     """Standard error of the pattern at the reference range, logarithm, rms over the picture.
 
-    others: solutions that fit about as well, and this one. Each is weighted by its evidence, and counts with its covariance and its
-    difference from this one.
+    others: solutions that fit about as well, and this one. Each is weighted by its evidence, and
+    counts with its covariance and its difference from this one.
     """
-    weights = np.exp(0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others])))
+    weights = np.exp(
+        0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others]))
+    )
     squares = []
     for other in others:
         off = (other.coefficients - solution.coefficients)[:PATTERN]
@@ -197,7 +245,8 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A window's equations. both (N, n + Q): the n columns that are not 0 in it, and the values. at (n,): numbers of these columns.
+    """A window's equations. both (N, n + Q): the n columns that are not 0 in it, and the values. at
+    (n,): numbers of these columns.
     patch (N,): of each sighting. first: number of each patch's first sighting.
     """
 
@@ -208,13 +257,17 @@ class _Part:
 
     @classmethod
     def of(cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array) -> "_Part":
-        """The equations of a window. columns: terms in use. of_frame: number of unknowns of a frame."""
+        """The equations of a window. columns: terms in use. of_frame: number of unknowns of a
+        frame.
+        """
         design, at = _design(window, columns, of_frame)
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
         return cls(np.concatenate([design, value], axis=1), at, window.patch, first)
 
     def residuals(self, found: Array, weight: Array) -> Array:
-        """(N,) rms over the outputs of the residuals: differences from the weighted mean of the patch, the solution removed."""
+        """(N,) rms over the outputs of the residuals: differences from the weighted mean of the
+        patch, the solution removed.
+        """
         number, squares = len(self.at), np.zeros(len(self.patch))
         for output in range(found.shape[1]):
             left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
@@ -223,7 +276,9 @@ class _Part:
         return np.asarray(np.sqrt(squares / found.shape[1]))
 
     def products(self, weight: Array) -> Array:
-        """(n, n + Q) the normal equations of the n columns, each less its weighted mean over the sightings of a patch."""
+        """(n, n + Q) the normal equations of the n columns, each less its weighted mean over the
+        sightings of a patch.
+        """
         number, weighted = len(self.at), weight[:, None] * self.both
         sums = self._sums(weighted)
         means = sums[:, :number] / self._sums(weight)[:, None]
@@ -234,7 +289,9 @@ class _Part:
         return np.add.reduceat(values, self.first, axis=0) if len(values) else values
 
 
-def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: int) -> tuple[Array, Array]:
+def _sums(
+    parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: int
+) -> tuple[Array, Array]:
     """The normal equations of all parts: (size, size) matrix and (size, outputs) right side."""
     matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
     for part, weight in zip(parts, weights, strict=True):
@@ -245,19 +302,29 @@ def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: 
 
 
 def explained(window: Window, solution: Solution) -> Array:
-    """(N, Q) values of a window's sightings by a solution, up to the brightness of their patches."""
+    """(N, Q) values of a window's sightings by a solution, up to the brightness of their
+    patches.
+    """
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
     part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
     return np.asarray(part + window.trend @ solution.trend)
 
 
-def _design(window: Window, columns: NDArray[np.bool_], of_frame: int) -> tuple[Array, NDArray[np.int64]]:
-    """The columns that are not 0 in a window, (N, n), and their numbers (n,). of_frame: number of unknowns of a frame."""
+def _design(
+    window: Window, columns: NDArray[np.bool_], of_frame: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """The columns that are not 0 in a window, (N, n), and their numbers (n,). of_frame: number of
+    unknowns of a frame.
+    """
     design = np.concatenate([window.terms, window.trend], axis=1)[:, columns].astype(np.float64)
     number = design.shape[1]
     seen_by, index = np.unique(window.frame, return_inverse=True)
     own = np.zeros((len(design), len(seen_by), of_frame))
     ones = np.ones((len(design), 1))
-    own[np.arange(len(design)), index] = np.concatenate([ones, window.terms[:, :SHADING]], axis=1)[:, :of_frame]
+    own[np.arange(len(design)), index] = np.concatenate([ones, window.terms[:, :SHADING]], axis=1)[
+        :, :of_frame
+    ]
     at = number + (seen_by[:, None] * of_frame + np.arange(of_frame)).ravel()
-    return np.concatenate([design, own.reshape(len(design), -1)], axis=1), np.concatenate([np.arange(number), at])
+    return np.concatenate([design, own.reshape(len(design), -1)], axis=1), np.concatenate(
+        [np.arange(number), at]
+    )

@@ -1,13 +1,17 @@
-"""The water from patches seen at two ranges or more: differences between sightings of one patch are due to the water.
+"""The water from patches seen at two ranges or more: differences between sightings of one patch are
+due to the water.
 
-    light_kc = S_c A_c(z_k) + B_c(z_k),   A = exp(-z far (1 + (FALL - 1) exp(-z / 4 m))),   B = gamma_inf (1 - exp(-beta z))
+    light_kc = S_c A_c(z_k) + B_c(z_k), A = exp(-z far (1 + (FALL - 1) exp(-z / 4 m))), B =
+        gamma_inf (1 - exp(-beta z))
 
-for a patch of unknown brightness S (its reflectance and the light on it) seen at ranges z_k: ratios of sightings depend on A alone,
-without an assumption on the scene's colors. Sightings measure the slope of log A over the ranges that they span; its bend (FALL, a
-rate near against far) is nearly the same in all waters and taken from known ones. S enters linearly and is eliminated (variable
-projection: Golub and Pereyra 2003); the nine parameters of the water follow by damped Gauss-Newton steps. Light that moves scales
-all channels of a sighting alike. That scatter is measured and modeled as common to the three channels: it blurs the brightness of
-the water, but hardly its color. Wrong matches weigh less (Cauchy).
+for a patch of unknown brightness S (its reflectance and the light on it) seen at ranges z_k: ratios
+of sightings depend on A alone, without an assumption on the scene's colors. Sightings measure the
+slope of log A over the ranges that they span; its bend (FALL, a rate near against far) is nearly
+the same in all waters and taken from known ones. S enters linearly and is eliminated (variable
+projection: Golub and Pereyra 2003); the nine parameters of the water follow by damped Gauss-Newton
+steps. Light that moves scales all channels of a sighting alike. That scatter is measured and
+modeled as common to the three channels: it blurs the brightness of the water, but hardly its color.
+Wrong matches weigh less (Cauchy).
 """
 
 from dataclasses import dataclass, replace
@@ -34,15 +38,21 @@ class SightingNoise:
     """Errors of a sighting's light; tested on synthetic waters and on the sample dive."""
 
     noise_floor: float = 0.001
-    """Least standard deviation of a sighting's light, fraction of full scale: a quarter of a step of 8 bits."""
+    """Least standard deviation of a sighting's light, fraction of full scale: a quarter of a step
+    of 8 bits.
+    """
     outlier: float = 3.0
     """Standard deviations beyond which a sighting weighs less than half (Cauchy)."""
     first_scatter: float = 0.05
     """Relative scatter of the direct signal before any residual is known."""
     scatter_each: tuple[float, float] = (0.003, 0.3)
-    """Limits of the relative scatter of a channel by itself: below it is quantization of 8 bits, above it is no measurement."""
+    """Limits of the relative scatter of a channel by itself: below it is quantization of 8 bits,
+    above it is no measurement.
+    """
     scatter_together: tuple[float, float] = (0.003, 0.5)
-    """Limits of the relative scatter that all channels have in common: moving light makes it larger."""
+    """Limits of the relative scatter that all channels have in common: moving light makes it
+    larger.
+    """
 
 
 NOISE = SightingNoise()
@@ -50,7 +60,9 @@ NOISE = SightingNoise()
 
 @dataclass(frozen=True)
 class Scatter:
-    """Relative standard deviation of a sighting's direct signal: of each channel by itself, and of all together."""
+    """Relative standard deviation of a sighting's direct signal: of each channel by itself, and of
+    all together.
+    """
 
     each: float
     together: float
@@ -60,8 +72,8 @@ class Scatter:
 class MultiviewFit:
     """The sightings under one water, with the best brightness of each patch.
 
-    transmission, direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3, 3) of a channel's light by the
-    logarithms of its far, beta, gamma_inf. patch_weights: (P, 3, 3).
+    transmission, direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3,
+    3) of a channel's light by the logarithms of its far, beta, gamma_inf. patch_weights: (P, 3, 3).
     """
 
     sightings: Sightings
@@ -74,30 +86,50 @@ class MultiviewFit:
     patch_weights: Array
 
     @classmethod
-    def at(cls, x: Array, sightings: Sightings, scatter: Scatter, before: "MultiviewFit | None") -> "MultiviewFit":
-        """The fit at ``x``, with weights from the direct signals and residuals of the fit ``before``; None: there was none."""
+    def at(
+        cls, x: Array, sightings: Sightings, scatter: Scatter, before: "MultiviewFit | None"
+    ) -> "MultiviewFit":
+        """The fit at ``x``, with weights from the direct signals and residuals of the fit
+        ``before``; None: there was none.
+        """
         _, backscatter, _ = _model(x, sightings.range_m)
         direct = np.maximum(sightings.light - backscatter if before is None else before.direct, 0.0)
         alone = 1.0 / (NOISE.noise_floor**2 + (scatter.each * direct) ** 2)
         pulled = alone * direct
         shared = scatter.together**2 / (1.0 + scatter.together**2 * (pulled * direct).sum(axis=1))
-        weights = alone[:, :, None] * np.eye(3) - shared[:, None, None] * pulled[:, :, None] * pulled[:, None, :]
+        weights = (
+            alone[:, :, None] * np.eye(3)
+            - shared[:, None, None] * pulled[:, :, None] * pulled[:, None, :]
+        )
         if before is not None:
             off = np.einsum("kc,kce,ke->k", before.residual, weights, before.residual) / 3.0
             weights /= (1.0 + off / NOISE.outlier**2)[:, None, None]
         return cls.with_weights(x, sightings, weights, scatter)
 
     @classmethod
-    def with_weights(cls, x: Array, sightings: Sightings, weights: Array, scatter: Scatter) -> "MultiviewFit":
+    def with_weights(
+        cls, x: Array, sightings: Sightings, weights: Array, scatter: Scatter
+    ) -> "MultiviewFit":
         """The fit at ``x`` with given weights."""
         transmission, backscatter, change = _model(x, sightings.range_m)
         above = sightings.light - backscatter
-        patch_weights = sums_by_patch(sightings, transmission[:, :, None] * weights * transmission[:, None, :])
+        patch_weights = sums_by_patch(
+            sightings, transmission[:, :, None] * weights * transmission[:, None, :]
+        )
         along = sums_by_patch(sightings, transmission * np.einsum("kce,ke->kc", weights, above))
         brightness = np.linalg.solve(patch_weights, along[..., None])[..., 0]
         direct = brightness[sightings.patch] * transmission
         light_change = change[0] * direct[..., None] + change[1]
-        return cls(sightings, scatter, transmission, direct, above - direct, weights, light_change, patch_weights)
+        return cls(
+            sightings,
+            scatter,
+            transmission,
+            direct,
+            above - direct,
+            weights,
+            light_change,
+            patch_weights,
+        )
 
     def cost(self) -> float:
         """The weighted sum of squares."""
@@ -109,10 +141,14 @@ class MultiviewFit:
         full = np.einsum("kci,kcej->icje", self.change, weighted).reshape(9, 9)
         shared = sums_by_patch(self.sightings, self.transmission[:, :, None, None] * weighted)
         shared = shared.transpose(0, 1, 3, 2).reshape(-1, 3, 9)
-        return np.asarray(full - np.einsum("pai,paj->ij", shared, np.linalg.solve(self.patch_weights, shared)))
+        return np.asarray(
+            full - np.einsum("pai,paj->ij", shared, np.linalg.solve(self.patch_weights, shared))
+        )
 
     def slope(self) -> Array:
-        """(9,) negative half gradient of the cost; the patches' brightnesses are optimal and add nothing."""
+        """(9,) negative half gradient of the cost; the patches' brightnesses are optimal and add
+        nothing.
+        """
         pull = np.einsum("kce,ke->kc", self.weights, self.residual)
         return np.asarray(np.einsum("kci,kc->ic", self.change, pull).reshape(9))
 
@@ -121,16 +157,26 @@ class MultiviewFit:
         pull = np.einsum("kce,ke->kc", self.weights, self.residual)
         each = (self.change * pull[..., None]).transpose(0, 2, 1).reshape(-1, 9)
         frames = int(self.sightings.frame.max()) + 1
-        return np.stack([np.bincount(self.sightings.frame, column, minlength=frames) for column in each.T], axis=1)
+        return np.stack(
+            [np.bincount(self.sightings.frame, column, minlength=frames) for column in each.T],
+            axis=1,
+        )
 
     def scatter_now(self) -> Scatter:
-        """The scatter, from residuals of the brighter half: that between channels is each channel's own, the rest is common."""
+        """The scatter, from residuals of the brighter half: that between channels is each channel's
+        own, the rest is common.
+        """
         bright = self.direct.min(axis=1) > np.median(self.direct.min(axis=1))
         relative = self.residual[bright] / self.direct[bright]
-        each = min(deviation(relative[:, c] - relative[:, (c + 1) % 3]) for c in range(3)) / np.sqrt(2.0)
+        each = min(
+            deviation(relative[:, c] - relative[:, (c + 1) % 3]) for c in range(3)
+        ) / np.sqrt(2.0)
         every = deviation(relative.mean(axis=1))
         together = np.sqrt(max(every**2 - each**2 / 3.0, 0.0))
-        return Scatter(float(np.clip(each, *NOISE.scatter_each)), float(np.clip(together, *NOISE.scatter_together)))
+        return Scatter(
+            float(np.clip(each, *NOISE.scatter_each)),
+            float(np.clip(together, *NOISE.scatter_together)),
+        )
 
 
 def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]:
@@ -138,12 +184,17 @@ def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]
     import torch
 
     z, fall = torch.from_numpy(range_m)[:, None], torch.from_numpy(near_against_far())
-    logarithms = torch.from_numpy(x).view(3, 1, 3).expand(3, len(range_m), 3).clone().requires_grad_()  # a sighting's own copies
+    logarithms = (
+        torch.from_numpy(x).view(3, 1, 3).expand(3, len(range_m), 3).clone().requires_grad_()
+    )  # a sighting's own copies
     far, beta, saturated = logarithms.exp()
     log_a = -optical_depth(z, far * (fall - 1), RATE_OF_CHANGE, far, 0.0)
     veil = backscatter(z, saturated, beta, 0.0, 0.0)
     by_a, by_b = (
-        np.moveaxis(torch.autograd.grad(part.sum(), logarithms, retain_graph=True)[0].numpy(), 0, -1) for part in (log_a, veil)
+        np.moveaxis(
+            torch.autograd.grad(part.sum(), logarithms, retain_graph=True)[0].numpy(), 0, -1
+        )
+        for part in (log_a, veil)
     )
     return log_a.detach().exp().numpy(), veil.detach().numpy(), (by_a, by_b)
 
@@ -161,22 +212,34 @@ def sums_by_patch(sightings: Sightings, values: Array) -> Array:
 
 @dataclass(frozen=True)
 class MultiviewSettings:
-    """Assumptions of the fit, and limits below which it is refused; tested on synthetic waters and on the sample dive."""
+    """Assumptions of the fit, and limits below which it is refused; tested on synthetic waters and
+    on the sample dive.
+    """
 
     least_sightings: int = 200
     """Fewer do not determine nine numbers and their scatter: the fit is refused."""
     least_range_ratio: float = 1.1
-    """Farthest over nearest range of a patch, at ``range_ratio_quantile`` of the patches; below, they hold nothing of the water."""
+    """Farthest over nearest range of a patch, at ``range_ratio_quantile`` of the patches; below,
+    they hold nothing of the water.
+    """
     range_ratio_quantile: float = 0.9
     """A tenth of the patches may be wrong matches, whose ratio says nothing."""
     backscatter_mean: float = float(np.log(0.05))
-    """Prior mean of log gamma_inf (fraction of full scale): a twentieth, a guess that the deviation makes weak."""
+    """Prior mean of log gamma_inf (fraction of full scale): a twentieth, a guess that the deviation
+    makes weak.
+    """
     backscatter_deviation: float = 2.0
-    """Prior standard deviation of log gamma_inf: a factor of 7 up or down, so next to nothing is known before."""
+    """Prior standard deviation of log gamma_inf: a factor of 7 up or down, so next to nothing is
+    known before.
+    """
     nothing_learned: float = 0.9
-    """A standard error of at least this fraction of the prior's says that the sightings did not constrain the parameter."""
+    """A standard error of at least this fraction of the prior's says that the sightings did not
+    constrain the parameter.
+    """
     least_direct: float = 0.05
-    """Direct signal that is left at least when backscatter is subtracted, fraction of the light: a logarithm needs some."""
+    """Direct signal that is left at least when backscatter is subtracted, fraction of the light: a
+    logarithm needs some.
+    """
 
 
 @dataclass(frozen=True)
@@ -184,7 +247,9 @@ class StepSettings:
     """Damped Gauss-Newton steps (Levenberg 1944; Marquardt 1963)."""
 
     most_steps: int = 40
-    """Most steps with new weights; the fit ends before if it has converged or no step lowers the cost."""
+    """Most steps with new weights; the fit ends before if it has converged or no step lowers the
+    cost.
+    """
     least_steps: int = 6
     """The robust weights have settled by then."""
     first_damping: float = 1e-2
@@ -200,7 +265,9 @@ class StepSettings:
     longest_step: float = 0.7
     """Largest change of a logarithm in one step: a factor of 2."""
     converged: float = 1e-4
-    """Change of a logarithm below which the fit has converged: a hundredth of a percent of a parameter."""
+    """Change of a logarithm below which the fit has converged: a hundredth of a percent of a
+    parameter.
+    """
 
 
 SETTINGS = MultiviewSettings()
@@ -208,7 +275,8 @@ STEPS = StepSettings()
 
 
 def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
-    """Fit attenuation and backscatter of the water to sightings. The white point is 1, as no ratio determines it.
+    """Fit attenuation and backscatter of the water to sightings. The white point is 1, as no ratio
+    determines it.
 
     Raises ColorError where there are too few sightings, or all are at nearly one range.
     """
@@ -217,7 +285,9 @@ def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
     x, damping = mean.copy(), STEPS.first_damping
     fit = MultiviewFit.at(x, sightings, Scatter(NOISE.first_scatter, NOISE.first_scatter), None)
     for step in range(STEPS.most_steps):
-        fit = MultiviewFit.at(x, sightings, fit.scatter_now() if step else fit.scatter, fit if step else None)
+        fit = MultiviewFit.at(
+            x, sightings, fit.scatter_now() if step else fit.scatter, fit if step else None
+        )
         better = _lower(fit, x, damping, (mean, precision))
         if better is None:
             break
@@ -226,21 +296,33 @@ def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
         if moved < STEPS.converged and step >= STEPS.least_steps:
             break
     covariance = _covariance(fit, precision)
-    return _water(x, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(np.linalg.inv(precision))), encoding)
+    return _water(
+        x, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(np.linalg.inv(precision))), encoding
+    )
 
 
 def with_white_of(water: Water, scene: Water, sightings: Sightings) -> Water:
-    """``water`` with the white point under which the median sighting gets the color that ``scene``, fitted to images, gives it."""
+    """``water`` with the white point under which the median sighting gets the color that ``scene``,
+    fitted to images, gives it.
+    """
     z: Array = np.array(np.median(sightings.range_m))
     light: Array = np.array(np.median(sightings.light, axis=0))
-    direct, scene_direct = (np.maximum(light - w.backscatter(z), SETTINGS.least_direct * light) for w in (water, scene))
+    direct, scene_direct = (
+        np.maximum(light - w.backscatter(z), SETTINGS.least_direct * light) for w in (water, scene)
+    )
     white = scene.white * (direct / scene_direct) * scene.attenuation(z) / water.attenuation(z)
-    errors = water.standard_errors | {"white": scene.standard_errors.get("white", np.full(3, np.nan))}
+    errors = water.standard_errors | {
+        "white": scene.standard_errors.get("white", np.full(3, np.nan))
+    }
     return replace(water, white=white, standard_errors=errors)
 
 
-def _lower(fit: MultiviewFit, x: Array, damping: float, prior: tuple[Array, Array]) -> tuple[Array, MultiviewFit, float] | None:
-    """The next parameters, the fit there and the next damping; None where no damping lowers the cost. prior: mean, precision."""
+def _lower(
+    fit: MultiviewFit, x: Array, damping: float, prior: tuple[Array, Array]
+) -> tuple[Array, MultiviewFit, float] | None:
+    """The next parameters, the fit there and the next damping; None where no damping lowers the
+    cost. prior: mean, precision.
+    """
     mean, precision = prior
     normal, slope = fit.normal() + precision, fit.slope() - precision @ (x - mean)
     cost = fit.cost() + (x - mean) @ precision @ (x - mean)
@@ -255,17 +337,23 @@ def _lower(fit: MultiviewFit, x: Array, damping: float, prior: tuple[Array, Arra
 
 
 def _prior() -> tuple[Array, Array]:
-    """Mean (9,) and precision (9, 9) of the prior: known waters for the rates, a wide one for the backscatter far away."""
+    """Mean (9,) and precision (9, 9) of the prior: known waters for the rates, a wide one for the
+    backscatter far away.
+    """
     mean, covariance = water_prior()
     rates = [0, 1, 2, 6, 7, 8]
     spread = np.zeros((9, 9))
     spread[:6, :6] = covariance[np.ix_(rates, rates)]
     spread[6:, 6:] = SETTINGS.backscatter_deviation**2 * np.eye(3)
-    return np.concatenate([mean[rates], np.full(3, SETTINGS.backscatter_mean)]), np.asarray(np.linalg.inv(spread), dtype=np.float64)
+    return np.concatenate([mean[rates], np.full(3, SETTINGS.backscatter_mean)]), np.asarray(
+        np.linalg.inv(spread), dtype=np.float64
+    )
 
 
 def _covariance(fit: MultiviewFit, precision: Array) -> Array:
-    """(9, 9) covariance, clustered by frame: errors that a frame's sightings share (its exposure, pose and light) count once."""
+    """(9, 9) covariance, clustered by frame: errors that a frame's sightings share (its exposure,
+    pose and light) count once.
+    """
     inverse = np.linalg.inv(fit.normal() + precision)
     by_frame = fit.slope_by_frame()
     used = int(np.any(by_frame != 0, axis=1).sum())
@@ -276,23 +364,32 @@ def _covariance(fit: MultiviewFit, precision: Array) -> Array:
 def _check(sightings: Sightings) -> None:
     if len(sightings.patch) < SETTINGS.least_sightings:
         raise ColorError(
-            f"only {len(sightings.patch)} sightings of patches of the reef that several frames see: "
+            f"only {len(sightings.patch)} sightings of patches of the reef that several frames "
+            "see: "
             "the frames do not overlap, or the trajectory is not theirs"
         )
     first = np.flatnonzero(np.diff(sightings.patch, prepend=-1))
     near, far = (extreme.reduceat(sightings.range_m, first) for extreme in (np.minimum, np.maximum))
     ratio = float(np.quantile(far / near, SETTINGS.range_ratio_quantile))
     if ratio < SETTINGS.least_range_ratio:
-        raise ColorError(f"all patches are seen at nearly one range only (far over near {ratio:.2f}): fly at two altitudes")
+        raise ColorError(
+            f"all patches are seen at nearly one range only (far over near {ratio:.2f}): fly at "
+            "two altitudes"
+        )
 
 
 def _water(x: Array, error: Array, before: Array, encoding: InputEncoding) -> Water:
-    """The water of (9,) logarithms with their standard errors, after the fit and ``before`` it (the prior's)."""
+    """The water of (9,) logarithms with their standard errors, after the fit and ``before`` it (the
+    prior's).
+    """
     far, beta, gamma_inf = np.exp(x).reshape(3, 3)
     fall = near_against_far()
     learned = (error < SETTINGS.nothing_learned * before).reshape(3, 3)
     scales = {"y": far, "beta": beta, "gamma_inf": gamma_inf}
-    errors = {name: np.where(learned[i], error.reshape(3, 3)[i] * scale, np.nan) for i, (name, scale) in enumerate(scales.items())}
+    errors = {
+        name: np.where(learned[i], error.reshape(3, 3)[i] * scale, np.nan)
+        for i, (name, scale) in enumerate(scales.items())
+    }
     errors["w"] = errors["y"] * np.abs(fall - 1.0)
     return Water(
         gamma_inf=gamma_inf,

@@ -1,4 +1,6 @@
-"""The same patches of the reef seen from several frames: found by projecting known ranges from known poses."""
+"""The same patches of the reef seen from several frames: found by projecting known ranges from
+known poses.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,18 +19,26 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SightingSettings:
-    """Size and number of patches, and conditions under which a frame sees one; tested on the sample dive."""
+    """Size and number of patches, and conditions under which a frame sees one; tested on the sample
+    dive.
+    """
 
     patch_m: float = 0.05
-    """Patches are this wide on the reef, in every frame: a mean over them sees the same texture from any range."""
+    """Patches are this wide on the reef, in every frame: a mean over them sees the same texture
+    from any range.
+    """
     most_patches: int = 20_000
     """Looked for in all frames together: bounds memory and time."""
     most_patches_a_frame: int = 1600
     """About a grid of 40 by 40."""
     same_range: float = 0.02
-    """A patch is the same if the frame's range agrees with the projected one to this fraction: more than the error of a range."""
+    """A patch is the same if the frame's range agrees with the projected one to this fraction: more
+    than the error of a range.
+    """
     most_relief: float = 0.06
-    """A patch is left out where the range varies by more than this fraction within ``relief_px``: an edge."""
+    """A patch is left out where the range varies by more than this fraction within ``relief_px``:
+    an edge.
+    """
     relief_px: int = 7
     """Pixels, a square's side."""
     clipped: float = 0.98
@@ -36,7 +46,9 @@ class SightingSettings:
     nearest_m: float = 0.05
     """Depth in front of the camera below which a projection is not trusted."""
     most_clipped: float = 1e-6
-    """Fraction of a patch's pixels that may be clipped: none, up to the rounding of the integral image."""
+    """Fraction of a patch's pixels that may be clipped: none, up to the rounding of the integral
+    image.
+    """
     far_m: float = 1e6
     """Stands for an unknown range when edges are looked for, so that its neighbors are one."""
 
@@ -46,7 +58,9 @@ SETTINGS = SightingSettings()
 
 @dataclass(frozen=True, eq=False)
 class KeyFrame:
-    """A frame with its pose. image: rectified left image, uncorrected. range_m: measured pixels only. T_world_camera: (4, 4)."""
+    """A frame with its pose. image: rectified left image, uncorrected. range_m: measured pixels
+    only. T_world_camera: (4, 4).
+    """
 
     image: Image
     range_m: Map
@@ -55,8 +69,10 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """N sightings of P patches. patch: (N,) int64, number of the patch, 0..P-1, ascending, each twice or more. frame: (N,) int64.
-    range_m: (N,) meters. light: (N, 3) linear, fraction of full scale, mean over the patch. pixel: (N, 2) x, y of its middle.
+    """N sightings of P patches. patch: (N,) int64, number of the patch, 0..P-1, ascending, each
+    twice or more. frame: (N,) int64.
+    range_m: (N,) meters. light: (N, 3) linear, fraction of full scale, mean over the patch. pixel:
+    (N, 2) x, y of its middle.
     """
 
     patch: NDArray[np.int64]
@@ -68,21 +84,31 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class SeenWindow:
-    """Sightings of a few neighboring frames. frames: number in the dive of each of the sightings' frames. seen: the sightings."""
+    """Sightings of a few neighboring frames. frames: number in the dive of each of the sightings'
+    frames. seen: the sightings.
+    """
 
     frames: NDArray[np.int64]
     seen: Sightings
 
 
-def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
-    """Find sightings of patches that several frames see; a few are wrong matches. Each frame is read twice, one at a time."""
+def find_sightings(
+    frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
+) -> Sightings:
+    """Find sightings of patches that several frames see; a few are wrong matches. Each frame is
+    read twice, one at a time.
+    """
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
-    points_m = np.concatenate([View.of(frame, geometry, None).patches_m(number) for frame in frames])
+    points_m = np.concatenate(
+        [View.of(frame, geometry, None).patches_m(number) for frame in frames]
+    )
     return sightings_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
 
 
 def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
-    """The sightings of (P, 3) patches by these views, without patches that only one view sees. Frames are numbered in order."""
+    """The sightings of (P, 3) patches by these views, without patches that only one view sees.
+    Frames are numbered in order.
+    """
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):
         patch, range_m, light, pixel = view.look_at(points_m)
@@ -91,7 +117,9 @@ def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
         ranges.append(range_m)
         lights.append(light)
         pixels.append(pixel)
-    patch, seen_by, range_m, light, pixel = (np.concatenate(parts) for parts in (patches, numbers, ranges, lights, pixels))
+    patch, seen_by, range_m, light, pixel = (
+        np.concatenate(parts) for parts in (patches, numbers, ranges, lights, pixels)
+    )
     several = np.bincount(patch, minlength=len(points_m))[patch] > 1
     order = np.flatnonzero(several)[np.argsort(patch[several], kind="stable")]
     compact = np.unique(patch[order], return_inverse=True)[1]
@@ -102,7 +130,8 @@ def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
 class View:
     """A frame in which patches are looked up.
 
-    smooth_range_m: (H, W) range, NaN at edges. sums: (H + 1, W + 1, 4) integral image of linear R, G, B and of clipped pixels.
+    smooth_range_m: (H, W) range, NaN at edges. sums: (H + 1, W + 1, 4) integral image of linear R,
+    G, B and of clipped pixels.
     """
 
     geometry: RectifiedPair
@@ -122,19 +151,28 @@ class View:
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
     def patches_m(self, number: int) -> Vector:
-        """(P, 3) about ``number`` points, in the world, on a grid over the pixels of known range."""
+        """(P, 3) about ``number`` points, in the world, on a grid over the pixels of known
+        range.
+        """
         height, width = self.smooth_range_m.shape
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
         grid[step // 2 :: step, step // 2 :: step] = True
-        points = self.geometry.points_from_range(self.smooth_range_m)[grid & np.isfinite(self.smooth_range_m)].astype(np.float64)
+        points = self.geometry.points_from_range(self.smooth_range_m)[
+            grid & np.isfinite(self.smooth_range_m)
+        ].astype(np.float64)
         return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
-        """The n of the (P, 3) patches that this frame sees: their numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2)."""
-        farthest_m = float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
+        """The n of the (P, 3) patches that this frame sees: their numbers (n,), ranges (n,), light
+        (n, 3) and pixels (n, 2).
+        """
+        farthest_m = (
+            float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
+        )
         near = np.flatnonzero(
-            np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SETTINGS.same_range) * farthest_m
+            np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1)
+            < (1 + SETTINGS.same_range) * farthest_m
         )
         local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
@@ -149,7 +187,11 @@ class View:
         measured_m = self.smooth_range_m[np.round(y).astype(int), np.round(x).astype(int)]
         with np.errstate(invalid="ignore"):
             seen = inside & (np.abs(measured_m - range_m) < SETTINGS.same_range * range_m)
-        corners = [self._sum_to(x + dx * half_px + 0.5, y + dy * half_px + 0.5) for dy in (-1, 1) for dx in (-1, 1)]
+        corners = [
+            self._sum_to(x + dx * half_px + 0.5, y + dy * half_px + 0.5)
+            for dy in (-1, 1)
+            for dx in (-1, 1)
+        ]
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
         seen &= np.nan_to_num(mean[:, 3], nan=1.0) < SETTINGS.most_clipped
@@ -158,7 +200,10 @@ class View:
     def _sum_to(self, x: Vector, y: Vector) -> Vector:
         """(P, 4) sum over all pixels left of and above a point, fractions of pixels counted."""
         height, width = self.sums.shape[:2]
-        c, r = (np.clip(np.floor(value).astype(int), 0, size - 2) for value, size in ((x, width), (y, height)))
+        c, r = (
+            np.clip(np.floor(value).astype(int), 0, size - 2)
+            for value, size in ((x, width), (y, height))
+        )
         fx, fy = (x - c)[:, None], (y - r)[:, None]
         upper = self.sums[r, c] * (1 - fx) + self.sums[r, c + 1] * fx
         lower = self.sums[r + 1, c] * (1 - fx) + self.sums[r + 1, c + 1] * fx
@@ -167,5 +212,7 @@ class View:
 
 def _without_edges(range_m: Map) -> Map:
     known = np.where(np.isfinite(range_m), range_m, np.float32(SETTINGS.far_m))
-    spread = cv2.morphologyEx(known, cv2.MORPH_GRADIENT, np.ones((SETTINGS.relief_px, SETTINGS.relief_px), np.uint8))
+    spread = cv2.morphologyEx(
+        known, cv2.MORPH_GRADIENT, np.ones((SETTINGS.relief_px, SETTINGS.relief_px), np.uint8)
+    )
     return np.where(spread < SETTINGS.most_relief * known, range_m, np.float32(np.nan))

@@ -1,7 +1,9 @@
-"""``color.lock: auto``. One water for the dive, or one for each stretch of it where frames do not share a water.
+"""``color.lock: auto``. One water for the dive, or one for each stretch of it where frames do not
+share a water.
 
-Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables. Neighboring chunks are joined, the
-most alike first, as long as they fit the water of both together about as well as they fit waters of their own.
+Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables.
+Neighboring chunks are joined, the most alike first, as long as they fit the water of both together
+about as well as they fit waters of their own.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -37,17 +39,27 @@ from stereo_seecolor.records import Water
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """Limits for joining stretches. Costs are those of ``misfit.quality``, averaged over the chunks of the smaller stretch."""
+    """Limits for joining stretches. Costs are those of ``misfit.quality``, averaged over the chunks
+    of the smaller stretch.
+    """
 
     most_chunks: int = 64
-    """When there are so many, neighbors are joined: memory stays bounded, and a cut is found to a 32nd of the dive."""
+    """When there are so many, neighbors are joined: memory stays bounded, and a cut is found to a
+    32nd of the dive.
+    """
     worse: float = 25.0
-    """Cost that a shared water may add. Halves of one dive add up to 24 (sample dive, two altitudes; 4 on a real reef), two sites
-    26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive)."""
+    """Cost that a shared water may add. Halves of one dive add up to 24 (sample dive, two
+    altitudes; 4 on a real reef), two sites
+    26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive).
+    """
     bad: float = 50.0
-    """Cost under a shared water at which frames do not share it, however bad their own stretch's was."""
+    """Cost under a shared water at which frames do not share it, however bad their own stretch's
+    was.
+    """
     worse_alone: float = 25.0
-    """Added to these limits for a single chunk against many: one frame may show something odd (up to 47 within one dive)."""
+    """Added to these limits for a single chunk against many: one frame may show something odd (up
+    to 47 within one dive).
+    """
 
 
 SETTINGS = StretchSettings()
@@ -55,7 +67,9 @@ SETTINGS = StretchSettings()
 
 @dataclass(frozen=True, eq=False)
 class _PackedClass:
-    """An ExposureClass with its table packed: 64 tables of 16-bit images would not fit into memory."""
+    """An ExposureClass with its table packed: 64 tables of 16-bit images would not fit into
+    memory.
+    """
 
     table: bytes
     brightness: Brightness
@@ -86,13 +100,17 @@ class _Chunk:
         return _Chunk(range(self.frames.start, other.frames.stop), classes)
 
     def table(self) -> MomentTable | None:
-        """Moment table of its frames of usual exposure; None where there is no light, or no known range."""
+        """Moment table of its frames of usual exposure; None where there is no light, or no known
+        range.
+        """
         lit = {kind: frames.unpacked for kind, frames in self.classes.items() if kind != BLACK}
         return usual_exposure(lit)[1].table if lit else None
 
 
 class _OpenChunk:
-    """The chunk that grows. Its tables are not packed, so that the time to add a frame does not depend on its size."""
+    """The chunk that grows. Its tables are not packed, so that the time to add a frame does not
+    depend on its size.
+    """
 
     def __init__(self, start: int) -> None:
         self.frames = range(start, start)
@@ -105,12 +123,16 @@ class _OpenChunk:
 
     def closed(self) -> _Chunk:
         """The finished chunk, packed to save memory."""
-        return _Chunk(self.frames, {kind: _PackedClass.of(frames) for kind, frames in self._classes.items()})
+        return _Chunk(
+            self.frames, {kind: _PackedClass.of(frames) for kind, frames in self._classes.items()}
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """The data of a chunk. table: of its frames. seen: its quantiles. own: its cost under a water of its own."""
+    """The data of a chunk. table: of its frames. seen: its quantiles. own: its cost under a water
+    of its own.
+    """
 
     table: MomentTable
     seen: RangeQuantiles
@@ -120,7 +142,8 @@ class _Evidence:
 class AutoFitter(Fitter):
     """Takes frames one at a time and in order, and gives each the water of its stretch.
 
-    linked: names of frames that show the same spots as the frame before them; the dive is never cut between these.
+    linked: names of frames that show the same spots as the frame before them; the dive is never cut
+    between these.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
@@ -150,12 +173,16 @@ class AutoFitter(Fitter):
             self._open = _OpenChunk(len(self._frames))
             if len(self._chunks) == SETTINGS.most_chunks:
                 self._chunk_frames *= 2
-                self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
+                self._chunks = [
+                    reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)
+                ]
         self._frames.add(several.frames)
         self._open.add(several)
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's stretch, by frame name; a stretch without a known range gets that of the stretch before."""
+        """The water of each frame's stretch, by frame name; a stretch without a known range gets
+        that of the stretch before.
+        """
         chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
         evidence = _evidence(chunks, self._config)
         parts = _parts(evidence, self._config) if chunks else []
@@ -177,15 +204,25 @@ class AutoFitter(Fitter):
         """Where the dive was cut into stretches; empty if all frames share a water."""
         if len(self._stretches) < 2:
             return ()
-        ends = [(self._frames.names[frames[0]], self._frames.names[frames[-1]]) for frames in self._stretches]
+        ends = [
+            (self._frames.names[frames[0]], self._frames.names[frames[-1]])
+            for frames in self._stretches
+        ]
         named = [f"{first} to {last}" if first != last else first for first, last in ends]
-        return (f"the frames do not share one water: {len(named)} waters were fitted, one each for {'; '.join(named)}",)
+        return (
+            f"the frames do not share one water: {len(named)} waters were fitted, one each for "
+            f"{'; '.join(named)}",
+        )
 
 
 def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence | None]:
     """The data of each chunk; None for one without light or a known range."""
     tables = [chunk.table() for chunk in chunks]
-    known = [(i, table, quantiles_by_range(table, config.input_encoding)) for i, table in enumerate(tables) if table is not None]
+    known = [
+        (i, table, quantiles_by_range(table, config.input_encoding))
+        for i, table in enumerate(tables)
+        if table is not None
+    ]
     costs = quality([seen for _, _, seen in known], config.robust)
     found: list[_Evidence | None] = [None] * len(chunks)
     for (i, table, seen), own in zip(known, costs, strict=True):
@@ -194,9 +231,14 @@ def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence |
 
 
 def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
-    """Stretches of chunks that share a water, in their order; chunks without evidence go with those before them."""
+    """Stretches of chunks that share a water, in their order; chunks without evidence go with those
+    before them.
+    """
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    stretches = _joined(_stretches([((chunk,), chunk.table) for chunk in chunks if chunk is not None], config), config)
+    stretches = _joined(
+        _stretches([((chunk,), chunk.table) for chunk in chunks if chunk is not None], config),
+        config,
+    )
     sizes = np.cumsum([len(stretch.chunks) for stretch in stretches[:-1]], dtype=int)
     edges = [0, *(known[cut] for cut in sizes), len(chunks)]
     return [range(a, b) for a, b in pairwise(edges)]
@@ -204,8 +246,8 @@ def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[rang
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Neighboring chunks. table: of all. water: of all, near enough to compare costs. costs (N,): cost of each chunk under it, less
-    that under its own water.
+    """Neighboring chunks. table: of all. water: of all, near enough to compare costs. costs (N,):
+    cost of each chunk under it, less that under its own water.
     """
 
     chunks: tuple[_Evidence, ...]
@@ -215,19 +257,36 @@ class _Stretch:
 
 
 def _stretches(
-    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]], config: ColorConfig, starts: Sequence[Water] = ()
+    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]],
+    config: ColorConfig,
+    starts: Sequence[Water] = (),
 ) -> list[_Stretch]:
-    """Stretches of given chunks and the tables of all of these; their waters are fitted together, and so are the costs.
+    """Stretches of given chunks and the tables of all of these; their waters are fitted together,
+    and so are the costs.
 
     starts: waters that the fits begin from.
     """
     if not parts:
         return []
-    waters = robust.fit_all([quantiles_by_range(table, config.input_encoding) for _, table in parts], config, starts, ENOUGH)
-    under = [(chunk, water) for (chunks, _), water in zip(parts, waters, strict=True) for chunk in chunks]
-    costs = quality([chunk.seen for chunk, _ in under], config.robust, [water for _, water in under])
-    added = np.split(costs - [chunk.own for chunk, _ in under], np.cumsum([len(chunks) for chunks, _ in parts])[:-1])
-    return [_Stretch(*part, water, cost) for part, water, cost in zip(parts, waters, added, strict=True)]
+    waters = robust.fit_all(
+        [quantiles_by_range(table, config.input_encoding) for _, table in parts],
+        config,
+        starts,
+        ENOUGH,
+    )
+    under = [
+        (chunk, water) for (chunks, _), water in zip(parts, waters, strict=True) for chunk in chunks
+    ]
+    costs = quality(
+        [chunk.seen for chunk, _ in under], config.robust, [water for _, water in under]
+    )
+    added = np.split(
+        costs - [chunk.own for chunk, _ in under],
+        np.cumsum([len(chunks) for chunks, _ in parts])[:-1],
+    )
+    return [
+        _Stretch(*part, water, cost) for part, water, cost in zip(parts, waters, added, strict=True)
+    ]
 
 
 class _Join(NamedTuple):
@@ -240,7 +299,9 @@ class _Join(NamedTuple):
 def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
     """Each pair of a stretch and the next one joined, and the cost of joining."""
     larger = [max(pair, key=lambda stretch: len(stretch.chunks)).water for pair in pairs]
-    joined = _stretches([(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config, larger)
+    joined = _stretches(
+        [(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config, larger
+    )
     return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
 
 
@@ -255,7 +316,9 @@ def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
 
 
 def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
-    """Join neighbors, those with the least strain first, until every further join exceeds the limit."""
+    """Join neighbors, those with the least strain first, until every further join exceeds the
+    limit.
+    """
     joins = _joins(list(pairwise(stretches)), config)
     while joins:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)
@@ -264,6 +327,8 @@ def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
         stretches[best : best + 2] = [joins[best].stretch]
         joins[best : best + 1] = []
         beside = [i for i in (best - 1, best) if 0 <= i < len(joins)]
-        for i, join in zip(beside, _joins([(stretches[i], stretches[i + 1]) for i in beside], config), strict=True):
+        for i, join in zip(
+            beside, _joins([(stretches[i], stretches[i + 1]) for i in beside], config), strict=True
+        ):
             joins[i] = join
     return stretches

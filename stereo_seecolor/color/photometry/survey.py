@@ -1,4 +1,6 @@
-"""One water for many frames: tables add, so the water of a survey is the fit to the sum of its frames' tables."""
+"""One water for many frames: tables add, so the water of a survey is the fit to the sum of its
+frames' tables.
+"""
 
 from array import array
 from collections import deque
@@ -21,7 +23,9 @@ from stereo_seecolor.records import Water
 FitTable = Callable[[MomentTable, Water | None], Water]
 
 CLASS_STOPS = 2.0
-"""Frames are sorted by brightness into classes this wide; more than a class from most is another exposure, not another reef."""
+"""Frames are sorted by brightness into classes this wide; more than a class from most is another
+exposure, not another reef.
+"""
 BLACK = -10_000
 """The class of frames without any light."""
 
@@ -42,7 +46,9 @@ class Fitter(Protocol):
         raise TypeError("the frames of this fit are added one by one")
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame, by name. Raises ColorError where no frame has a pixel with a known range."""
+        """The water of each frame, by name. Raises ColorError where no frame has a pixel with a
+        known range.
+        """
 
     def notes(self) -> tuple[str, ...]:
         """Warnings and notes about the whole dive, after ``waters`` has been called."""
@@ -52,7 +58,8 @@ class Fitter(Protocol):
 class FrameFitter(Fitter):
     """``color.lock: frame``: each frame has its own water.
 
-    linked: names of frames that show the same spots as the frame before them: their fits start from its water, no others do.
+    linked: names of frames that show the same spots as the frame before them: their fits start from
+    its water, no others do.
     """
 
     def __init__(self, fit: FitTable, linked: Collection[str] = ()) -> None:
@@ -72,7 +79,9 @@ class FrameFitter(Fitter):
 
 
 class SlidingFitter(Fitter):
-    """``color.lock: sliding``: one water and exposure for each frame, fitted to the last few frames together."""
+    """``color.lock: sliding``: one water and exposure for each frame, fitted to the last few frames
+    together.
+    """
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
@@ -100,7 +109,9 @@ class SlidingFitter(Fitter):
         return self._last
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's window; a frame without a known range gets that of the frame before it."""
+        """The water of each frame's window; a frame without a known range gets that of the frame
+        before it.
+        """
         return completed(self._waters.items())
 
 
@@ -117,8 +128,9 @@ class ExposureClass:
 
 @dataclass(frozen=True, eq=False)
 class CountedFrames:
-    """Neighboring frames with the sums of their tables. frames: name, class and packed brightness of each. classes: sums of their
-    tables, by class of brightness; frames without a known range are in none.
+    """Neighboring frames with the sums of their tables. frames: name, class and packed brightness
+    of each. classes: sums of their tables, by class of brightness; frames without a known range are
+    in none.
     """
 
     frames: Sequence[tuple[str, int, bytes]]
@@ -144,7 +156,8 @@ def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass])
 
 
 class FrameBrightness:
-    """Names and brightness of frames, in the order in which they were added. Brightness, 400 bytes a frame, is kept out of memory.
+    """Names and brightness of frames, in the order in which they were added. Brightness, 400 bytes
+    a frame, is kept out of memory.
 
     classes: class of each frame, as of ``class_of``.
     """
@@ -171,8 +184,9 @@ class FrameBrightness:
 class SurveyFitter(Fitter):
     """``color.lock: survey``: one water and one exposure for all frames.
 
-    Where the camera holds its exposure, frames far darker or brighter than most are left out of the fit, and get the survey's water
-    scaled to their exposure. With ``camera_exposure: brightness``, every frame is first brought to one exposure.
+    Where the camera holds its exposure, frames far darker or brighter than most are left out of the
+    fit, and get the survey's water scaled to their exposure. With ``camera_exposure: brightness``,
+    every frame is first brought to one exposure.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
@@ -185,8 +199,17 @@ class SurveyFitter(Fitter):
         frame = CountedFrames.of([(name, table)], self._config)
         reference = self._classes.get(0)
         if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
-            table = darkened(table, frame.classes[0].brightness.ratio(reference.brightness), self._config.input_encoding)
-            frame = replace(frame, classes={0: ExposureClass(table, Brightness.of(table, self._config.input_encoding))})
+            table = darkened(
+                table,
+                frame.classes[0].brightness.ratio(reference.brightness),
+                self._config.input_encoding,
+            )
+            frame = replace(
+                frame,
+                classes={
+                    0: ExposureClass(table, Brightness.of(table, self._config.input_encoding))
+                },
+            )
         self.join(frame)
 
     @property
@@ -202,13 +225,20 @@ class SurveyFitter(Fitter):
     def waters(self) -> Mapping[str, Water]:
         """The survey's water, scaled to each frame's camera exposure."""
         numbers = range(len(self._frames))
-        return completed(survey_waters(self._frames, numbers, self._classes, self._config, self._fit))
+        return completed(
+            survey_waters(self._frames, numbers, self._classes, self._config, self._fit)
+        )
 
 
 def survey_waters(
-    frames: FrameBrightness, numbers: range, classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
+    frames: FrameBrightness,
+    numbers: range,
+    classes: Mapping[int, ExposureClass],
+    config: ColorConfig,
+    fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
-    """Name and water of each of the frames with these numbers: one water, scaled to each frame's exposure.
+    """Name and water of each of the frames with these numbers: one water, scaled to each frame's
+    exposure.
 
     classes: sums of their tables; where it is empty, the waters are None.
     """
@@ -221,22 +251,34 @@ def survey_waters(
         usual = frames.classes[number] == BLACK or (
             config.camera_exposure != "brightness" and abs(frames.classes[number] - most) <= 1
         )
-        seen = water if usual else _as_exposed(water, frames.brightness(number).ratio(survey.brightness), config)
+        seen = (
+            water
+            if usual
+            else _as_exposed(water, frames.brightness(number).ratio(survey.brightness), config)
+        )
         yield frames.names.item(number), seen
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
-    """The class that has most pixels, and the sum of all frames in it and in the classes next to it."""
+    """The class that has most pixels, and the sum of all frames in it and in the classes next to
+    it.
+    """
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
     most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
     return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
-    """The class of a frame by its brightness: 0 for all lit frames with ``camera_exposure: brightness``."""
+    """The class of a frame by its brightness: 0 for all lit frames with ``camera_exposure:
+    brightness``.
+    """
     if not np.isfinite(brightness.stops):
         return BLACK
-    return 0 if config.camera_exposure == "brightness" else int(np.floor(brightness.stops / CLASS_STOPS))
+    return (
+        0
+        if config.camera_exposure == "brightness"
+        else int(np.floor(brightness.stops / CLASS_STOPS))
+    )
 
 
 def _as_exposed(water: Water, factor: float, config: ColorConfig) -> Water:
@@ -270,7 +312,8 @@ def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]
         found.put(name, water or last)
     if before:
         raise ColorError(
-            f"none of the {len(before)} frames has a pixel with a known range: nothing can be fitted (is it all open "
+            f"none of the {len(before)} frames has a pixel with a known range: nothing can be "
+            "fitted (is it all open "
             "water?); check the range maps, or the calibration and which side is left"
         )
     return found

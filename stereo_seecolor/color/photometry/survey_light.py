@@ -1,4 +1,6 @@
-"""The light of a survey, solved from sightings: the terms that the dive determines, and how much they help."""
+"""The light of a survey, solved from sightings: the terms that the dive determines, and how much
+they help.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,23 +27,34 @@ from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
 
 @dataclass(frozen=True)
 class SightingLimits:
-    """Limits of the sightings that the light of a survey is solved from, and of its standard error."""
+    """Limits of the sightings that the light of a survey is solved from, and of its standard
+    error.
+    """
 
     light: tuple[float, float] = (0.003, 0.97)
-    """Linear light of each channel, fraction of full scale: below is noise and backscatter, above the camera may have clipped."""
+    """Linear light of each channel, fraction of full scale: below is noise and backscatter, above
+    the camera may have clipped.
+    """
     range_quantiles: tuple[float, float] = (0.01, 0.99)
     """Quantiles of the sightings' ranges, beyond which the pattern is not extrapolated."""
     loose: float = 0.1
-    """Standard error of a pattern, logarithm, above which the note tells how to lower it. Of 49 drawn dives it is larger in ten, in
-    none of which frames of two lines were found to show the same."""
+    """Standard error of a pattern, logarithm, above which the note tells how to lower it. Of 49
+    drawn dives it is larger in ten, in none of which frames of two lines were found to show the
+    same.
+    """
 
 
 LIMITS = SightingLimits()
 ANGLE = 0.8165
-"""Radians of angle between two colors of a difference of 1 in the rms of their logarithms, near gray: sqrt(2/3)."""
+"""Radians of angle between two colors of a difference of 1 in the rms of their logarithms, near
+gray: sqrt(2/3).
+"""
 
 
-PARTS_DIFFER = "lines that share no spot were lit differently (lamps switched on between them?): the lamps' light is not corrected"
+PARTS_DIFFER = (
+    "lines that share no spot were lit differently (lamps switched on between them?): "
+    "the lamps' light is not corrected"
+)
 _ByName = Mapping[str, NDArray[np.float64]]
 
 
@@ -49,12 +62,14 @@ _ByName = Mapping[str, NDArray[np.float64]]
 class SurveyLight:
     """The solved light of a survey.
 
-    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each, and how much they help.
-    crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance between neighbors, without and with
-    the gains of all frames; None where these were not solved. recorded: True if the gains have recorded exposures as their prior.
-    refused: like offsets, without and with recorded exposures, where these do not explain differences between frames and are not
-    used; None where nothing was refused. parts_differ: True if lines that share no spot were lit differently, so that the lens
-    alone is corrected.
+    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each,
+    and how much they help.
+    crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance
+    between neighbors, without and with the gains of all frames; None where these were not solved.
+    recorded: True if the gains have recorded exposures as their prior.
+    refused: like offsets, without and with recorded exposures, where these do not explain
+    differences between frames and are not used; None where nothing was refused. parts_differ: True
+    if lines that share no spot were lit differently, so that the lens alone is corrected.
     """
 
     solved: Light
@@ -69,12 +84,25 @@ class SurveyLight:
     @property
     def light(self) -> Light | None:
         """The light; None where no term of it helps."""
-        return self.solved if any(self.luminance.use) or any(self.color.use) or self.solved.gains or self.solved.shading else None
+        return (
+            self.solved
+            if any(self.luminance.use)
+            or any(self.color.use)
+            or self.solved.gains
+            or self.solved.shading
+            else None
+        )
 
     @property
     def note(self) -> str:
-        """A line for the user on the terms in use and how much they help; "" where none are used."""
-        used = f"light: {'; '.join(self._used())}; more in water.json" if self.light else self._why_not()
+        """A line for the user on the terms in use and how much they help; "" where none are
+        used.
+        """
+        used = (
+            f"light: {'; '.join(self._used())}; more in water.json"
+            if self.light
+            else self._why_not()
+        )
         if self.refused is None:
             return used
         as_taken, about = map(_percent, self.refused)
@@ -83,10 +111,14 @@ class SurveyLight:
         return f"{used}; {refused}" if used else f"light: {refused}"
 
     def _why_not(self) -> str:
-        """The note where no term is used: too few spots; "" where the light was found to be even."""
+        """The note where no term is used: too few spots; "" where the light was found to be
+        even.
+        """
         if self.parts_differ:
             return f"light: {PARTS_DIFFER}"
-        few = f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
+        few = (
+            f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
+        )
         return "" if self.luminance.judged else f"light: {few}: too few, nothing is corrected"
 
     def _used(self) -> list[str]:
@@ -95,24 +127,33 @@ class SurveyLight:
         if any(luminance.use):
             before, after = luminance.before, luminance.after
             parts.append(
-                f"brightness corrected for {luminance.use}: views of one spot differ by {_percent(after.between_views)} "
-                f"(before: {_percent(before.between_views)}), frames by {_percent(after.between_frames)} "
+                f"brightness corrected for {luminance.use}: views of one spot differ by "
+                f"{_percent(after.between_views)} "
+                f"(before: {_percent(before.between_views)}), frames by "
+                f"{_percent(after.between_frames)} "
                 f"(before: {_percent(before.between_frames)})"
             )
         if luminance.use.pattern:
             parts.append(f"the uneven light is known to {_percent(luminance.error)}{self._loose}")
         if any(color.use):
-            before_deg, after_deg = (np.degrees(ANGLE * part.between_views) for part in (color.before, color.after))
+            before_deg, after_deg = (
+                np.degrees(ANGLE * part.between_views) for part in (color.before, color.after)
+            )
             same = "the same" if color.use == luminance.use else str(color.use)
-            parts.append(f"color corrected for {same}: views differ by {after_deg:.1f} degrees (before: {before_deg:.1f})")
+            parts.append(
+                f"color corrected for {same}: views differ by {after_deg:.1f} degrees (before: "
+                f"{before_deg:.1f})"
+            )
         if luminance.use.pattern and self.crossed < CROSSING_SETTINGS.color:
             parts.append(
-                f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of reef, {CROSSING_SETTINGS.color:.0f} needed"
+                f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of "
+                f"reef, {CROSSING_SETTINGS.color:.0f} needed"
             )
         if self.offsets and self.solved.gains and not luminance.use.gains:
             without, with_gains = (_percent(offset) for offset in self.offsets)
             parts.append(
-                f"a gain for each of {len(self.solved.gains)} frames: neighbors differ by {with_gains} (before: {without})"
+                f"a gain for each of {len(self.solved.gains)} frames: neighbors differ by "
+                f"{with_gains} (before: {without})"
             )
         if self.recorded:
             parts.append("the exposures that the camera recorded are used")
@@ -121,21 +162,33 @@ class SurveyLight:
     @property
     def _loose(self) -> str:
         """Advice for a pattern whose standard error is large; else ""."""
-        more = " only: lines that overlap or cross, and pictures of the turns between them, would tell more"
+        more = (
+            " only: lines that overlap or cross, and pictures of the turns between them, would "
+            "tell more"
+        )
         return more if self.luminance.error > LIMITS.loose else ""
 
-    def at(self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
-        """(N, 3) logarithm of the light without gains: pattern and trend with range, by water and lamps together.
+    def at(
+        self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """(N, 3) logarithm of the light without gains: pattern and trend with range, by water and
+        lamps together.
 
         pixel: (N, 2) x, y in an image of ``size`` (width, height). range_m: (N,) meters.
         """
         luminance, color = self.luminance.solution, self.color.solution
         seen = replace(self.solved, coefficients=luminance.coefficients + color.coefficients)
-        return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * (luminance.trend + color.trend)
+        return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * (
+            luminance.trend + color.trend
+        )
 
-    def of_frames(self, gains: _ByName, shading: _ByName, offsets: tuple[float, float]) -> "SurveyLight":
+    def of_frames(
+        self, gains: _ByName, shading: _ByName, offsets: tuple[float, float]
+    ) -> "SurveyLight":
         """The light with these gains and shading of frames, by name."""
-        return replace(self, solved=replace(self.solved, gains=gains, shading=shading), offsets=offsets)
+        return replace(
+            self, solved=replace(self.solved, gains=gains, shading=shading), offsets=offsets
+        )
 
     def content(self) -> dict[str, Any]:
         """The light as water.json holds it."""
@@ -161,9 +214,11 @@ def solve_light(
 ) -> SurveyLight | None:
     """Solve the light of a dive; None where no spot is seen from two frames.
 
-    names: of all frames of the dive. size: (width, height) of the images that the sightings' pixels are of.
-    allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera recorded; they are subtracted
-    first, so that the gains are relative to them. is_sampled: the windows are of a part of the frames.
+    names: of all frames of the dive. size: (width, height) of the images that the sightings' pixels
+    are of.
+    allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera
+    recorded; they are subtracted first, so that the gains are relative to them. is_sampled: the
+    windows are of a part of the frames.
     """
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
@@ -190,7 +245,9 @@ def solve_light(
     color = _choose_color(made, of_color, alike(crossed), len(measured))
     light = _light(luminance, color, made, [names[frame] for frame in measured], views)
     light = replace(light, fade=0.0) if differ else light
-    return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ)
+    return SurveyLight(
+        light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ
+    )
 
 
 def _candidates_of_luminance(allowed: Use, priors: Sequence[LightPrior]) -> list[Candidate]:
@@ -207,10 +264,14 @@ def _choose_color(windows: Sequence[Window], allowed: Use, one: float, frames: i
     unknown = LightPrior.unknown(COLOR, one)
     patterns = [Use(pattern=True), Use(pattern=True, ranged=True)]
     candidates = _candidates(allowed, unknown, [unknown], patterns)
-    return choose(windows, [window.log_light - _luminance(window) for window in windows], candidates, frames)
+    return choose(
+        windows, [window.log_light - _luminance(window) for window in windows], candidates, frames
+    )
 
 
-def _light(luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], views: Views) -> Light:
+def _light(
+    luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], views: Views
+) -> Light:
     """The light of luminance and color together. names: of the frames in the windows."""
     of_luminance, of_color = luminance.solution, color.solution
     return Light(
@@ -226,22 +287,32 @@ def _light(luminance: Choice, color: Choice, windows: Sequence[Window], names: S
 
 def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Frame name -> its numbers, of (F, ...) numbers; empty where all are 0."""
-    return {name: own.ravel() for name, own in zip(names, numbers, strict=True)} if numbers.any() else {}
+    return (
+        {name: own.ravel() for name, own in zip(names, numbers, strict=True)}
+        if numbers.any()
+        else {}
+    )
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
-    """The change of color with range; None where too few spots judge it, or where color has gains but no pattern: then a pattern
-    would be partly taken for the trend.
+    """The change of color with range; None where too few spots judge it, or where color has gains
+    but no pattern: then a pattern would be partly taken for the trend.
     """
     if not color.judged or (color.use.gains and not color.use.pattern):
         return None
     light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
-    power, error = color.solution.trend[0] / SHAPE.range_step, color.solution.trend_error / SHAPE.range_step
+    power, error = (
+        color.solution.trend[0] / SHAPE.range_step,
+        color.solution.trend_error / SHAPE.range_step,
+    )
     return ColorTrend(power - power.mean(), error, reference_m, light)
 
 
-def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]) -> list[Candidate]:
-    """The allowed candidates: no correction, gains alone, and each pattern with each of its priors, without and with gains.
+def _candidates(
+    allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]
+) -> list[Candidate]:
+    """The allowed candidates: no correction, gains alone, and each pattern with each of its priors,
+    without and with gains.
 
     unknown: prior without a pattern. priors: of patterns. patterns: terms of patterns to try.
     """
@@ -254,19 +325,33 @@ def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior],
     ]
     alone = [Candidate(Use(gains=gains, shading=shading), unknown) for gains, shading in own]
     every = [*alone, *of_patterns]
-    return [one for one in every if all(may or not used for used, may in zip(one.use, allowed, strict=True))]
+    return [
+        one
+        for one in every
+        if all(may or not used for used, may in zip(one.use, allowed, strict=True))
+    ]
 
 
 def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Window:
     """The window with the (F,) logarithms of recorded exposures subtracted."""
-    return window if recorded is None else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
+    return (
+        window
+        if recorded is None
+        else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
+    )
 
 
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
-    """The windows with their frames numbered from 0, and the numbers in the dive of these frames."""
-    measured, numbers = np.unique(np.concatenate([window.frame for window in windows]), return_inverse=True)
+    """The windows with their frames numbered from 0, and the numbers in the dive of these
+    frames.
+    """
+    measured, numbers = np.unique(
+        np.concatenate([window.frame for window in windows]), return_inverse=True
+    )
     parts = np.split(numbers, np.cumsum([len(window.frame) for window in windows[:-1]]))
-    return [replace(window, frame=frame) for window, frame in zip(windows, parts, strict=True)], measured
+    return [
+        replace(window, frame=frame) for window, frame in zip(windows, parts, strict=True)
+    ], measured
 
 
 def usable(seen: Sightings) -> NDArray[np.bool_]:

@@ -1,4 +1,6 @@
-"""Removes a known water from an image: J = exposure (I - B(z)) / (A(z) white); by look-up table for 8 bits, computed for 16."""
+"""Removes a known water from an image: J = exposure (I - B(z)) / (A(z) white); by look-up table for
+8 bits, computed for 16.
+"""
 
 from typing import Any
 
@@ -17,19 +19,37 @@ NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
 """Warning of a frame without known ranges."""
 
 
-def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig) -> Correction:
-    """Correct an image, at its size and bit depth. Where the range is unknown it is black, or raw by ``config.unknown_pixels``."""
+def correct(
+    image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig
+) -> Correction:
+    """Correct an image, at its size and bit depth. Where the range is unknown it is black, or raw
+    by ``config.unknown_pixels``.
+    """
     check_pair(image, range_m)
     bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     by_range = gains(water, config, tone.exposure)
-    shown, clipped = _apply(flat, bits, by_range, display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights), config)
-    whole = Shown(shown.image.reshape(image.shape), shown.unknown.reshape(shape), shown.unrecoverable.reshape(shape))
+    shown, clipped = _apply(
+        flat,
+        bits,
+        by_range,
+        display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights),
+        config,
+    )
+    whole = Shown(
+        shown.image.reshape(image.shape),
+        shown.unknown.reshape(shape),
+        shown.unrecoverable.reshape(shape),
+    )
     return corrected(image, whole, clipped, water, tone, config)
 
 
-def corrected(image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig) -> Correction:
-    """The correction of an image, of its corrected pixels, at its shape. clipped: the fraction of clipped pixels."""
+def corrected(
+    image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig
+) -> Correction:
+    """The correction of an image, of its corrected pixels, at its shape. clipped: the fraction of
+    clipped pixels.
+    """
     unknown = shown.unknown
     if config.unknown_pixels == "raw":
         shown.image[unknown] = image[unknown]
@@ -41,11 +61,17 @@ def corrected(image: Image, shown: Shown, clipped: float, water: Water, tone: To
         water=water,
         exposure=tone.exposure,
         highlights=tone.highlights,
-        warnings=tuple(filter(None, (*water.warnings, white_doubt(water), NOTHING_KNOWN if unknown.all() else ""))),
+        warnings=tuple(
+            filter(
+                None, (*water.warnings, white_doubt(water), NOTHING_KNOWN if unknown.all() else "")
+            )
+        ),
     )
 
 
-def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> NDArray[np.float32]:
+def correct_linear(
+    image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig
+) -> NDArray[np.float32]:
     """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
     check_pair(image, range_m)
     by_range, bits = gains(water, config, exposure), range_bits(range_m)
@@ -53,12 +79,19 @@ def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, co
     from stereo_seecolor.color.device import find_device
     from stereo_seecolor.color.render import torch_apply
 
-    shown, device = display(8 * image.dtype.itemsize, config.input_encoding, 1.0), find_device(_device(config))
+    shown, device = (
+        display(8 * image.dtype.itemsize, config.input_encoding, 1.0),
+        find_device(_device(config)),
+    )
     return torch_apply.linear(flat, bits, by_range, shown, device).reshape(image.shape)
 
 
 def _apply(
-    flat: NDArray[Any], bits: NDArray[np.int32], by_range: Gains, shown: Display, config: ColorConfig
+    flat: NDArray[Any],
+    bits: NDArray[np.int32],
+    by_range: Gains,
+    shown: Display,
+    config: ColorConfig,
 ) -> tuple[Shown, float]:
     """``torch_apply.on_processor``, or ``torch_apply.apply`` where ``config.device`` is cuda."""
     from stereo_seecolor.color.device import find_device

@@ -25,14 +25,16 @@ from stereo_seecolor.records import Image, Map, Mask
 
 @dataclass(frozen=True)
 class Smoother:
-    """step_px: the resolution, in pixels of the image. reaches: smoothness, far to near; on one color 1000 carries over some 30
-    steps, 10 over some 3, and 1 over one; each with its passes over rows and columns. One of 100 between them, or a single pass of
-    1000, draws bands into open water.
+    """step_px: the resolution, in pixels of the image. reaches: smoothness, far to near; on one
+    color 1000 carries over some 30 steps, 10 over some 3, and 1 over one; each with its passes over
+    rows and columns. One of 100 between them, or a single pass of 1000, draws bands into open
+    water.
 
-    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. farther: weight of what the reach
-    before gave, against the mean one of what is measured; before the first reach that is the frame's median range.
-    strays: fraction of a frame's ranges, nearest and farthest each, that are not carried: a dozen wrong pixels at four times the
-    range of a real reef turned a spot of 80x90 pixels red.
+    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise.
+    farther: weight of what the reach before gave, against the mean one of what is measured; before
+    the first reach that is the frame's median range.
+    strays: fraction of a frame's ranges, nearest and farthest each, that are not carried: a dozen
+    wrong pixels at four times the range of a real reef turned a spot of 80x90 pixels red.
     """
 
     step_px: int = 4
@@ -43,11 +45,16 @@ class Smoother:
 
 
 SAMPLE = 2
-"""Quantiles are those of every second row and column at the smoother's resolution: all take four times as long."""
+"""Quantiles are those of every second row and column at the smoother's resolution: all take four
+times as long.
+"""
 
 
-def carry_ranges(image: Image, range_m: Map, seen: Mask | None = None, smoother: Smoother | None = None) -> Map:
-    """The range map with its unknown pixels filled; itself where nothing is known at all, or nothing is missing.
+def carry_ranges(
+    image: Image, range_m: Map, seen: Mask | None = None, smoother: Smoother | None = None
+) -> Map:
+    """The range map with its unknown pixels filled; itself where nothing is known at all, or
+    nothing is missing.
 
     image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, NaN unknown.
     seen: (H, W) True where the image shows something; elsewhere the range stays unknown.
@@ -76,13 +83,21 @@ def _smoothed(image: Image, range_m: Map, known: Mask, smoother: Smoother) -> ND
     density = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     mean_m = np.divide(total, density, out=np.zeros_like(total), where=density > 0)
     sample_m = mean_m[::SAMPLE, ::SAMPLE][density[::SAMPLE, ::SAMPLE] > 0]
-    near_m, far_m = np.quantile(sample_m, [smoother.strays, 1 - smoother.strays]) if sample_m.size else (0.0, np.inf)
+    near_m, far_m = (
+        np.quantile(sample_m, [smoother.strays, 1 - smoother.strays])
+        if sample_m.size
+        else (0.0, np.inf)
+    )
     weight = density * mean_m**2 * ((mean_m >= near_m) & (mean_m <= far_m))
     farther = smoother.farther * float(weight.sum() / np.count_nonzero(density))
     carried = np.median(mean_m[density > 0])
     for reach, passes in smoother.reaches:
-        smooth = cv2.ximgproc.createFastGlobalSmootherFilter(guide, reach, smoother.color_sigma, num_iter=passes)
-        carried = smooth.filter(weight * mean_m + farther * carried) / smooth.filter(weight + farther)
+        smooth = cv2.ximgproc.createFastGlobalSmootherFilter(
+            guide, reach, smoother.color_sigma, num_iter=passes
+        )
+        carried = smooth.filter(weight * mean_m + farther * carried) / smooth.filter(
+            weight + farther
+        )
     nearest_m, farthest_m, *_ = cv2.minMaxLoc(range_m, mask)
     return np.asarray(np.clip(carried, max(near_m, nearest_m), min(far_m, farthest_m)), np.float32)
 
@@ -105,17 +120,24 @@ class BoundSettings:
     """Settings of the limits."""
 
     quantile: float = 0.97
-    """Fraction of measured pixels within the bounds: wrong matches and the noise of far ones are a few percent. With 0.95, holes
-    drawn into photographs under water come out 0.1 degrees worse; with 0.97 no open water that was looked at is red."""
+    """Fraction of measured pixels within the bounds: wrong matches and the noise of far ones are a
+    few percent. With 0.95, holes drawn into photographs under water come out 0.1 degrees worse;
+    with 0.97 no open water that was looked at is red.
+    """
     green: float = 0.5
-    """Fraction of measured pixels with less green than carried ones may have: less than half of a reef is violet or pink, and open
-    water often came out so."""
+    """Fraction of measured pixels with less green than carried ones may have: less than half of a
+    reef is violet or pink, and open water often came out so.
+    """
     least_light: float = 0.007
-    """Least light of the channels that are divided by, linear, as a fraction of full scale: ratios of darker pixels are noise."""
+    """Least light of the channels that are divided by, linear, as a fraction of full scale: ratios
+    of darker pixels are noise.
+    """
     every_px: int = 8
     """Every so many rows and columns are examined."""
     hole_px: int = 15
-    """Width of areas, pixels, from which carried colors are limited: matching leaves narrower holes in surfaces that it knows."""
+    """Width of areas, pixels, from which carried colors are limited: matching leaves narrower holes
+    in surfaces that it knows.
+    """
     fewest: int = 100
     """Least measured pixels for which bounds are set."""
 
@@ -124,15 +146,17 @@ SETTINGS = BoundSettings()
 
 
 class Bounds(NamedTuple):
-    """Bounds of R, G, B. most (3,): of a channel over the greater of the other two. least (3,): over the lesser of the other
-    two."""
+    """Bounds of R, G, B. most (3,): of a channel over the greater of the other two. least (3,):
+    over the lesser of the other two.
+    """
 
     most: NDArray[np.float32]
     least: NDArray[np.float32]
 
 
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """The corrected image (H, W, 3), with colors limited to those of measured pixels where the range was carried over.
+    """The corrected image (H, W, 3), with colors limited to those of measured pixels where the
+    range was carried over.
 
     image: encoded uint8 or uint16, or float32 in linear light.
     """
@@ -146,7 +170,10 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
     limited = pixels.copy()
     for c in range(3):
         a, b = _others(c)
-        least, most = np.minimum(pixels[a], pixels[b]) * bounds.least[c], np.maximum(pixels[a], pixels[b]) * bounds.most[c]
+        least, most = (
+            np.minimum(pixels[a], pixels[b]) * bounds.least[c],
+            np.maximum(pixels[a], pixels[b]) * bounds.most[c],
+        )
         limited[c] = np.clip(pixels[c], least, np.minimum(most, full))
     changed = (limited != pixels).any(axis=0)
     out = image.copy()
@@ -155,8 +182,12 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
 
 
 def _wide(carried: Mask) -> Mask:
-    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that distance."""
-    core = cv2.morphologyEx(carried.astype(np.uint8), cv2.MORPH_OPEN, np.ones((SETTINGS.hole_px,) * 2, np.uint8))
+    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that
+    distance.
+    """
+    core = cv2.morphologyEx(
+        carried.astype(np.uint8), cv2.MORPH_OPEN, np.ones((SETTINGS.hole_px,) * 2, np.uint8)
+    )
     reach = cv2.dilate(core, np.ones((2 * SETTINGS.hole_px + 1,) * 2, np.uint8))
     return np.asarray(carried & (reach > 0))
 
@@ -166,9 +197,15 @@ def _others(c: int) -> list[int]:
 
 
 def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
-    """The bounds from measured pixels among those that are examined; None where there are too few."""
+    """The bounds from measured pixels among those that are examined; None where there are too
+    few.
+    """
     encoded = np.issubdtype(image.dtype, np.integer)
-    dark = encode_srgb(np.array(SETTINGS.least_light)) * np.iinfo(image.dtype).max if encoded else SETTINGS.least_light
+    dark = (
+        encode_srgb(np.array(SETTINGS.least_light)) * np.iinfo(image.dtype).max
+        if encoded
+        else SETTINGS.least_light
+    )
     seen = image[measured].astype(np.float32)
     bounds = Bounds(np.full(3, np.inf, np.float32), np.zeros(3, np.float32))
     for c in range(3):
@@ -177,7 +214,9 @@ def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
         if np.count_nonzero(lit) < SETTINGS.fewest:
             return None
         own, others = seen[lit, c], others[lit]
-        bounds.most[c] = max(np.quantile(own / others.max(axis=1), SETTINGS.quantile), 1.0)  # gray is always within the bounds
+        bounds.most[c] = max(
+            np.quantile(own / others.max(axis=1), SETTINGS.quantile), 1.0
+        )  # gray is always within the bounds
         if c in (RED, GREEN):
             shorter = 1 - SETTINGS.quantile if c == RED else SETTINGS.green
             bounds.least[c] = min(np.quantile(own / others.min(axis=1), shorter), 1.0)

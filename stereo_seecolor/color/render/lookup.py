@@ -1,6 +1,8 @@
-"""Looks up the displayed values of 8-bit pixels by range bin and value, on the processor: loops that know no water.
+"""Looks up the displayed values of 8-bit pixels by range bin and value, on the processor: loops
+that know no water.
 
-Compiled without numba's own threads, whose simplest layer must not be entered by two threads at once.
+Compiled without numba's own threads, whose simplest layer must not be entered by two threads at
+once.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +24,8 @@ BLOCK = 4096
 
 
 class Shown(NamedTuple):
-    """Corrected pixels. image (N, 3): encoded for display, 0 where the range is unknown. unknown (N,).
+    """Corrected pixels. image (N, 3): encoded for display, 0 where the range is unknown. unknown
+    (N,).
     unrecoverable (N,): noise limits the gain, or the camera clipped the pixel.
     """
 
@@ -35,7 +38,8 @@ class Shown(NamedTuple):
 def fine_bins(bits: Any, fine: Any, unknown: Any) -> Any:
     """Write fine range bins (N,) of ranges given as float32 bits, FINE_BINS where unknown.
 
-    Returns the nearest and the farthest bin (nearest > farthest where none is known), and how many ranges are known.
+    Returns the nearest and the farthest bin (nearest > farthest where none is known), and how many
+    ranges are known.
     """
     nearest, farthest, known = np.uint32(FINE_BINS), np.uint32(0), bits.size
     for i in range(bits.size):
@@ -49,22 +53,33 @@ def fine_bins(bits: Any, fine: Any, unknown: Any) -> Any:
 
 
 @compiled
-def look_up(image: Any, fine: Any, table: Any, roll_off: Any, limits: Any, special: Any, out: Any) -> Any:
+def look_up(
+    image: Any, fine: Any, table: Any, roll_off: Any, limits: Any, special: Any, out: Any
+) -> Any:
     """Write the displayed values (N, 3) of 8-bit pixels; 0 where the range is unknown.
 
-    table (1025 * 768,): displayed values by fine range bin, channel and value; or codes, which are multiplied by a factor for the
-    pixel's greatest code. roll_off: factors (65536,), of no codes where the table holds values; and what is subtracted.
-    limits: bins (1025,) that must be computed, and the value from which a pixel must. Writes the numbers of these pixels into
-    ``special``, and returns how many.
+    table (1025 * 768,): displayed values by fine range bin, channel and value; or codes, which are
+    multiplied by a factor for the pixel's greatest code. roll_off: factors (65536,), of no codes
+    where the table holds values; and what is subtracted.
+    limits: bins (1025,) that must be computed, and the value from which a pixel must. Writes the
+    numbers of these pixels into ``special``, and returns how many.
     """
     (factors, zero), (capped, near), number = roll_off, limits, L(0)
-    codes, by_pixel, first_capped = np.empty(3 * BLOCK, table.dtype), np.empty(BLOCK, np.float32), np.uint32(FINE_BINS)
+    codes, by_pixel, first_capped = (
+        np.empty(3 * BLOCK, table.dtype),
+        np.empty(BLOCK, np.float32),
+        np.uint32(FINE_BINS),
+    )
     for i in range(FINE_BINS):
         if capped[i]:
             first_capped = min(first_capped, np.uint32(i))
     for start in range(0, fine.size, BLOCK):
         end = min(start + BLOCK, fine.size)
-        pixels, bins, shown = image[start:end].reshape(-1), fine[start:end], out[start:end].reshape(-1)
+        pixels, bins, shown = (
+            image[start:end].reshape(-1),
+            fine[start:end],
+            out[start:end].reshape(-1),
+        )
         if factors.size == 0:
             _take(pixels, bins, table, shown)
         else:
@@ -78,7 +93,10 @@ def look_up(image: Any, fine: Any, table: Any, roll_off: Any, limits: Any, speci
         if highest >= near or farthest >= first_capped:
             for i in range(bins.size):
                 special[number] = start + i
-                must = capped[L(bins[i])] or max(pixels[3 * i], max(pixels[3 * i + 1], pixels[3 * i + 2])) >= near
+                must = (
+                    capped[L(bins[i])]
+                    or max(pixels[3 * i], max(pixels[3 * i + 1], pixels[3 * i + 2])) >= near
+                )
                 number += L(must and bins[i] != np.uint32(FINE_BINS))
     return number
 
@@ -97,7 +115,9 @@ def _take(pixels: Any, fine: Any, table: Any, out: Any) -> None:
 
 @compiled
 def _display(codes: Any, factors: Any, zero: Any, by_pixel: Any, out: Any) -> None:
-    """Write the values of codes (N * 3,); the second loop of its own, so that the compiler vectorizes it."""
+    """Write the values of codes (N * 3,); the second loop of its own, so that the compiler
+    vectorizes it.
+    """
     for i in range(out.size // 3):
         by_pixel[i] = factors[L(max(codes[3 * i], max(codes[3 * i + 1], codes[3 * i + 2])))]
     for i in range(out.size // 3):

@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins, decoded_values, decoding_slope, encode
+from stereo_seecolor.color.table.encoding import (
+    InputEncoding,
+    decoded_bins,
+    decoded_values,
+    decoding_slope,
+    encode,
+)
 from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable, range_edges_m
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.config import ColorConfig
@@ -28,10 +34,12 @@ FINE_BINS = FINE * RANGE_BINS
 class Gains(NamedTuple):
     """J = gain I - offset, for each channel and fine range bin.
 
-    gain, offset: (3, 1024) float32, offset as a fraction of full scale. capped: (1025,) bool, True where noise limits a gain; the
-    last is for unknown range: False. missing: (3, 1024) float32, fraction of a channel's light that its limit leaves out, relative
-    to the channel that is limited least. noise: (1024,) float32, of the light of a black surface, root mean square of the channels,
-    above that which exposure alone gives. matrix: (3, 3) float32, mixes the channels of J; of no rows where they are not mixed.
+    gain, offset: (3, 1024) float32, offset as a fraction of full scale. capped: (1025,) bool, True
+    where noise limits a gain; the last is for unknown range: False. missing: (3, 1024) float32,
+    fraction of a channel's light that its limit leaves out, relative to the channel that is limited
+    least. noise: (1024,) float32, of the light of a black surface, root mean square of the
+    channels, above that which exposure alone gives. matrix: (3, 3) float32, mixes the channels of
+    J; of no rows where they are not mixed.
     """
 
     gain: NDArray[np.float32]
@@ -53,34 +61,56 @@ def fine_ranges_m() -> NDArray[np.float64]:
 def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     """The gains that remove this water and show the scene at this exposure.
 
-    A channel that noise limits more than another is weighted by the square of the ratio of their limits, as in Wiener's filter. A
-    color matrix multiplies a channel's noise by at most the largest entry of its column.
+    A channel that noise limits more than another is weighted by the square of the ratio of their
+    limits, as in Wiener's filter. A color matrix multiplies a channel's noise by at most the
+    largest entry of its column.
     """
     wanted, subtracted = unexposed(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
-    most = config.output_noise / exposure / amplified / _noise(wanted, subtracted, config, MID_GRAY / exposure)
+    most = (
+        config.output_noise
+        / exposure
+        / amplified
+        / _noise(wanted, subtracted, config, MID_GRAY / exposure)
+    )
     allowed = np.minimum(1.0, most / wanted)
     best = allowed.max(axis=0)
     trust = (allowed / best) ** 2
     shown = best * trust * exposure
-    gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust))
+    gain, offset, missing = (
+        part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust)
+    )
     matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
     black = np.square(_noise(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
-    without_water = np.square(config.input_noise * decoding_slope(np.zeros(1), config.input_encoding) * exposure)
+    without_water = np.square(
+        config.input_noise * decoding_slope(np.zeros(1), config.input_encoding) * exposure
+    )
     noise = np.sqrt(np.maximum(black - without_water, 0.0)).astype(np.float32)
     return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
 
 
-def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, limited only against overflow."""
-    gain = 1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
+def unexposed(
+    water: Water, range_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, limited only
+    against overflow.
+    """
+    gain = (
+        1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
+    )
     return gain, gain * water.backscatter(range_m).T
 
 
-def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float) -> NDArray[np.float64]:
-    """(3, N) noise in linear light, before gains, of a surface whose corrected light is J = ``surface``."""
+def _noise(
+    gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float
+) -> NDArray[np.float64]:
+    """(3, N) noise in linear light, before gains, of a surface whose corrected light is J =
+    ``surface``.
+    """
     light = (offset + surface) / gain
-    return np.asarray(config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding))
+    return np.asarray(
+        config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding)
+    )
 
 
 # The exposure of an image for display, and the roll-off of highlights beyond full scale.
@@ -91,23 +121,31 @@ def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: Color
 # linear.
 
 BRIGHTEST_SHOWN = 0.97
-"""Displayed value, fraction of full scale, of the brightest pixel that may not clip: it leaves room for a white target's noise."""
+"""Displayed value, fraction of full scale, of the brightest pixel that may not clip: it leaves room
+for a white target's noise.
+"""
 BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
 """The same in linear light."""
 NODES = 16384
-"""Steps of the encoding curve from light 0 to 1: where it is steepest, in the dark, one is a fifth of an 8-bit step."""
+"""Steps of the encoding curve from light 0 to 1: where it is steepest, in the dark, one is a fifth
+of an 8-bit step.
+"""
 REACH = 4
-"""Light up to this many times full scale keeps its order before it rolls off. Exposure goes no further, two stops: with more, the
-bright parts of a picture turn flat and pale, and noise is brightened, too."""
+"""Light up to this many times full scale keeps its order before it rolls off. Exposure goes no
+further, two stops: with more, the bright parts of a picture turn flat and pale, and noise is
+brightened, too.
+"""
 CODES = {8: 128, 16: 1}
 """Codes a value, by bit depth: 8-bit values are rounded from codes, in 16 bits."""
 FULL_FROM, FULL_AT = 0.95, 0.99
-"""Fractions of full scale, encoded: from the second on, a value is only a lower bound of the light; between, in part."""
+"""Fractions of full scale, encoded: from the second on, a value is only a lower bound of the light;
+between, in part.
+"""
 
 
 class Tone(NamedTuple):
-    """The brightness of a corrected image. exposure: gain of all channels. highlights: light of so many times the brightest light
-    shown is rolled off to it; 1 = no roll-off.
+    """The brightness of a corrected image. exposure: gain of all channels. highlights: light of so
+    many times the brightest light shown is rolled off to it; 1 = no roll-off.
     """
 
     exposure: float
@@ -115,12 +153,15 @@ class Tone(NamedTuple):
 
 
 class Display(NamedTuple):
-    """Tables that convert a camera's values to light, and light to displayed values; V = 256 or 65536.
+    """Tables that convert a camera's values to light, and light to displayed values; V = 256 or
+    65536.
 
-    decoded (V,): linear light of a value. known (V,): 1; less for values so high that the camera may have clipped them.
-    curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes (65538,): the same rounded, for look-up tables
-    of 8 bits. values (65538,): displayed value of each code; of no nodes where highlights roll off. shoulder (5,): knee, length and
-    bend of the roll-off, in codes; values per code; the value of code 0, negated, less a half for rounding.
+    decoded (V,): linear light of a value. known (V,): 1; less for values so high that the camera
+    may have clipped them.
+    curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes (65538,): the
+    same rounded, for look-up tables of 8 bits. values (65538,): displayed value of each code; of no
+    nodes where highlights roll off. shoulder (5,): knee, length and bend of the roll-off, in codes;
+    values per code; the value of code 0, negated, less a half for rounding.
     """
 
     decoded: NDArray[np.float32]
@@ -135,10 +176,11 @@ class Display(NamedTuple):
 def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Display:
     """The tables for images of 8 or 16 bits.
 
-    Light up to mid-gray is shown in proportion. Above, the code of a pixel's brightest channel follows Reinhard's curve (2002, eq.
-    4), with slope 1 at mid-gray, which takes ``highlights`` times the brightest light shown to that light; the other channels keep
-    their ratio to it. Codes are sRGB values from the origin of its power law, so that a factor on codes is a factor on light (but
-    for the darkest).
+    Light up to mid-gray is shown in proportion. Above, the code of a pixel's brightest channel
+    follows Reinhard's curve (2002, eq. 4), with slope 1 at mid-gray, which takes ``highlights``
+    times the brightest light shown to that light; the other channels keep their ratio to it. Codes
+    are sRGB values from the origin of its power law, so that a factor on codes is a factor on light
+    (but for the darkest).
     """
     values, each = 2**bit_depth - 1, CODES[bit_depth]
     zero = 0.0 if encoding == "as-is" else srgb.OFFSET
@@ -147,16 +189,34 @@ def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Displ
         light = np.array([MID_GRAY, BRIGHTEST_LIGHT, highlights * BRIGHTEST_LIGHT])
         knee, top, most = values * each * srgb.SCALE * light ** (1 / srgb.POWER)
         shoulder[:3] = knee, top - knee, ((top - knee) / (most - knee)) ** 2
-    known = np.clip((FULL_AT - np.arange(values + 1) / values) / (FULL_AT - FULL_FROM), 0, 1).astype(np.float32)
+    known = np.clip(
+        (FULL_AT - np.arange(values + 1) / values) / (FULL_AT - FULL_FROM), 0, 1
+    ).astype(np.float32)
     curve = _code_curve(bit_depth, encoding, zero)
-    codes, unit, least = np.round(np.minimum(curve, 65535)).astype(np.uint16), *np.array(shoulder[3:], np.float32)
-    displayed = np.clip(codes[: 0 if highlights > 1 else codes.size] * unit - least, 0, 255).astype(np.uint16)
-    return Display(decoded_values(bit_depth, encoding), known, curve, codes, displayed, np.array(shoulder, np.float32))
+    codes, unit, least = (
+        np.round(np.minimum(curve, 65535)).astype(np.uint16),
+        *np.array(shoulder[3:], np.float32),
+    )
+    displayed = np.clip(codes[: 0 if highlights > 1 else codes.size] * unit - least, 0, 255).astype(
+        np.uint16
+    )
+    return Display(
+        decoded_values(bit_depth, encoding),
+        known,
+        curve,
+        codes,
+        displayed,
+        np.array(shoulder, np.float32),
+    )
 
 
 @lru_cache
 def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray[np.float32]:
-    codes = (encode(np.linspace(0, REACH, REACH * NODES + 1), encoding) + zero) * (2**bit_depth - 1) * CODES[bit_depth]
+    codes = (
+        (encode(np.linspace(0, REACH, REACH * NODES + 1), encoding) + zero)
+        * (2**bit_depth - 1)
+        * CODES[bit_depth]
+    )
     return np.append(codes, codes[-1]).astype(np.float32)
 
 
@@ -165,9 +225,13 @@ def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray
 CLIPPED_FRACTION = 0.0005
 """Of all pixels, those that may clip: a white card far away may be but a thousandth of a frame."""
 STRAYS = 0.02
-"""At most this fraction of a frame's pixels, those with most gain, is left out of the choice of exposure,"""
+"""At most this fraction of a frame's pixels, those with most gain, is left out of the choice of
+exposure,
+"""
 STRAY_GAIN = 8.0
-"""where the gain of the channel least attenuated is this much above that at the median range: wrong ranges, or mostly noise."""
+"""where the gain of the channel least attenuated is this much above that at the median range: wrong
+ranges, or mostly noise.
+"""
 _MANTISSA_BITS = 16
 """Bits of float32's mantissa that are dropped for a histogram of 128 bins an octave."""
 _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
@@ -175,16 +239,24 @@ _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
 
 
 def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
-    """The tone at which the median luminance is ``config.median_luminance``, or as near to it as highlights allow; 1 for a black
-    image.
+    """The tone at which the median luminance is ``config.median_luminance``, or as near to it as
+    highlights allow; 1 for a black image.
 
-    The median luminance is taken as the luminance of the channels' medians: it is where channels rise and fall together.
+    The median luminance is taken as the luminance of the channels' medians: it is where channels
+    rise and fall together.
     """
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
     judged = _judged(gain.min(axis=0), table.pixels[occupied])
-    occupied, gain, offset = occupied[judged], np.ascontiguousarray(gain[:, judged]), np.ascontiguousarray(offset[:, judged])
-    number, light = np.zeros((3, _OCTAVES), np.int64), decoded_bins(table.bit_depth, config.input_encoding)
+    occupied, gain, offset = (
+        occupied[judged],
+        np.ascontiguousarray(gain[:, judged]),
+        np.ascontiguousarray(offset[:, judged]),
+    )
+    number, light = (
+        np.zeros((3, _OCTAVES), np.int64),
+        decoded_bins(table.bit_depth, config.input_encoding),
+    )
     _add_up(table.counts, occupied, gain, offset, light, number)
     pixels = int(table.pixels[occupied].sum())
     brightest = _exceeded(number.sum(axis=0), int(CLIPPED_FRACTION * pixels))
@@ -199,7 +271,9 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
 
 
 def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) True for range bins that count, False for those of stray ranges. gain, pixels: (N,) of each bin."""
+    """(N,) True for range bins that count, False for those of stray ranges. gain, pixels: (N,) of
+    each bin.
+    """
     order = np.argsort(-gain)
     part = np.cumsum(pixels[order]) / max(pixels.sum(), 1)
     judged = np.ones(len(gain), np.bool_)
@@ -210,19 +284,29 @@ def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.
 
 
 def _exceeded(number: NDArray[np.int64], allowed: int) -> float:
-    """The least light that at most ``allowed`` of the counted values exceed, to 1/128 of an octave; 0 for any light.
+    """The least light that at most ``allowed`` of the counted values exceed, to 1/128 of an octave;
+    0 for any light.
 
-    number: (32640,) values counted, by the leading bits of the light that they are shown as (``_add_up``).
+    number: (32640,) values counted, by the leading bits of the light that they are shown as
+    (``_add_up``).
     """
     places = np.flatnonzero(number)[::-1]
-    reached = np.append(places, 0)[np.searchsorted(np.cumsum(number[places]), allowed, side="right")]
-    return float(((reached + 1).astype(np.int32) << _MANTISSA_BITS).view(np.float32)) if reached else 0.0
+    reached = np.append(places, 0)[
+        np.searchsorted(np.cumsum(number[places]), allowed, side="right")
+    ]
+    return (
+        float(((reached + 1).astype(np.int32) << _MANTISSA_BITS).view(np.float32))
+        if reached
+        else 0.0
+    )
 
 
 @compiled
 def _add_up(counts: Any, bins: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
-    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number`` (3, 32640), each at the leading bits (exponent and 7 more) of
-    the light that it is shown as. gain, offset: (3, N)."""
+    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number`` (3, 32640), each at the leading
+    bits (exponent and 7 more) of
+    the light that it is shown as. gain, offset: (3, N).
+    """
     for c in range(3):
         for i in range(bins.size):
             for value in range(light.size):

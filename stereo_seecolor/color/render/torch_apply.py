@@ -1,6 +1,8 @@
-"""The light of pixels without the water, and the values that it is displayed as, in torch: one formula each, for any device.
+"""The light of pixels without the water, and the values that it is displayed as, in torch: one
+formula each, for any device.
 
-On the processor a look-up table is made of them for 8-bit pixels, which ``lookup`` reads; all else is computed pixel by pixel.
+On the processor a look-up table is made of them for 8-bit pixels, which ``lookup`` reads; all else
+is computed pixel by pixel.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +24,9 @@ PART_PIXELS = 65536
 
 
 class Tensors(NamedTuple):
-    """``Gains`` and ``Display`` on a device; gain, offset, missing, capped and noise by bin, the last for unknown range."""
+    """``Gains`` and ``Display`` on a device; gain, offset, missing, capped and noise by bin, the
+    last for unknown range.
+    """
 
     gain: Tensor
     offset: Tensor
@@ -38,40 +42,82 @@ class Tensors(NamedTuple):
     @classmethod
     def of(cls, gains: Gains, shown: Display, device: torch.device) -> "Tensors":
         """Both, on this device."""
-        by_bin = (np.pad(part.T, ((0, 1), (0, 0))) for part in (gains.gain, gains.offset, gains.missing))
-        rest = (gains.capped, np.pad(gains.noise, (0, 1)), gains.matrix, shown.decoded, shown.known, shown.curve, shown.shoulder)
+        by_bin = (
+            np.pad(part.T, ((0, 1), (0, 0))) for part in (gains.gain, gains.offset, gains.missing)
+        )
+        rest = (
+            gains.capped,
+            np.pad(gains.noise, (0, 1)),
+            gains.matrix,
+            shown.decoded,
+            shown.known,
+            shown.curve,
+            shown.shoulder,
+        )
         return cls(*(on_device(np.ascontiguousarray(part), device) for part in (*by_bin, *rest)))
 
 
-def on_processor(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display) -> tuple[Shown, float]:
+def on_processor(
+    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display
+) -> tuple[Shown, float]:
     """Correct (N, 3) pixels at (N,) ranges, given as float32 bits, on the processor.
 
-    Returns the corrected pixels, and the fraction of the pixels of known range with a channel at full scale.
+    Returns the corrected pixels, and the fraction of the pixels of known range with a channel at
+    full scale.
     """
     out = Shown(np.zeros_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_))
-    tensors, fine, met = Tensors.of(gains, shown, CPU), np.empty(bits.size, np.uint32), list[tuple[int, int, int]]()
-    in_parts(lambda a, b: met.append(fine_bins(bits[a:b], fine[a:b], out.unknown[a:b])), bits.size, PART_PIXELS)
-    nearest, farthest, known = (list(part) for part in zip(*met, strict=True)) if met else ([], [], [])
+    tensors, fine, met = (
+        Tensors.of(gains, shown, CPU),
+        np.empty(bits.size, np.uint32),
+        list[tuple[int, int, int]](),
+    )
+    in_parts(
+        lambda a, b: met.append(fine_bins(bits[a:b], fine[a:b], out.unknown[a:b])),
+        bits.size,
+        PART_PIXELS,
+    )
+    nearest, farthest, known = (
+        (list(part) for part in zip(*met, strict=True)) if met else ([], [], [])
+    )
     if not sum(known):
         return out, 0.0
     looked_up = image.dtype == np.uint8 and not gains.matrix.size
     with one_thread():
-        table = code_table(tensors, shown, slice(min(nearest), max(farthest) + 1)) if looked_up else np.zeros(0)
-        factors = _factors(tensors).numpy() if looked_up and not shown.values.size else np.zeros(0, np.float32)
+        table = (
+            code_table(tensors, shown, slice(min(nearest), max(farthest) + 1))
+            if looked_up
+            else np.zeros(0)
+        )
+        factors = (
+            _factors(tensors).numpy()
+            if looked_up and not shown.values.size
+            else np.zeros(0, np.float32)
+        )
     near = int(np.argmax(shown.known < 1))
     numbers, top = list[int](), np.iinfo(image.dtype).max
 
     def part(a: int, b: int) -> None:
         if looked_up:
             special, roll_off = np.empty(b - a, np.uint32), (factors, shown.shoulder[4])
-            number = look_up(image[a:b], fine[a:b], table, roll_off, (gains.capped, near), special, out.image[a:b])
+            number = look_up(
+                image[a:b],
+                fine[a:b],
+                table,
+                roll_off,
+                (gains.capped, near),
+                special,
+                out.image[a:b],
+            )
             at = special[:number].astype(np.int64) + a
         else:
             at = a + np.flatnonzero(~out.unknown[a:b])
         for some in np.array_split(at, len(at) // PART_PIXELS + 1) if len(at) else ():
             with one_thread():
                 values, lost = _displayed(
-                    pixels_on(image[some], CPU), torch.from_numpy(fine[some].astype(np.int32)), tensors, top == 255
+                    pixels_on(image[some], CPU),
+                    torch.from_numpy(fine[some].astype(np.int32)),
+                    tensors,
+                    top == 255,
                 )
             out.image[some], out.unrecoverable[some] = values.numpy(), lost.numpy()
         numbers.append(count_full(out.image[a:b], top))
@@ -80,17 +126,26 @@ def on_processor(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, sho
     return out, sum(numbers) / sum(known)
 
 
-def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device) -> tuple[Shown, float]:
+def apply(
+    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device
+) -> tuple[Shown, float]:
     """``on_processor`` on another device."""
     pixels, eight = pixels_on(image, device), image.dtype == np.uint8
-    out, unknown, unrecoverable, clipped = apply_on(pixels, torch.from_numpy(bits).to(device), gains, shown, eight)
-    return Shown(out.cpu().numpy().astype(image.dtype), unknown.cpu().numpy(), unrecoverable.cpu().numpy()), clipped
+    out, unknown, unrecoverable, clipped = apply_on(
+        pixels, torch.from_numpy(bits).to(device), gains, shown, eight
+    )
+    return Shown(
+        out.cpu().numpy().astype(image.dtype), unknown.cpu().numpy(), unrecoverable.cpu().numpy()
+    ), clipped
 
 
-def apply_on(pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool) -> tuple[Tensor, Tensor, Tensor, float]:
+def apply_on(
+    pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool
+) -> tuple[Tensor, Tensor, Tensor, float]:
     """Correct (N, 3) pixels and (N,) bits that are on a device. eight: of 8 bits, else 16.
 
-    Returns corrected pixels, as int32; where the range is unknown; where they cannot be recovered; and the fraction clipped.
+    Returns corrected pixels, as int32; where the range is unknown; where they cannot be recovered;
+    and the fraction clipped.
     """
     device, fine = pixels.device, (positions(bits) >> FINE_SHIFT).to(torch.int32)
     tensors, unknown = Tensors.of(gains, shown, device), fine == FINE_BINS
@@ -98,22 +153,32 @@ def apply_on(pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: 
     if eight and not gains.matrix.size:
         known = (_at(tensors.known, pixels.to(torch.int32)) == 1).all(dim=1)
         plain = ~_at(tensors.capped, fine) & known & ~unknown
-        table = on_device(code_table(tensors, shown, slice(0, FINE_BINS)).astype(np.float32), device)
+        table = on_device(
+            code_table(tensors, shown, slice(0, FINE_BINS)).astype(np.float32), device
+        )
         row = fine[plain][:, None] * 3 + torch.arange(3, device=device)
         codes = table[(row * 256 + pixels[plain]).to(torch.int64)]
-        values[plain] = codes.to(torch.int32) if shown.values.size else _rolled_off(codes, tensors, 255)
+        values[plain] = (
+            codes.to(torch.int32) if shown.values.size else _rolled_off(codes, tensors, 255)
+        )
     values[unknown] = 0
-    clipped = int((values == (255 if eight else 65535)).any(dim=1).sum()) / max(int((~unknown).sum()), 1)
+    clipped = int((values == (255 if eight else 65535)).any(dim=1).sum()) / max(
+        int((~unknown).sum()), 1
+    )
     return values, unknown, lost & ~unknown, clipped
 
 
-def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device) -> NDArray[np.float32]:
+def linear(
+    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device
+) -> NDArray[np.float32]:
     """(N, 3) float32 linear light, neither clipped nor encoded; 0 where unknown."""
     out, tensors = np.empty(image.shape, np.float32), Tensors.of(gains, shown, device)
 
     def part(a: int, b: int) -> None:
         fine = (positions(torch.from_numpy(bits[a:b]).to(device)) >> FINE_SHIFT).to(torch.int32)
-        light = _mixed(_unclipped(pixels_on(image[a:b], device).to(torch.int32), fine, tensors), tensors)
+        light = _mixed(
+            _unclipped(pixels_on(image[a:b], device).to(torch.int32), fine, tensors), tensors
+        )
         out[a:b] = torch.where((fine == FINE_BINS)[:, None], 0, light).cpu().numpy()
 
     in_parts(part, bits.size, PART_PIXELS)
@@ -121,12 +186,15 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Di
 
 
 def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
-    """(1025 * 768,) code of each 8-bit value of each channel in each of these fine bins, or its displayed value where nothing is
-    rolled off; the last bin, of unknown range, is black; the others' rows are not set.
+    """(1025 * 768,) code of each 8-bit value of each channel in each of these fine bins, or its
+    displayed value where nothing is rolled off; the last bin, of unknown range, is black; the
+    others' rows are not set.
     """
     light = tensors.gain[bins, :, None] * tensors.decoded - tensors.offset[bins, :, None]
     node = (
-        (_above_noise(light, tensors.noise[bins, None, None]) * NODES + 0.5).clamp_(max=tensors.curve.numel() - 1).to(torch.int32)
+        (_above_noise(light, tensors.noise[bins, None, None]) * NODES + 0.5)
+        .clamp_(max=tensors.curve.numel() - 1)
+        .to(torch.int32)
     )
     curve = shown.values if shown.values.size else shown.codes
     table = np.empty((FINE_BINS + 1, 768), curve.dtype)
@@ -135,12 +203,18 @@ def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
     return table.reshape(-1)
 
 
-def _displayed(pixels: Tensor, fine: Tensor, tensors: Tensors, eight_bits: bool) -> tuple[Tensor, Tensor]:
-    """Displayed values (N, 3) int32 of pixels at their (N,) fine bins, computed, and whether their color is lost (N,)."""
+def _displayed(
+    pixels: Tensor, fine: Tensor, tensors: Tensors, eight_bits: bool
+) -> tuple[Tensor, Tensor]:
+    """Displayed values (N, 3) int32 of pixels at their (N,) fine bins, computed, and whether their
+    color is lost (N,).
+    """
     pixels = pixels.to(torch.int32)
     known = _at(tensors.known, pixels)
     light = _mixed(_with_clipped(_unclipped(pixels, fine, tensors), known), tensors)
-    place = (_above_noise(light, _at(tensors.noise, fine)[:, None]) * NODES + 0.5 * eight_bits).clamp_(0, tensors.curve.numel() - 2)
+    place = (
+        _above_noise(light, _at(tensors.noise, fine)[:, None]) * NODES + 0.5 * eight_bits
+    ).clamp_(0, tensors.curve.numel() - 2)
     node = place.to(torch.int32)
     codes = _at(tensors.curve, node)
     if not eight_bits:  # between two nodes
@@ -155,16 +229,22 @@ def _at(table: Tensor, index: Tensor) -> Tensor:
 
 
 def _unclipped(pixels: Tensor, fine: Tensor, tensors: Tensors) -> Tensor:
-    """Linear light. The part that a limited gain leaves out of a channel is taken from the channels with less noise."""
+    """Linear light. The part that a limited gain leaves out of a channel is taken from the channels
+    with less noise.
+    """
     light = _at(tensors.gain, fine) * _at(tensors.decoded, pixels) - _at(tensors.offset, fine)
     if not tensors.missing.any():
         return light
     missing = _at(tensors.missing, fine)
-    return torch.where(_sum(missing) > 0, light + missing * (_sum(light) / _sum(1 - missing)), light)
+    return torch.where(
+        _sum(missing) > 0, light + missing * (_sum(light) / _sum(1 - missing)), light
+    )
 
 
 def _with_clipped(light: Tensor, known: Tensor) -> Tensor:
-    """Light in which channels that the camera clipped are at least as bright as the others, or as the brightest if all are."""
+    """Light in which channels that the camera clipped are at least as bright as the others, or as
+    the brightest if all are.
+    """
     if not (known < 1).any():
         return light
     lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
@@ -178,26 +258,37 @@ def _mixed(light: Tensor, tensors: Tensors) -> Tensor:
 
 
 def _above_noise(light: Tensor, noise: Tensor) -> Tensor:
-    """Light as it is where it stands out of the noise, and the noise where it does not: with the same for all channels, what is
-    lost in noise comes out gray."""
+    """Light as it is where it stands out of the noise, and the noise where it does not: with the
+    same for all channels, what is lost in noise comes out gray.
+    """
     return 0.5 * (light + (light * light + 4 * noise * noise).sqrt())
 
 
 def _rolled_off(codes: Tensor, tensors: Tensors, top: int = 255) -> Tensor:
     """Displayed values of codes (N, 3)."""
-    return (codes * _factor(codes.amax(dim=1, keepdim=True), tensors.shoulder) - tensors.shoulder[4]).clamp(0, top).to(torch.int32)
+    return (
+        (codes * _factor(codes.amax(dim=1, keepdim=True), tensors.shoulder) - tensors.shoulder[4])
+        .clamp(0, top)
+        .to(torch.int32)
+    )
 
 
 def _factors(tensors: Tensors) -> Tensor:
     """(65536,) the factor for the codes of a pixel, by its greatest code."""
-    return _factor(torch.arange(65536, dtype=torch.float32, device=tensors.shoulder.device), tensors.shoulder)
+    return _factor(
+        torch.arange(65536, dtype=torch.float32, device=tensors.shoulder.device), tensors.shoulder
+    )
 
 
 def _factor(code: Tensor, shoulder: Tensor) -> Tensor:
-    """The factor, in values per code, for pixels whose greatest code is ``code``: less above the knee (``tone.display``)."""
+    """The factor, in values per code, for pixels whose greatest code is ``code``: less above the
+    knee (``tone.display``).
+    """
     knee, length, bend, unit, _ = shoulder.unbind()
     over, code = (code - knee).clamp(min=0), code.clamp(min=1e-30)
-    return (torch.minimum(code, knee) + over * (length + over * bend) / (length + over)) / code * unit
+    return (
+        (torch.minimum(code, knee) + over * (length + over * bend) / (length + over)) / code * unit
+    )
 
 
 def _sum(channels: Tensor) -> Tensor:

@@ -1,7 +1,8 @@
-"""Detects black rims around an image: the edge of a port or a lens shade, or the bars of a wide format.
+"""Detects black rims around an image: the edge of a port or a lens shade, or the bars of a wide
+format.
 
-All of a scene lies behind water with backscatter. Black pixels with a known range are no scene, and even a few of them would make
-a fit find no backscatter.
+All of a scene lies behind water with backscatter. Black pixels with a known range are no scene, and
+even a few of them would make a fit find no backscatter.
 """
 
 from dataclasses import dataclass
@@ -20,13 +21,19 @@ class RimLimits:
     """What counts as a black rim."""
 
     black: float = 0.0025
-    """Linear light of the brightest channel, fraction of full scale (8 of 255 in sRGB), and at most"""
+    """Linear light of the brightest channel, fraction of full scale (8 of 255 in sRGB), and at
+    most
+    """
     of_bright: float = 0.02
-    """of what nine tenths of the picture do not exceed: in an almost black picture a rim cannot be told."""
+    """of what nine tenths of the picture do not exceed: in an almost black picture a rim cannot be
+    told.
+    """
     corners: int = 2
     """Corners of the image that must be black: a shadow seldom fills two."""
     soft: float = 0.04
-    """Of the picture's longer side: a port out of focus darkens the picture so far inside of what is black and of its sides,"""
+    """Of the picture's longer side: a port out of focus darkens the picture so far inside of what
+    is black and of its sides,
+    """
     soft_edge: float = 0.7
     """where beside what is black there is less than this fraction of the light so far inside."""
     hard_px: int = 2
@@ -42,7 +49,8 @@ CORNERS = ([0, 0, -1, -1], [0, -1, 0, -1])
 
 
 def without_rim(image: Image, range_m: Map, encoding: InputEncoding) -> Map:
-    """The range map with NaN where the image has a black rim; the map itself where there is no rim, or none of known range.
+    """The range map with NaN where the image has a black rim; the map itself where there is no rim,
+    or none of known range.
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W) meters.
     """
@@ -69,8 +77,14 @@ def without_rim(image: Image, range_m: Map, encoding: InputEncoding) -> Map:
 def _edge_px(rim: NDArray[np.uint8], light: NDArray[np.float32]) -> int:
     """Width of the edge of a rim, pixels. rim: (H, W), 1 where black. light: (H, W)."""
     hard, soft = LIMITS.hard_px, int(np.ceil(LIMITS.soft * max(light.shape)))
-    beside, beyond = (light[(_wider(rim, by) == 0) & (_wider(rim, by + 1) > 0)] for by in (hard, soft))
-    sharp = not beside.size or not beyond.size or np.median(beside) >= LIMITS.soft_edge * np.median(beyond)
+    beside, beyond = (
+        light[(_wider(rim, by) == 0) & (_wider(rim, by + 1) > 0)] for by in (hard, soft)
+    )
+    sharp = (
+        not beside.size
+        or not beyond.size
+        or np.median(beside) >= LIMITS.soft_edge * np.median(beyond)
+    )
     return hard if sharp else soft
 
 
@@ -80,10 +94,19 @@ def _wider(rim: NDArray[np.uint8], by_px: int) -> NDArray[np.uint8]:
 
 
 def _may_have_rim(image: Image, encoding: InputEncoding) -> bool:
-    """Whether enough corners are dark for a rim: a quick test, which rules it out for most frames."""
+    """Whether enough corners are dark for a rim: a quick test, which rules it out for most
+    frames.
+    """
     first, last = slice(LIMITS.corner_px), slice(-LIMITS.corner_px, None)
-    corners = (_brightest(image[rows, columns], encoding) for rows in (first, last) for columns in (first, last))
-    return sum(bool(corner.size) and float(np.median(corner)) <= LIMITS.black for corner in corners) >= LIMITS.corners
+    corners = (
+        _brightest(image[rows, columns], encoding)
+        for rows in (first, last)
+        for columns in (first, last)
+    )
+    return (
+        sum(bool(corner.size) and float(np.median(corner)) <= LIMITS.black for corner in corners)
+        >= LIMITS.corners
+    )
 
 
 def _brightest(image: Image, encoding: InputEncoding) -> NDArray[np.float32]:

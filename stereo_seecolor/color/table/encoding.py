@@ -1,4 +1,6 @@
-"""Conversion between encoded image values and linear light, in which the model of the water holds."""
+"""Conversion between encoded image values and linear light, in which the model of the water
+holds.
+"""
 
 from functools import lru_cache
 from typing import Literal
@@ -13,12 +15,16 @@ InputEncoding = Literal["srgb", "linear", "as-is"]
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Encoded fractions of full scale -> linear light in [0, 1]; unchanged unless the encoding is srgb."""
+    """Encoded fractions of full scale -> linear light in [0, 1]; unchanged unless the encoding is
+    srgb.
+    """
     return srgb.decode_srgb(values) if encoding == "srgb" else values
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Linear light in [0, 1] -> values of an image file: sRGB, also for linear input, since files are viewed; as-is unchanged."""
+    """Linear light in [0, 1] -> values of an image file: sRGB, also for linear input, since files
+    are viewed; as-is unchanged.
+    """
     return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 

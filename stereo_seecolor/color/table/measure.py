@@ -10,7 +10,8 @@ from stereo_seecolor.records import Image, Map
 def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> MomentTable:
     """The moment table of an image's pixels with a known range (finite, above 0).
 
-    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters. device: cuda counts there, all else on the processor's cores.
+    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters. device: cuda counts there, all
+    else on the processor's cores.
     every: only the middle one of each ``every`` rows is counted.
     Raises ColorError for other shapes or types, DeviceError where CUDA is asked for and absent.
     """
@@ -21,7 +22,9 @@ def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> 
         from stereo_seecolor.color.table import torch_counting
 
         rows = slice(every // 2, None, every)
-        counts, offset_sum = torch_counting.count(image[rows], range_m[rows], VALUE_BINS[depth], find_device(device))
+        counts, offset_sum = torch_counting.count(
+            image[rows], range_m[rows], VALUE_BINS[depth], find_device(device)
+        )
     else:
         from stereo_seecolor.color.table import counting
 
@@ -32,8 +35,11 @@ def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> 
 def check_pair(image: Image, range_m: Map) -> None:
     """Raise ColorError where an image or its range map has a wrong shape or type."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.uint16):
-        raise ColorError(f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16")
+        raise ColorError(
+            f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16"
+        )
     if range_m.shape != image.shape[:2]:
         raise ColorError(
-            f"range map of {range_m.shape[1::-1]} pixels for an image of {image.shape[1::-1]}: the two must be the same size"
+            f"range map of {range_m.shape[1::-1]} pixels for an image of {image.shape[1::-1]}: "
+            "the two must be the same size"
         )

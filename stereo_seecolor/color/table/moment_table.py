@@ -1,4 +1,5 @@
-"""Moment tables: the number of pixels of each channel with each range and value. The losses need nothing else of an image.
+"""Moment tables: the number of pixels of each channel with each range and value. The losses need
+nothing else of an image.
 
 The mean range of each range bin is kept exactly, as an integer sum.
 """
@@ -20,13 +21,19 @@ from stereo_seecolor.files.encode import deflated
 
 RANGE_BINS = 256
 VALUE_BINS = {8: 256, 16: 4096}
-"""Value bins by bit depth of the image; 16-bit images are counted to 12 bits (more than a camera's sensor gives)."""
+"""Value bins by bit depth of the image; 16-bit images are counted to 12 bits (more than a camera's
+sensor gives).
+"""
 
 NEAREST_M = 0.125
-"""Near edge of the first bin; the last one ends at 32 m. Ranges outside are counted in these two."""
+"""Near edge of the first bin; the last one ends at 32 m. Ranges outside are counted in these
+two.
+"""
 
 LOW_BITS = 18
-"""A range bin is what remains of a float32 range's bits, counted from those of NEAREST_M, after a shift by this many."""
+"""A range bin is what remains of a float32 range's bits, counted from those of NEAREST_M, after a
+shift by this many.
+"""
 
 
 def range_bits(range_m: NDArray[np.floating]) -> NDArray[np.int32]:
@@ -42,7 +49,9 @@ def range_edges_m() -> NDArray[np.float64]:
 
 
 def bin_values(bit_depth: int) -> NDArray[np.float64]:
-    """(V,) the value of each bin as a fraction of full scale: v/255, or the middle of sixteen neighbors of 65535."""
+    """(V,) the value of each bin as a fraction of full scale: v/255, or the middle of sixteen
+    neighbors of 65535.
+    """
     if bit_depth == 8:
         return np.arange(256) / 255.0
     return np.asarray((np.arange(4096) * 16 + 7.5) / 65535.0)
@@ -50,10 +59,13 @@ def bin_values(bit_depth: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MomentTable:
-    """A joint histogram of range and value for each channel: exact for every loss that is a sum over pixels of f(c, z, I_c).
+    """A joint histogram of range and value for each channel: exact for every loss that is a sum
+    over pixels of f(c, z, I_c).
 
-    counts: (3, 256, V) int64, pixels of channel R, G, B in each bin of range and value; V = 256 (8 bit) or 4096 (16 bit).
-    offset_sum: (256,) int64, sum over a range bin's pixels of their offset inside the bin, 0..2**18 - 1.
+    counts: (3, 256, V) int64, pixels of channel R, G, B in each bin of range and value; V = 256 (8
+    bit) or 4096 (16 bit).
+    offset_sum: (256,) int64, sum over a range bin's pixels of their offset inside the bin, 0..2**18
+    - 1.
     bit_depth: 8 or 16, the image's.
     """
 
@@ -64,7 +76,11 @@ class MomentTable:
     @classmethod
     def empty(cls, bit_depth: int = 8) -> "MomentTable":
         """The table of no pixel."""
-        return cls(np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64), np.zeros(RANGE_BINS, np.int64), bit_depth)
+        return cls(
+            np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64),
+            np.zeros(RANGE_BINS, np.int64),
+            bit_depth,
+        )
 
     def __reduce__(self) -> tuple[Callable[[bytes], "MomentTable"], tuple[bytes]]:
         return _inflated, (deflated(self.packed()),)
@@ -112,22 +128,33 @@ class MomentTable:
         """The counts above zero, 12 bytes each: 16-bit tables of 25 MB take some 3."""
         cells = np.flatnonzero(self.counts)
         header = np.array([self.bit_depth, cells.size], "<i8")
-        return b"".join(part.tobytes() for part in (header, self.offset_sum, self.counts.ravel()[cells], cells.astype("<u4")))
+        return b"".join(
+            part.tobytes()
+            for part in (header, self.offset_sum, self.counts.ravel()[cells], cells.astype("<u4"))
+        )
 
     @classmethod
     def unpacked(cls, content: bytes) -> "MomentTable":
         """The table from ``packed``."""
         bit_depth, number = (int(value) for value in np.frombuffer(content, "<i8", 2))
-        offset_sum, counts = np.split(np.frombuffer(content, "<i8", RANGE_BINS + number, 16), [RANGE_BINS])
-        table = cls(np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64), offset_sum, bit_depth)
-        table.counts.reshape(-1)[np.frombuffer(content, "<u4", number, 16 + 8 * (RANGE_BINS + number))] = counts
+        offset_sum, counts = np.split(
+            np.frombuffer(content, "<i8", RANGE_BINS + number, 16), [RANGE_BINS]
+        )
+        table = cls(
+            np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64), offset_sum, bit_depth
+        )
+        table.counts.reshape(-1)[
+            np.frombuffer(content, "<u4", number, 16 + 8 * (RANGE_BINS + number))
+        ] = counts
         return table
 
     def _like(self, other: "MomentTable") -> "MomentTable":
         """This table, reduced to 8-bit values where the other has these."""
         if self.bit_depth <= other.bit_depth:
             return self
-        return MomentTable(self.counts.reshape(3, RANGE_BINS, VALUE_BINS[8], -1).sum(axis=3), self.offset_sum, 8)
+        return MomentTable(
+            self.counts.reshape(3, RANGE_BINS, VALUE_BINS[8], -1).sum(axis=3), self.offset_sum, 8
+        )
 
 
 def _inflated(content: bytes) -> MomentTable:

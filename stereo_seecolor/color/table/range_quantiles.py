@@ -11,17 +11,25 @@ from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
-"""Fractions of the quantiles: from pixels nearly in shadow to the brightest, which are most likely white."""
+"""Fractions of the quantiles: from pixels nearly in shadow to the brightest, which are most likely
+white.
+"""
 PARTS = 20
-"""Groups into which a frame's pixels are divided by range: more hardly change a fit, and each costs time."""
+"""Groups into which a frame's pixels are divided by range: more hardly change a fit, and each costs
+time.
+"""
 BINS_PER_OCTAVE = RANGE_BINS // 8
 """Range bins of an octave; there are eight octaves."""
 CLIPPED = 0.99
 """Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
 NOISE = 0.004
-"""Standard deviation of a value, fraction of full scale as encoded for a screen: a value of 255, about what quiet cameras have."""
+"""Standard deviation of a value, fraction of full scale as encoded for a screen: a value of 255,
+about what quiet cameras have.
+"""
 MOST_NOISE = 0.95
-"""At most this fraction of the slope of quantiles over those of a normal distribution is noise: values spread at least so much."""
+"""At most this fraction of the slope of quantiles over those of a normal distribution is noise:
+values spread at least so much.
+"""
 _DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])
 """Quantiles of the normal distribution at the fractions up to a half."""
 
@@ -30,9 +38,9 @@ _DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])
 class RangeQuantiles:
     """Quantiles of the pixels of each group of neighboring ranges.
 
-    range_m (G,): mean range of each group, meters, near to far. pixels (G,): how many. light (3, G, 9): quantiles, linear
-    light, the dark ones without what noise takes off them. clipped (3, G, 9): True where a quantile is at full scale, and the
-    light may have been anything above.
+    range_m (G,): mean range of each group, meters, near to far. pixels (G,): how many. light (3, G,
+    9): quantiles, linear light, the dark ones without what noise takes off them. clipped (3, G, 9):
+    True where a quantile is at full scale, and the light may have been anything above.
     """
 
     range_m: NDArray[np.float64]
@@ -42,37 +50,49 @@ class RangeQuantiles:
 
 
 def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuantiles:
-    """Quantiles of groups of neighboring range bins with about equal numbers of pixels. The table must not be empty."""
+    """Quantiles of groups of neighboring range bins with about equal numbers of pixels. The table
+    must not be empty.
+    """
     first = _first_of_groups(table.pixels)
     size = np.add.reduceat(table.pixels, first).astype(np.float64)
     end = int(np.flatnonzero(table.pixels)[-1]) + 1
-    bounds = itertools.pairwise([*first.tolist(), end])  # sums of slices: numpy's reduceat takes twice as long
+    bounds = itertools.pairwise(
+        [*first.tolist(), end]
+    )  # sums of slices: numpy's reduceat takes twice as long
     values = _quantiles(np.stack([table.counts[:, a:b].sum(axis=1) for a, b in bounds], axis=1))
     full = 2.0**table.bit_depth - 1
     step, offset = (1.0, 0.0) if table.bit_depth == 8 else (16.0, 7.5)
     encoded = np.clip((values * step + offset) / full, 0, 1)
     mean_range_m = np.add.reduceat(table.pixels * table.range_m, first) / size
-    light = decode(_without_noise(encoded), encoding) if encoding != "linear" else decode_srgb(_without_noise(encode_srgb(encoded)))
+    light = (
+        decode(_without_noise(encoded), encoding)
+        if encoding != "linear"
+        else decode_srgb(_without_noise(encode_srgb(encoded)))
+    )
     return RangeQuantiles(mean_range_m, size, light, encoded >= CLIPPED)
 
 
 def _without_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, G, 9) quantiles, encoded as sRGB, in which the effect of noise on quantiles below the median is removed.
+    """(3, G, 9) quantiles, encoded as sRGB, in which the effect of noise on quantiles below the
+    median is removed.
 
-    Where a normal distribution has the slope s of its quantiles, that without the noise n has sqrt(s^2 - n^2) (variances add).
+    Where a normal distribution has the slope s of its quantiles, that without the noise n has
+    sqrt(s^2 - n^2) (variances add).
     """
     slope = np.diff(values[..., :5]) / np.diff(_DEVIATIONS)
     noise = np.minimum(NOISE, MOST_NOISE * slope)
     dark = values[..., :4] - _DEVIATIONS[:4] * (slope - np.sqrt(slope**2 - noise**2))
-    below = np.minimum.accumulate(np.concatenate([dark, values[..., 4:5]], axis=-1)[..., ::-1], axis=-1)[..., ::-1]
+    below = np.minimum.accumulate(
+        np.concatenate([dark, values[..., 4:5]], axis=-1)[..., ::-1], axis=-1
+    )[..., ::-1]
     return np.concatenate([below[..., :4], values[..., 4:]], axis=-1)
 
 
 def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
     """(G,) the first occupied range bin of each group.
 
-    Groups are cut where the running sum of pixels passes equal parts, and at each octave within a group: the few far pixels of a
-    frame have little in common with nearer ones.
+    Groups are cut where the running sum of pixels passes equal parts, and at each octave within a
+    group: the few far pixels of a frame have little in common with nearer ones.
     """
     occupied = np.flatnonzero(pixels)
     below = np.cumsum(pixels)
@@ -83,9 +103,13 @@ def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
 
 
 def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(3, G, 9) quantiles of counts (3, G, V), in value bins; pixels are assumed to be spread evenly within a bin."""
+    """(3, G, 9) quantiles of counts (3, G, V), in value bins; pixels are assumed to be spread
+    evenly within a bin.
+    """
     each = counts.reshape(-1, counts.shape[2])
-    below = np.cumsum(each).reshape(each.shape)  # over all groups, one after the other: so one search finds all
+    below = np.cumsum(each).reshape(
+        each.shape
+    )  # over all groups, one after the other: so one search finds all
     start = below[:, -1:] - each.sum(axis=1, keepdims=True)
     wanted = FRACTIONS * (below[:, -1:] - start)
     at = np.searchsorted(below.ravel(), start + wanted)
@@ -97,13 +121,17 @@ def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 # Warnings for moment tables that do not determine a water.
 
 LEAST_RELIEF = 1.15
-"""Far over near (the 5 and 95 % of the pixels) below which attenuation and the color of the scene cannot be told apart."""
+"""Far over near (the 5 and 95 % of the pixels) below which attenuation and the color of the scene
+cannot be told apart.
+"""
 
 LEAST_PIXELS = 100
 
 
 def doubts(table: MomentTable) -> tuple[str, ...]:
-    """Why a table of at least one pixel does not determine its water, as a warning; empty where it does."""
+    """Why a table of at least one pixel does not determine its water, as a warning; empty where it
+    does.
+    """
     number = int(table.pixels.sum())
     if number < LEAST_PIXELS:
         return (f"only {number} pixels with a known range: the water is a guess",)
@@ -113,7 +141,10 @@ def doubts(table: MomentTable) -> tuple[str, ...]:
         return ("the frame is blown out where the range is known: the water is a guess",)
     near, far = relief_m(table)
     if far < LEAST_RELIEF * near:
-        return (f"no relief (ranges {near:.2f} to {far:.2f} m): one frame cannot tell its water; lock the water over the survey",)
+        return (
+            f"no relief (ranges {near:.2f} to {far:.2f} m): one frame cannot tell its water; "
+            "lock the water over the survey",
+        )
     return ()
 
 

@@ -1,4 +1,5 @@
-"""Counts pixels in torch, on a CUDA device (``color.device: cuda``) or any other, with the same result as ``counting``.
+"""Counts pixels in torch, on a CUDA device (``color.device: cuda``) or any other, with the same
+result as ``counting``.
 
 ``count_pixels`` takes images that are on the device already.
 """
@@ -21,7 +22,10 @@ def count(
     image: NDArray[Any], range_m: NDArray[np.floating], values: int, device: torch.device
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """``counting.count`` on a device."""
-    pixels, bits = pixels_on(np.ascontiguousarray(image), device), torch.from_numpy(range_bits(range_m)).to(device)
+    pixels, bits = (
+        pixels_on(np.ascontiguousarray(image), device),
+        torch.from_numpy(range_bits(range_m)).to(device),
+    )
     counts, offset_sum = count_pixels(pixels, bits, values)
     return counts.cpu().numpy(), offset_sum.cpu().numpy()
 
@@ -33,15 +37,21 @@ def positions(bits: Tensor) -> Tensor:
 
 
 def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,) int32 bits of their ranges."""
+    """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,)
+    int32 bits of their ranges.
+    """
     position = positions(bits)
     range_bin = position >> LOW_BITS
     channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
     value = pixels.to(torch.int32) >> (0 if pixels.dtype == torch.uint8 else 4)
     cell = (channel * (RANGE_BINS + 1) + range_bin[:, None]) * values + value
-    counts = torch.bincount(cell.reshape(-1), minlength=3 * (RANGE_BINS + 1) * values).reshape(3, RANGE_BINS + 1, values)
+    counts = torch.bincount(cell.reshape(-1), minlength=3 * (RANGE_BINS + 1) * values).reshape(
+        3, RANGE_BINS + 1, values
+    )
     sums = torch.zeros(RANGE_BINS + 1, dtype=torch.int64, device=pixels.device)
-    sums.index_add_(0, range_bin, (position & ((1 << LOW_BITS) - 1)).to(torch.int64))  # integers: the order does not matter
+    sums.index_add_(
+        0, range_bin, (position & ((1 << LOW_BITS) - 1)).to(torch.int64)
+    )  # integers: the order does not matter
     return counts[:, :RANGE_BINS], sums[:RANGE_BINS]
 
 
@@ -52,4 +62,6 @@ def pixels_on(image: NDArray[Any], device: torch.device) -> Tensor:
 
 def on_device(numbers: NDArray[Any], device: torch.device) -> Tensor:
     """Numbers on a device; uint16 as int32, since few of torch's operations take uint16."""
-    return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(device)
+    return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(
+        device
+    )

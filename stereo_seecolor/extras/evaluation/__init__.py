@@ -1,1 +1,3 @@
-"""Measures quality: on color charts, against known truth, between views; and other color methods to compare with."""
+"""Measures quality: on color charts, against known truth, between views; and other color methods to
+compare with.
+"""

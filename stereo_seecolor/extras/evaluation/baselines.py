@@ -1,7 +1,8 @@
 """Color methods of others, to compare with, written from their papers.
 
-Every method takes an image as displayed, (H, W, 3) float64 in [0, 1], with a range map (H, W) in meters, NaN where unknown, and
-returns (H, W, 3) float64 in the same encoding, not clipped, NaN where it has no result. ``expose`` sets all to one exposure.
+Every method takes an image as displayed, (H, W, 3) float64 in [0, 1], with a range map (H, W) in
+meters, NaN where unknown, and returns (H, W, 3) float64 in the same encoding, not clipped, NaN
+where it has no result. ``expose`` sets all to one exposure.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -20,8 +21,13 @@ from stereo_seecolor.records import Image
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array], Array]
 
-STRETCHED_FRACTION = 0.01  # of the pixels of each channel that become black, and white: the usual contrast stretch
-DARK_FRACTION, DARK_BINS = 0.01, 10  # darkest pixels of each bin of range (Akkaynak and Treibitz, CVPR 2019)
+STRETCHED_FRACTION = (
+    0.01  # of the pixels of each channel that become black, and white: the usual contrast stretch
+)
+DARK_FRACTION, DARK_BINS = (
+    0.01,
+    10,
+)  # darkest pixels of each bin of range (Akkaynak and Treibitz, CVPR 2019)
 CLIPPED_FRACTION = 0.0005  # of the pixels at full scale, at most 1 in 2000
 LEAST_ATTENUATION = 1e-3  # 1/m: below, a logarithm of a ratio is noise
 _GRID_WIDTH, _AVERAGING_STEPS = 160, 600  # pixels, and steps of the local averaging of Sea-thru
@@ -34,50 +40,68 @@ def raw(image: Array, range_m: Array) -> Array:
 
 def contrast_stretch(image: Array, range_m: Array) -> Array:
     """Each channel stretched from its darkest to its brightest hundredth, and clipped."""
-    low, high = np.quantile(image.reshape(-1, 3), [STRETCHED_FRACTION, 1 - STRETCHED_FRACTION], axis=0)
+    low, high = np.quantile(
+        image.reshape(-1, 3), [STRETCHED_FRACTION, 1 - STRETCHED_FRACTION], axis=0
+    )
     return np.asarray(np.clip((image - low) / np.maximum(high - low, 1e-6), 0, 1))
 
 
 def gray_world(image: Array, range_m: Array) -> Array:
-    """One gain a channel that makes the mean over pixels with a known range gray (Buchsbaum 1980)."""
+    """One gain a channel that makes the mean over pixels with a known range gray (Buchsbaum
+    1980).
+    """
     known = np.isfinite(range_m)
     mean = image[known].mean(axis=0)
     return expose(image * (mean.mean() / np.maximum(mean, 1e-6)), known)
 
 
 def simple_model(image: Array, range_m: Array) -> Array:
-    """One coefficient a channel for both attenuation and backscatter (paper, eqs. 2 and 3), then gray world.
+    """One coefficient a channel for both attenuation and backscatter (paper, eqs. 2 and 3), then
+    gray world.
 
-    Backscatter is fitted to the darkest hundredth of ten range bins by least squares; J = (I - B) exp(a z).
+    Backscatter is fitted to the darkest hundredth of ten range bins by least squares; J = (I - B)
+    exp(a z).
     """
     known = np.isfinite(range_m)
     z, dark = darkest(image[known], range_m[known])
     result = np.full(image.shape, np.nan)
     for c in range(3):
-        rate, (level,) = _best_rates(z, dark[:, c], 1, lambda z, rates: 1 - np.exp(-rates[0] * z)[:, None])
+        rate, (level,) = _best_rates(
+            z, dark[:, c], 1, lambda z, rates: 1 - np.exp(-rates[0] * z)[:, None]
+        )
         a = rate[0]
-        result[known, c] = np.maximum(image[known, c] - level * -np.expm1(-a * range_m[known]), 0) * np.exp(a * range_m[known])
+        result[known, c] = np.maximum(
+            image[known, c] - level * -np.expm1(-a * range_m[known]), 0
+        ) * np.exp(a * range_m[known])
     return gray_world(result, range_m)
 
 
 def sea_thru(image: Array, range_m: Array) -> Array:
-    """Akkaynak and Treibitz, CVPR 2019: backscatter with residual from the darkest, illuminant by local space average color,
-    attenuation of two exponentials so that it gives back the ranges, then gray world.
+    """Akkaynak and Treibitz, CVPR 2019: backscatter with residual from the darkest, illuminant by
+    local space average color, attenuation of two exponentials so that it gives back the ranges,
+    then gray world.
     """
     known = np.isfinite(range_m)
     z, dark = darkest(image[known], range_m[known])
     direct = np.full(image.shape, np.nan)
     for c in range(3):
         (beta, alpha), (level, rest) = _best_rates(
-            z, dark[:, c], 2, lambda z, rates: np.stack([1 - np.exp(-rates[0] * z), np.exp(-rates[1] * z)], axis=1)
+            z,
+            dark[:, c],
+            2,
+            lambda z, rates: np.stack([1 - np.exp(-rates[0] * z), np.exp(-rates[1] * z)], axis=1),
         )
-        backscatter = level * -np.expm1(-beta * range_m[known]) + rest * np.exp(-alpha * range_m[known])
+        backscatter = level * -np.expm1(-beta * range_m[known]) + rest * np.exp(
+            -alpha * range_m[known]
+        )
         direct[known, c] = np.maximum(image[known, c] - backscatter, 0)
     coarse = local_space_average(direct, range_m)
     result = np.full(image.shape, np.nan)
     for c in range(3):
         seen = known & (coarse[..., c] > 1e-3)
-        attenuation = _two_exponentials(range_m[seen], -np.log(np.minimum(coarse[seen, c], 1)) / range_m[seen])
+        attenuation = _two_exponentials(
+            range_m[seen], -np.log(np.minimum(coarse[seen, c], 1)) / range_m[seen]
+        )
         result[known, c] = direct[known, c] * np.exp(attenuation(range_m[known]) * range_m[known])
     return gray_world(result, range_m)
 
@@ -101,7 +125,9 @@ def expose(image: Array, known: NDArray[np.bool_], fraction: float = CLIPPED_FRA
 
 
 def darkest(pixels: Array, range_m: Array) -> tuple[Array, Array]:
-    """Pixels for Sea-thru's estimate of backscatter: ranges (K,), colors (K, 3) of the darkest hundredth of ten range bins."""
+    """Pixels for Sea-thru's estimate of backscatter: ranges (K,), colors (K, 3) of the darkest
+    hundredth of ten range bins.
+    """
     edges = np.linspace(range_m.min(), range_m.max(), DARK_BINS + 1)
     bins = np.clip(np.digitize(range_m, edges) - 1, 0, DARK_BINS - 1)
     ranges, colors = [], []
@@ -116,9 +142,11 @@ def darkest(pixels: Array, range_m: Array) -> tuple[Array, Array]:
 
 
 def local_space_average(direct: Array, range_m: Array) -> Array:
-    """Ebner's local space average color over neighbors of about the same range, doubled: the illuminant (Sea-thru, eqs. 14-15).
+    """Ebner's local space average color over neighbors of about the same range, doubled: the
+    illuminant (Sea-thru, eqs. 14-15).
 
-    On a grid of at most 160 columns, whose cells average with the neighbors within a tenth of the range's spread.
+    On a grid of at most 160 columns, whose cells average with the neighbors within a tenth of the
+    range's spread.
     """
     height, width = range_m.shape
     scale = min(1.0, _GRID_WIDTH / width)
@@ -135,7 +163,10 @@ def local_space_average(direct: Array, range_m: Array) -> Array:
     number = np.maximum(sum(mask.astype(np.float64) for mask in joined), 1)[..., None]
     for _ in range(_AVERAGING_STEPS):
         padded = np.pad(average, ((1, 1), (1, 1), (0, 0)))
-        around = sum(_shifted(padded, dy, dx) * mask[..., None] for (dy, dx), mask in zip(_NEIGHBORS, joined, strict=True))
+        around = sum(
+            _shifted(padded, dy, dx) * mask[..., None]
+            for (dy, dx), mask in zip(_NEIGHBORS, joined, strict=True)
+        )
         average = (1 - weight) * np.asarray(around) / number + weight * small
     grown: Array = cv2.resize(2.0 * average, (width, height), interpolation=cv2.INTER_LINEAR)
     return grown
@@ -148,14 +179,20 @@ def _shifted(padded: Array, dy: int, dx: int) -> Array:
     return padded[1 + dy : padded.shape[0] - 1 + dy, 1 + dx : padded.shape[1] - 1 + dx]
 
 
-def _best_rates(z: Array, values: Array, number: int, basis: Callable[[Array, Array], Array]) -> tuple[Array, Array]:
-    """Fit ``values`` by least squares on a basis that depends on rates, which are searched on a grid of 0 to 5 per meter.
+def _best_rates(
+    z: Array, values: Array, number: int, basis: Callable[[Array, Array], Array]
+) -> tuple[Array, Array]:
+    """Fit ``values`` by least squares on a basis that depends on rates, which are searched on a
+    grid of 0 to 5 per meter.
 
-    Returns the rates (number,) and the weights of the basis, which are kept in [0, 1], as in the paper.
+    Returns the rates (number,) and the weights of the basis, which are kept in [0, 1], as in the
+    paper.
     """
     grid = np.concatenate([np.linspace(0.02, 1, 25), np.linspace(1.1, 5, 12)])
     best: tuple[float, Array, Array] | None = None
-    for rates in np.stack(np.meshgrid(*[grid] * number, indexing="ij"), axis=-1).reshape(-1, number):
+    for rates in np.stack(np.meshgrid(*[grid] * number, indexing="ij"), axis=-1).reshape(
+        -1, number
+    ):
         columns = basis(z, rates)
         normal = columns.T @ columns + 1e-9 * np.eye(columns.shape[1])
         weights = np.clip(np.linalg.solve(normal, columns.T @ values), 0, 1)
@@ -167,7 +204,9 @@ def _best_rates(z: Array, values: Array, number: int, basis: Callable[[Array, Ar
 
 
 def _two_exponentials(z: Array, attenuation: Array) -> Callable[[Array], Array]:
-    """a(z) = w exp(-v z) + y exp(-x z) of coarse attenuation, by least squares on what the ranges then are (Sea-thru, eq. 17)."""
+    """a(z) = w exp(-v z) + y exp(-x z) of coarse attenuation, by least squares on what the ranges
+    then are (Sea-thru, eq. 17).
+    """
     step = max(1, z.size // 4000)
     z, attenuation = z[::step], np.maximum(attenuation[::step], LEAST_ATTENUATION)
     optical = attenuation * z
@@ -195,7 +234,9 @@ def _two_exponentials(z: Array, attenuation: Array) -> Callable[[Array], Array]:
 
 @dataclass(frozen=True, eq=False)
 class OtherResults:
-    """Corrected images of other tools. folders: name of a method -> stem of an image -> its corrected image."""
+    """Corrected images of other tools. folders: name of a method -> stem of an image -> its
+    corrected image.
+    """
 
     folders: dict[str, dict[str, Path]]
 
@@ -203,21 +244,30 @@ class OtherResults:
     def of(cls, folders: Sequence[Path]) -> "OtherResults":
         """The images in these folders; a method has the name of its folder.
 
-        Raises InputError where two methods have the same name, or a folder holds no image, or two of the same name.
+        Raises InputError where two methods have the same name, or a folder holds no image, or two
+        of the same name.
         """
         found: dict[str, dict[str, Path]] = {}
         for folder in folders:
             name = folder.resolve().name
             if name in (*METHODS, PAPER, OURS):
-                raise InputError(f"{folder}: a method that is scored anyway is called {name!r} too: rename the folder")
+                raise InputError(
+                    f"{folder}: a method that is scored anyway is called {name!r} too: rename the "
+                    "folder"
+                )
             if name in found:
-                raise InputError(f"{folder}: another folder of results is called {name!r} too: rename one")
+                raise InputError(
+                    f"{folder}: another folder of results is called {name!r} too: rename one"
+                )
             found[name] = _by_stem(list_images(folder, "corrected images").files)
         return cls(found)
 
     def missing(self, stems: Sequence[str]) -> dict[str, tuple[str, ...]]:
         """Method -> the stems of these images that it lacks, for methods that lack any."""
-        lacking = {method: tuple(stem for stem in stems if stem not in files) for method, files in self.folders.items()}
+        lacking = {
+            method: tuple(stem for stem in stems if stem not in files)
+            for method, files in self.folders.items()
+        }
         return {method: names for method, names in lacking.items() if names}
 
     def refuse_other_names(self, stems: Sequence[str]) -> None:
@@ -225,12 +275,15 @@ class OtherResults:
         for method, files in self.folders.items():
             if files.keys().isdisjoint(stems):
                 raise InputError(
-                    f"{method}: none of its images is called like one of those to be scored: its first is {min(files)!r}, "
-                    f"theirs is {min(stems)!r}: give its images the names of those that they were made from"
+                    f"{method}: none of its images is called like one of those to be scored: its "
+                    f"first is {min(files)!r}, "
+                    f"theirs is {min(stems)!r}: give its images the names of those that they were "
+                    "made from"
                 )
 
     def corrected(self, stem: str, shape: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
-        """Method -> (H, W, 3) in [0, 1] as displayed, of the methods that have this image; NaN where it is black, as unknown.
+        """Method -> (H, W, 3) in [0, 1] as displayed, of the methods that have this image; NaN
+        where it is black, as unknown.
 
         Raises InputError where an image is not of the size (H, W) of the one that it was made from.
         """
@@ -244,7 +297,9 @@ class OtherResults:
         return results
 
     def images(self, stem: str, shape: tuple[int, ...]) -> dict[str, Image]:
-        """Method -> its image of that stem, unchanged; all methods must have it. Raises InputError where one has another size."""
+        """Method -> its image of that stem, unchanged; all methods must have it. Raises InputError
+        where one has another size.
+        """
         return {method: _of_size(files[stem], shape) for method, files in self.folders.items()}
 
 
@@ -252,7 +307,10 @@ def _by_stem(files: Iterable[Path]) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for path in files:
         if path.stem in found:
-            raise InputError(f"{path}: {found[path.stem].name} is an image of that name too: leave one of them in the folder")
+            raise InputError(
+                f"{path}: {found[path.stem].name} is an image of that name too: leave one of them "
+                "in the folder"
+            )
         found[path.stem] = path
     return found
 
@@ -261,5 +319,7 @@ def _of_size(path: Path, shape: tuple[int, ...]) -> Image:
     image = read_image(path)
     if image.shape[:2] != shape[:2]:
         size, expected = (f"{sides[1]}x{sides[0]}" for sides in (image.shape, shape))
-        raise InputError(f"{path}: is {size} px, and the image that it was made from is {expected}: resize it")
+        raise InputError(
+            f"{path}: is {size} px, and the image that it was made from is {expected}: resize it"
+        )
     return image

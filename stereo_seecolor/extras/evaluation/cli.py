@@ -12,30 +12,52 @@ from stereo_seecolor.extras.evaluation.text import charts_text, spread_text, tru
 
 CHARTS = "Color charts"
 FinishedRun = Annotated[
-    Path | None, typer.Argument(metavar="OUT", help="Output folder of a finished run (for --truth and --spread).")
+    Path | None,
+    typer.Argument(
+        metavar="OUT", help="Output folder of a finished run (for --truth and --spread)."
+    ),
 ]
-Truth = Annotated[Path | None, opt.option("--truth", "FOLDER", "The truth/ folder of a dive made by synthesize.")]
-BySpread = Annotated[bool, opt.flag("--spread", "Compare the same spots of the reef between the frames of OUT; needs no truth.")]
-ByChart = Annotated[bool, opt.flag("--chart", "Score every method on color charts or white targets.", CHARTS)]
+Truth = Annotated[
+    Path | None, opt.option("--truth", "FOLDER", "The truth/ folder of a dive made by synthesize.")
+]
+BySpread = Annotated[
+    bool,
+    opt.flag(
+        "--spread", "Compare the same spots of the reef between the frames of OUT; needs no truth."
+    ),
+]
+ByChart = Annotated[
+    bool, opt.flag("--chart", "Score every method on color charts or white targets.", CHARTS)
+]
 Images = Annotated[
     Path | None,
     opt.option(
         "--images",
         "FOLDER",
-        "Folder of uncorrected images whose pixels are those of the range maps, as rectify writes them.",
+        "Folder of uncorrected images whose pixels are those of the range maps, as rectify "
+        "writes them.",
         CHARTS,
     ),
 ]
-Ranges = Annotated[Path | None, opt.option("--range", "FOLDER", "Folder of their range maps.", CHARTS)]
+Ranges = Annotated[
+    Path | None, opt.option("--range", "FOLDER", "Folder of their range maps.", CHARTS)
+]
 Targets = Annotated[
-    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for.", CHARTS)
+    Path | None,
+    opt.option(
+        "--targets",
+        "FILE",
+        "JSON of chart corners and polygons. Default: charts are searched for.",
+        CHARTS,
+    ),
 ]
 Others = Annotated[
     list[Path] | None,
     opt.option(
         "--others",
         "FOLDER",
-        "Results of another tool: a folder of images with the same names (for --spread of the rectified ones). May be repeated.",
+        "Results of another tool: a folder of images with the same names (for --spread of the "
+        "rectified ones). May be repeated.",
         CHARTS,
     ),
 ]
@@ -63,7 +85,9 @@ def evaluate(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Measure quality: errors against truth (--truth), differences between views (--spread), errors on charts (--chart)."""
+    """Measure quality: errors against truth (--truth), differences between views (--spread), errors
+    on charts (--chart).
+    """
     from stereo_seecolor.extras.evaluation.charts.scores import evaluate_charts
     from stereo_seecolor.extras.evaluation.truth import evaluate as evaluate_run
     from stereo_seecolor.extras.evaluation.truth import evaluate_spread
@@ -79,33 +103,58 @@ def evaluate(
             spread = evaluate_spread(out, others or ())
         report.end(vars(spread), spread_text(spread))
     if out is None or truth is None:
-        raise typer.BadParameter("give a run's folder with --truth or --spread, or --chart with --images and --range")
+        raise typer.BadParameter(
+            "give a run's folder with --truth or --spread, or --chart with --images and --range"
+        )
     with report.working():
         scores = evaluate_run(out, truth)
     report.end(vars(scores), truth_text(scores))
 
 
-Poses = Annotated[Path | None, opt.option("--poses", "FILE", "Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
+Poses = Annotated[
+    Path | None,
+    opt.option("--poses", "FILE", "Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables)."),
+]
 
 
-OfCharts = Annotated[bool, opt.flag("--chart", "White point and color matrix from color charts and white cards in the frames.")]
+OfCharts = Annotated[
+    bool,
+    opt.flag(
+        "--chart", "White point and color matrix from color charts and white cards in the frames."
+    ),
+]
 
 
 WhiteTargets = Annotated[
-    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for.")
+    Path | None,
+    opt.option(
+        "--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for."
+    ),
 ]
 
 
 WhiteSpots = Annotated[
     list[str] | None,
-    opt.option("--white", "FRAME:x,y", "White point from a spot that is white: a pixel of a corrected image. May be repeated."),
+    opt.option(
+        "--white",
+        "FRAME:x,y",
+        "White point from a spot that is white: a pixel of a corrected image. May be repeated.",
+    ),
 ]
 SandSpots = Annotated[
-    list[str] | None, opt.option("--sand", "FRAME:x,y", "White point from a spot of carbonate sand. May be repeated.")
+    list[str] | None,
+    opt.option(
+        "--sand", "FRAME:x,y", "White point from a spot of carbonate sand. May be repeated."
+    ),
 ]
 
 
-@command("Single steps of run", "water OUT --poses nav.tum", "water OUT --chart", "water OUT --white FRAME:x,y")
+@command(
+    "Single steps of run",
+    "water OUT --poses nav.tum",
+    "water OUT --chart",
+    "water OUT --white FRAME:x,y",
+)
 def water(
     out: opt.Finished,
     poses: Poses = None,
@@ -117,18 +166,22 @@ def water(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or its white point from charts
-    (--chart) or spots that you know (--white, --sand)."""
+    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or
+    its white point from charts (--chart) or spots that you know (--white, --sand).
+    """
     from stereo_seecolor.errors import InputError
     from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
 
     with report.working():
         if [poses is not None, chart, bool(white or sand)].count(True) != 1:
             raise InputError(
-                "water: give --poses FILE for attenuation and backscatter; or for the white point --chart, or spots by --white or "
+                "water: give --poses FILE for attenuation and backscatter; or for the white point "
+                "--chart, or spots by --white or "
                 "--sand"
             )
         result = (
-            measure_water(out, poses, settings.load(run=out)) if poses else measure_white(out, targets, white or (), sand or ())
+            measure_water(out, poses, settings.load(run=out))
+            if poses
+            else measure_white(out, targets, white or (), sand or ())
         )
     report.end({"out": out, **vars(result)}, water_text(result))

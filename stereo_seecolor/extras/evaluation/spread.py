@@ -1,7 +1,8 @@
-"""Differences of the same spots between the frames of a run, and trends of color over the picture and over range; needs no truth.
+"""Differences of the same spots between the frames of a run, and trends of color over the picture
+and over range; needs no truth.
 
-Frames up to four apart are registered by matched features. Spots whose range agrees in both are compared: means of 5x5 pixels of
-linear light, uncorrected and corrected.
+Frames up to four apart are registered by matched features. Spots whose range agrees in both are
+compared: means of 5x5 pixels of linear light, uncorrected and corrected.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -47,7 +48,9 @@ class SpreadSettings:
     """and at the center farther from it than this."""
     nearest: float = 0.25
     farthest: float = 0.15
-    """Of the pixels by range: their red to blue is compared (Jamieson, How and Girdhar 2023, of ORCA's dives)."""
+    """Of the pixels by range: their red to blue is compared (Jamieson, How and Girdhar 2023, of
+    ORCA's dives).
+    """
     ranged_points: int = 2000
     """Pixels of each frame for that."""
 
@@ -57,11 +60,14 @@ SETTINGS = SpreadSettings()
 
 @dataclass(frozen=True)
 class Spread:
-    """Differences between views. luminance: robust standard deviation (1.4826 MAD) of the logarithm of the ratio of two views.
+    """Differences between views. luminance: robust standard deviation (1.4826 MAD) of the logarithm
+    of the ratio of two views.
 
-    frame_offsets: rms over pairs of frames of its median. angle_deg: median angle between the two views' colors. spots: compared.
-    border (3,): of spots that one frame shows at the border and another at the center, the median logarithm of border over center:
-    luminance, red over green, blue over green. border_error (3,): its standard error, from the pairs of frames. NaN without such.
+    frame_offsets: rms over pairs of frames of its median. angle_deg: median angle between the two
+    views' colors. spots: compared.
+    border (3,): of spots that one frame shows at the border and another at the center, the median
+    logarithm of border over center: luminance, red over green, blue over green. border_error (3,):
+    its standard error, from the pairs of frames. NaN without such.
     far_red_to_blue: red over blue of the farthest 15 % of the pixels over that of the nearest 25 %.
     """
 
@@ -76,7 +82,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class SpreadReport:
-    """Differences between views of the raw images, of the run's corrected ones, and of other tools', by method.
+    """Differences between views of the raw images, of the run's corrected ones, and of other
+    tools', by method.
 
     pairs: number of pairs of frames that show the same spots.
     """
@@ -101,7 +108,9 @@ class ComparedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows: raw, corrected, and of each other method."""
+    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows: raw,
+    corrected, and of each other method.
+    """
 
     views: tuple[NDArray[np.float32], ...]
     range_m: Map
@@ -114,7 +123,9 @@ class _Ready:
         return cls(views, frame.shown.range_m, detect(frame.shown, geometry))
 
 
-def measure_spread(frames: Sequence[ComparedFrame], geometry: RectifiedPair, encoding: InputEncoding) -> SpreadReport:
+def measure_spread(
+    frames: Sequence[ComparedFrame], geometry: RectifiedPair, encoding: InputEncoding
+) -> SpreadReport:
     """Compare the frames; each is read once, in order. encoding: of the raw images.
 
     Raises InputError where no two frames show the same spots.
@@ -123,10 +134,20 @@ def measure_spread(frames: Sequence[ComparedFrame], geometry: RectifiedPair, enc
     ready = (_Ready.of(frame, geometry, encoding) for frame in frames)
     pairs = list(_compared(_noted(ready, ranged), geometry))
     if not pairs:
-        raise InputError("no two frames up to four apart show the same spots: there is nothing to compare")
-    places, range_m = [pair.edges for pair in pairs], np.concatenate([frame.range_m for frame in ranged])
+        raise InputError(
+            "no two frames up to four apart show the same spots: there is nothing to compare"
+        )
+    places, range_m = (
+        [pair.edges for pair in pairs],
+        np.concatenate([frame.range_m for frame in ranged]),
+    )
     raw, corrected, *others = (
-        _spread([pair.views[view] for pair in pairs], places, range_m, np.concatenate([frame.views[view] for frame in ranged]))
+        _spread(
+            [pair.views[view] for pair in pairs],
+            places,
+            range_m,
+            np.concatenate([frame.views[view] for frame in ranged]),
+        )
         for view in range(len(pairs[0].views))
     )
     methods = frames[0].others if others else ()
@@ -145,7 +166,9 @@ def _noted(frames: Iterable[_Ready], ranged: list[_Ranged]) -> Iterator[_Ready]:
     """The frames, of each of which some pixels are added to ``ranged``."""
     for number, frame in enumerate(frames):
         known = np.flatnonzero(np.isfinite(frame.range_m))
-        some = np.random.default_rng(number).choice(known, min(SETTINGS.ranged_points, known.size), replace=False)
+        some = np.random.default_rng(number).choice(
+            known, min(SETTINGS.ranged_points, known.size), replace=False
+        )
         views = [view.reshape(-1, 3)[some].astype(np.float64) for view in frame.views]
         ranged.append(_Ranged(frame.range_m.ravel()[some].astype(np.float64), views))
         yield frame
@@ -153,8 +176,9 @@ def _noted(frames: Iterable[_Ready], ranged: list[_Ranged]) -> Iterator[_Ready]:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """The spots of a pair of frames. views: (N, 2, 3) in both: raw, corrected, and each other method's. edges (N, 2): distance of
-    each from the picture's border, fraction of its width or height.
+    """The spots of a pair of frames. views: (N, 2, 3) in both: raw, corrected, and each other
+    method's. edges (N, 2): distance of each from the picture's border, fraction of its width or
+    height.
     """
 
     views: list[Array]
@@ -168,11 +192,15 @@ def _compared(frames: Iterable[_Ready], geometry: RectifiedPair) -> Iterator[_Pa
         for other in last:
             found = relative_pose(other.features, ready.features, geometry)
             if found is not None:
-                at, there = _same_spots(other.range_m, ready.range_m, inverse(found.T_a_b), geometry, number)
+                at, there = _same_spots(
+                    other.range_m, ready.range_m, inverse(found.T_a_b), geometry, number
+                )
                 views = zip(other.views, ready.views, strict=True)
                 yield _Pair(
                     [np.stack([a[at], b[there]], axis=1).astype(np.float64) for a, b in views],
-                    np.stack([_edge(at, ready.range_m.shape), _edge(there, ready.range_m.shape)], axis=1),
+                    np.stack(
+                        [_edge(at, ready.range_m.shape), _edge(there, ready.range_m.shape)], axis=1
+                    ),
                 )
         last = [*last, ready][-SETTINGS.apart :]
 
@@ -187,19 +215,31 @@ Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Rows and columns."""
 
 
-def _same_spots(range_m: Map, other_m: Map, T_other_this: Array, geometry: RectifiedPair, seed: int) -> tuple[Pixels, Pixels]:
+def _same_spots(
+    range_m: Map, other_m: Map, T_other_this: Array, geometry: RectifiedPair, seed: int
+) -> tuple[Pixels, Pixels]:
     """Pixels of a frame and of another that show the same spots. seed: of the random choice."""
     height, width = range_m.shape
     edge = SETTINGS.window_px // 2 + 1
     known = np.isfinite(range_m)
     known[:edge] = known[-edge:] = known[:, :edge] = known[:, -edge:] = False
     among = np.flatnonzero(known)
-    drawn = np.random.default_rng(seed).choice(among, min(SETTINGS.points, among.size), replace=False)
+    drawn = np.random.default_rng(seed).choice(
+        among, min(SETTINGS.points, among.size), replace=False
+    )
     rows, columns = np.divmod(drawn, width)
-    moved = transformed(T_other_this, geometry.points_from_range(range_m)[rows, columns].astype(np.float64))
+    moved = transformed(
+        T_other_this, geometry.points_from_range(range_m)[rows, columns].astype(np.float64)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = (moved @ geometry.P_left.T / moved[:, 2:])[:, :2].T
-    inside = (moved[:, 2] > 0) & (x > edge) & (y > edge) & (x < width - 1 - edge) & (y < height - 1 - edge)
+    inside = (
+        (moved[:, 2] > 0)
+        & (x > edge)
+        & (y > edge)
+        & (x < width - 1 - edge)
+        & (y < height - 1 - edge)
+    )
     rows, columns, moved = rows[inside], columns[inside], moved[inside]
     there = np.rint(y[inside]).astype(int), np.rint(x[inside]).astype(int)
     distance_m = np.linalg.norm(moved, axis=1)
@@ -213,7 +253,8 @@ def _light(image: Image, encoding: InputEncoding) -> NDArray[np.float32]:
 
 
 def _spread(pairs: Sequence[Array], edges: Sequence[Array], range_m: Array, light: Array) -> Spread:
-    """The differences between views. pairs: of each pair of frames, (N, 2, 3) linear light of its spots in both. edges: (N, 2)
+    """The differences between views. pairs: of each pair of frames, (N, 2, 3) linear light of its
+    spots in both. edges: (N, 2)
     their distances from the border. range_m, light: (M,) and (M, 3) of pixels of all frames.
     """
     ratios, angles, squares, borders = [], [], [], []
@@ -243,12 +284,19 @@ def _spread(pairs: Sequence[Array], edges: Sequence[Array], range_m: Array, ligh
 
 
 def _border(views: Array, edges: Array) -> Array | None:
-    """(3,) median logarithm of border over center of a pair's spots (``Spread.border``); None where too few lie so."""
+    """(3,) median logarithm of border over center of a pair's spots (``Spread.border``); None where
+    too few lie so.
+    """
     logs = np.log(views)
-    ratios = np.stack([np.log(views @ LUMINANCE), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]], axis=-1)
+    ratios = np.stack(
+        [np.log(views @ LUMINANCE), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]],
+        axis=-1,
+    )
     outer, inner = edges < SETTINGS.border, edges > SETTINGS.center
     first, second = outer[:, 0] & inner[:, 1], inner[:, 0] & outer[:, 1]
-    found = np.concatenate([(ratios[:, 0] - ratios[:, 1])[first], (ratios[:, 1] - ratios[:, 0])[second]])
+    found = np.concatenate(
+        [(ratios[:, 0] - ratios[:, 1])[first], (ratios[:, 1] - ratios[:, 0])[second]]
+    )
     return np.median(found, axis=0) if len(found) >= SETTINGS.least else None
 
 
@@ -257,11 +305,16 @@ UNKNOWN: Three = (np.nan, np.nan, np.nan)
 
 
 def _median_and_error(borders: Sequence[Array]) -> tuple[Three, Three]:
-    """The median over pairs of frames, and its standard error from their scatter; pairs share frames, so that a quarter counts."""
+    """The median over pairs of frames, and its standard error from their scatter; pairs share
+    frames, so that a quarter counts.
+    """
     if len(borders) < 2:
         return UNKNOWN, UNKNOWN
     independent = max(len(borders) / SETTINGS.apart, 1.0)
-    middle, scatter = np.median(borders, axis=0), np.array([deviation(part) for part in np.transpose(borders)])
+    middle, scatter = (
+        np.median(borders, axis=0),
+        np.array([deviation(part) for part in np.transpose(borders)]),
+    )
     return _three(middle), _three(scatter / np.sqrt(independent))
 
 
@@ -275,4 +328,8 @@ def _far_red_to_blue(range_m: Array, light: Array) -> float:
     near, far = np.quantile(range_m, [SETTINGS.nearest, 1 - SETTINGS.farthest])
     usable = ((light > SETTINGS.darkest) & (light < SETTINGS.brightest)).all(axis=1)
     sums = [light[usable & which].sum(axis=0) for which in (range_m >= far, range_m <= near)]
-    return float(sums[0][0] / sums[0][2] / (sums[1][0] / sums[1][2])) if all((each > 0).all() for each in sums) else float("nan")
+    return (
+        float(sums[0][0] / sums[0][2] / (sums[1][0] / sums[1][2]))
+        if all((each > 0).all() for each in sums)
+        else float("nan")
+    )

@@ -1,4 +1,6 @@
-"""Scores of a run against truth, of methods on color targets, and of differences between views, as text."""
+"""Scores of a run against truth, of methods on color targets, and of differences between views, as
+text.
+"""
 
 import shlex
 from math import isnan
@@ -26,38 +28,72 @@ def truth_text(report: "TruthReport") -> str:
     )
     return (
         lines(
-            f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames",
-            f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by over 1 px "
-            f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that "
+            f"{len(report.frames)} frames against truth, means over frames; no result for "
+            f"{len(report.missing)} frames",
+            f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off "
+            "by over 1 px "
+            f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured "
+            f"{ranges.coverage:.1%} of the pixels that "
             "both cameras see",
         )
         + table(
             ("color", "corrected", "raw image"),
-            [(what, format(getattr(color, name), style), format(getattr(raw, name), style)) for what, name, style in measures],
+            [
+                (what, format(getattr(color, name), style), format(getattr(raw, name), style))
+                for what, name, style in measures
+            ],
         )
         + lines(
-            f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true color neither clipped nor nearly black"
+            f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true "
+            "color neither clipped nor nearly black"
         )
     )
 
 
 def charts_text(report: "ChartReport") -> str:
     """A table of every method on every target, and the means."""
-    columns = ("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped", "chroma")
+    columns = (
+        "frame",
+        "target",
+        "method",
+        "range m",
+        "psi",
+        "psi linear",
+        "CIEDE2000",
+        "clipped",
+        "chroma",
+    )
     rows = []
     for row in (*report.rows, *report.means()):
-        numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
-        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}", f"{row.chroma:.0f}"))
-    without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
+        numbers = [
+            f"{value:.1f}"
+            for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)
+        ]
+        rows.append(
+            (
+                row.frame,
+                row.target,
+                row.method,
+                *numbers,
+                f"{row.clipped_fraction:.1%}",
+                f"{row.chroma:.0f}",
+            )
+        )
+    without = (
+        [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
+    )
     missing = [
-        f"{method}: has no image of {', '.join(stems)}: its means leave them out" for method, stems in report.missing.items()
+        f"{method}: has no image of {', '.join(stems)}: its means leave them out"
+        for method, stems in report.missing.items()
     ]
     sheet = f"  {report.sheet}: every method on every frame, to look at"
     return table(columns, rows) + _ranges_text(report) + lines(*without, *missing, sheet)
 
 
 def _ranges_text(report: "ChartReport") -> str:
-    """A table of how much the color of the same patch differs between ranges; "" where it was not measured."""
+    """A table of how much the color of the same patch differs between ranges; "" where it was not
+    measured.
+    """
     if not report.spreads:
         return ""
     columns = ("method", "charts", "range m", "patch angle", "patch luminance")
@@ -71,9 +107,10 @@ def _ranges_text(report: "ChartReport") -> str:
         )
         for row in report.spreads
     ]
-    return lines("the same patch on charts at several ranges: mean angle, and spread of the logarithm of luminance") + table(
-        columns, rows
-    )
+    return lines(
+        "the same patch on charts at several ranges: mean angle, and spread of the logarithm of "
+        "luminance"
+    ) + table(columns, rows)
 
 
 def spread_text(report: "SpreadReport") -> str:
@@ -85,14 +122,25 @@ def spread_text(report: "SpreadReport") -> str:
         ("spots neither dark nor clipped", "spots", "d"),
     )
     methods = {"corrected": report.corrected, "raw images": report.raw, **report.others}
-    rows = [(what, *(format(getattr(spread, name), style) for spread in methods.values())) for what, name, style in measures]
+    rows = [
+        (what, *(format(getattr(spread, name), style) for spread in methods.values()))
+        for what, name, style in measures
+    ]
     for number, what in enumerate(("brightness", "red over green", "blue over green")):
-        borders = ((spread.border[number], spread.border_error[number]) for spread in methods.values())
-        rows.append((f"{what} of a spot at the border over at the center", *(f"{trend:+.3f} +- {e:.3f}" for trend, e in borders)))
+        borders = (
+            (spread.border[number], spread.border_error[number]) for spread in methods.values()
+        )
+        rows.append(
+            (
+                f"{what} of a spot at the border over at the center",
+                *(f"{trend:+.3f} +- {e:.3f}" for trend, e in borders),
+            )
+        )
     far = (format(spread.far_red_to_blue, ".3f") for spread in methods.values())
     rows.append(("red/blue, farthest 15 % over nearest 25 %, even reef = 1", *far))
     return table(("between frames", *methods), rows) + lines(
-        f"{report.pairs} pairs of frames; brightness, and changes at the border (the outer tenth), as natural logarithm of a ratio"
+        f"{report.pairs} pairs of frames; brightness, and changes at the border (the outer "
+        "tenth), as natural logarithm of a ratio"
     )
 
 
@@ -106,7 +154,9 @@ def water_text(result: "MeasuredWater") -> str:
         f"{name} {rate:.3f} +- {error:.3f}"
         for name, rate, error in zip(("red", "green", "blue"), result.water.y, errors, strict=True)
     )
-    return lines(f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use)
+    return lines(
+        f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use
+    )
 
 
 def _white_lines(result: "MeasuredWater") -> list[str]:
@@ -114,11 +164,18 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
     errors = result.water.standard_errors["white"] / white
     shown = ", ".join(
         f"{name} {value:.3f} +- {error:.1%}"
-        for name, value, error in zip(("red", "green", "blue"), white / white[1], errors, strict=True)
+        for name, value, error in zip(
+            ("red", "green", "blue"), white / white[1], errors, strict=True
+        )
     )
     each = [
-        f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} degrees from the white of all"
-        + ("" if isnan(chart.ciede2000) else f"; CIEDE2000 {chart.ciede2000_before:.1f}, {chart.ciede2000:.1f} with the matrix")
+        f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} "
+        "degrees from the white of all"
+        + (
+            ""
+            if isnan(chart.ciede2000)
+            else f"; CIEDE2000 {chart.ciede2000_before:.1f}, {chart.ciede2000:.1f} with the matrix"
+        )
         for chart in result.charts
     ]
     left_out = [f"not used: {name}, which looks like a white card" for name in result.left_out]
@@ -131,7 +188,8 @@ def _trend_lines(result: "MeasuredWater") -> list[str]:
         return ["the charts are at one range: they do not check the water"]
     (red, blue), errors = result.trend.per_m, result.trend.error
     return [
-        f"left over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 where the water is right): against green, "
+        f"left over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 where the "
+        "water is right): against green, "
         f"red {red:+.1%} +- {errors[0]:.1%} a meter, blue {blue:+.1%} +- {errors[1]:.1%}"
     ]
 
@@ -143,14 +201,18 @@ def _matrix_lines(result: "MeasuredWater") -> list[str]:
     rows = (
         f"  {name:5} = "
         + "  ".join(
-            f"{value:+.3f} +- {error:.3f} {of}" for value, error, of in zip(row, errors, ("red", "green", "blue"), strict=True)
+            f"{value:+.3f} +- {error:.3f} {of}"
+            for value, error, of in zip(row, errors, ("red", "green", "blue"), strict=True)
         )
-        for name, row, errors in zip(("red", "green", "blue"), found.matrix, found.errors, strict=True)
+        for name, row, errors in zip(
+            ("red", "green", "blue"), found.matrix, found.errors, strict=True
+        )
     )
     noise = ", ".join(f"{factor:.2f}" for factor in found.noise)
     return [
         f"color matrix, from {found.patches} patches (noise of red, green, blue times {noise}):",
         *rows,
-        f"  median CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with it, {found.left_out:.1f} on "
+        f"  median CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with "
+        f"it, {found.left_out:.1f} on "
         "patches left out of the fit",
     ]

@@ -1,4 +1,6 @@
-"""Errors of a finished run's ranges and colors against known truth, beside those of the raw images."""
+"""Errors of a finished run's ranges and colors against known truth, beside those of the raw
+images.
+"""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,7 +36,8 @@ NOT_MEASURED = (1, 2)
 class RangeScore:
     """Errors of measured ranges, without filled-in ones.
 
-    median_relative_error: |range - truth| / truth. bad_1_px, bad_2_px: fraction of measured pixels whose disparity is off by more.
+    median_relative_error: |range - truth| / truth. bad_1_px, bad_2_px: fraction of measured pixels
+    whose disparity is off by more.
     coverage: fraction of the pixels that both cameras see which were measured.
     """
 
@@ -46,7 +49,9 @@ class RangeScore:
 
 @dataclass(frozen=True)
 class ResultFiles:
-    """The results of one frame. mask: its codes, as run writes them; None: every known range counts as measured."""
+    """The results of one frame. mask: its codes, as run writes them; None: every known range counts
+    as measured.
+    """
 
     range_m: Path
     corrected: Path
@@ -55,7 +60,9 @@ class ResultFiles:
 
 @dataclass(frozen=True)
 class FrameScore:
-    """Scores of one frame. color, raw_color: of the corrected and the raw image, over the same pixels."""
+    """Scores of one frame. color, raw_color: of the corrected and the raw image, over the same
+    pixels.
+    """
 
     name: str
     range: RangeScore
@@ -65,7 +72,9 @@ class FrameScore:
 
 @dataclass(frozen=True)
 class TruthReport:
-    """Scores of a run. range, color, raw_color: means over the frames. missing: names of frames without a result."""
+    """Scores of a run. range, color, raw_color: means over the frames. missing: names of frames
+    without a result.
+    """
 
     frames: tuple[FrameScore, ...]
     missing: tuple[str, ...]
@@ -75,27 +84,42 @@ class TruthReport:
 
 
 def true_frames(truth: Path) -> list[str]:
-    """Names of the frames whose truth the folder holds, sorted. Raises InputError if it holds none."""
+    """Names of the frames whose truth the folder holds, sorted. Raises InputError if it holds
+    none.
+    """
     names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
     if not names:
-        raise InputError(f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by 'stereo-seecolor synthesize'")
+        raise InputError(
+            f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by "
+            "'stereo-seecolor synthesize'"
+        )
     return names
 
 
 def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthReport:
-    """Compare results, by frame name, with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
+    """Compare results, by frame name, with the truth of a dive (docs/synthetic.md), whose left/ and
+    cam.yaml lie beside ``truth``.
 
-    Colors are compared as displayed (sRGB), over pixels whose range was measured and whose true color is neither clipped nor so
-    dark (brightest channel below 6 % of full scale, encoded) that noise makes its hue.
+    Colors are compared as displayed (sRGB), over pixels whose range was measured and whose true
+    color is neither clipped nor so dark (brightest channel below 6 % of full scale, encoded) that
+    noise makes its hue.
 
-    Raises InputError if ``truth`` is no such folder, holds none of these frames, or a result has another size than its truth.
+    Raises InputError if ``truth`` is no such folder, holds none of these frames, or a result has
+    another size than its truth.
     """
     names = true_frames(truth)
     if results.keys().isdisjoint(names):
-        raise InputError(f"there is no result for any of the {len(names)} frames of {truth}: run the same dive first")
+        raise InputError(
+            f"there is no result for any of the {len(names)} frames of {truth}: run the same dive "
+            "first"
+        )
     rectification = Rectification.from_rig(load_rig(truth.parent / "cam.yaml"))
     linear = _is_linear(truth)
-    frames = tuple(_score_frame(results[name], truth, name, rectification, linear) for name in names if name in results)
+    frames = tuple(
+        _score_frame(results[name], truth, name, rectification, linear)
+        for name in names
+        if name in results
+    )
     return TruthReport(
         frames,
         tuple(name for name in names if name not in results),
@@ -106,9 +130,13 @@ def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthRepo
 
 
 def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPair) -> RangeScore:
-    """Score of a range map (H, W), NaN where not measured, against truth; visible: what both cameras see."""
+    """Score of a range map (H, W), NaN where not measured, against truth; visible: what both
+    cameras see.
+    """
     known = np.isfinite(range_m) & np.isfinite(true_m)
-    disparity, true_disparity = (geometry.disparity_from_depth(geometry.depth_from_range(z)) for z in (range_m, true_m))
+    disparity, true_disparity = (
+        geometry.disparity_from_depth(geometry.depth_from_range(z)) for z in (range_m, true_m)
+    )
     off_px = np.abs(disparity - true_disparity)[known]
     relative = (np.abs(range_m - true_m) / true_m)[known]
     nan = float("nan")
@@ -120,12 +148,18 @@ def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPai
     )
 
 
-def _score_frame(result: ResultFiles, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
-    """The scores of one frame. linear: the dive's images are linear light. Raises InputError for a result of another size."""
+def _score_frame(
+    result: ResultFiles, truth: Path, name: str, rectification: Rectification, linear: bool
+) -> FrameScore:
+    """The scores of one frame. linear: the dive's images are linear light. Raises InputError for a
+    result of another size.
+    """
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
     range_m = read_range_map(result.range_m)
     if range_m.shape != true_m.shape:
-        raise InputError(f"{result.range_m}: is {_size(range_m)} pixels, but its truth is {_size(true_m)}")
+        raise InputError(
+            f"{result.range_m}: is {_size(range_m)} pixels, but its truth is {_size(true_m)}"
+        )
     measured = np.isfinite(range_m)
     if result.mask is not None:
         measured &= ~np.isin(read_image(result.mask)[..., 0], NOT_MEASURED)
@@ -133,7 +167,9 @@ def _score_frame(result: ResultFiles, truth: Path, name: str, rectification: Rec
     visible = read_image(truth / "visible" / f"{name}.png")[..., 0] > 0
 
     color = _displayed(truth / "color" / f"{name}.png", linear)
-    raw = rectification.upright(rectification.apply_left(read_image(truth.parent / "left" / f"{name}.png")))
+    raw = rectification.upright(
+        rectification.apply_left(read_image(truth.parent / "left" / f"{name}.png"))
+    )
     scores = []
     for image in (_displayed(result.corrected, linear=False), _as_displayed(raw, linear)):
         known = np.where(measured[..., None], image, np.nan)
@@ -160,12 +196,16 @@ def _is_linear(truth: Path) -> bool:
     try:
         return bool(load_object(truth / "water.json")["water"]["input_encoding"] == "linear")
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{truth / 'water.json'}: does not say how the images are encoded: {error}") from error
+        raise InputError(
+            f"{truth / 'water.json'}: does not say how the images are encoded: {error}"
+        ) from error
 
 
 def _mean(kind: type[Score], scores: list[Score]) -> Score:
     names = [field.name for field in fields(kind)]
-    values = np.array([[getattr(score, name) for name in names] for score in scores], dtype=np.float64)
+    values = np.array(
+        [[getattr(score, name) for name in names] for score in scores], dtype=np.float64
+    )
     known = np.isfinite(values)
     with np.errstate(invalid="ignore"):
         means = np.where(known, values, 0).sum(axis=0) / known.sum(axis=0)
@@ -180,30 +220,42 @@ def _size(values: Map) -> str:
 # other.
 
 GEOMETRY_TOLERANCE = 1e-6
-"""Relative difference of focal length, center and baseline up to which two cameras are one: rounding in files is far below it."""
+"""Relative difference of focal length, center and baseline up to which two cameras are one:
+rounding in files is far below it.
+"""
 
 
 def evaluate(out: Path, truth: Path) -> TruthReport:
-    """Errors of the run in ``out`` against the folder ``truth``; left/ and cam.yaml of the dive lie beside it (docs/synthetic.md).
+    """Errors of the run in ``out`` against the folder ``truth``; left/ and cam.yaml of the dive lie
+    beside it (docs/synthetic.md).
 
-    Raises InputError if there is nothing to compare, or ``out`` was made from another dive or calibration, which names of images
-    do not show.
+    Raises InputError if there is nothing to compare, or ``out`` was made from another dive or
+    calibration, which names of images do not show.
     """
     run = open_run(out)
-    true_frames(truth)  # what is no folder of truth is named as that, and not by what is missing beside it
+    true_frames(
+        truth
+    )  # what is no folder of truth is named as that, and not by what is missing beside it
     if run.geometry is not None:
         _check_geometry(run.geometry, out, truth)
     _check_images(run.frames, out, truth)
     return evaluate_truth(
-        {frame.name: _files(frame) for frame in run.frames if {"range", "corrected"} <= frame.products.keys()}, truth
+        {
+            frame.name: _files(frame)
+            for frame in run.frames
+            if {"range", "corrected"} <= frame.products.keys()
+        },
+        truth,
     )
 
 
 def evaluate_spread(out: Path, others: Sequence[Path] = ()) -> SpreadReport:
-    """How much the colors of the same spots of the reef differ between the frames of the run in ``out``; needs the dive's images.
+    """How much the colors of the same spots of the reef differ between the frames of the run in
+    ``out``; needs the dive's images.
 
     others: folders of the rectified images as other tools corrected them, named as the frames.
-    Raises InputError where no two frames show the same spots, or images of the dive or of another tool are missing.
+    Raises InputError where no two frames show the same spots, or images of the dive or of another
+    tool are missing.
     """
     run = open_run(out)
     results = OtherResults.of(others)
@@ -233,11 +285,16 @@ def _refuse_missing(others: OtherResults, names: Sequence[str]) -> None:
     """Raise InputError where another tool's image is missing, before a long comparison begins."""
     others.refuse_other_names(names)
     for method, missing in others.missing(names).items():
-        raise InputError(f"{method}: holds no image called {missing[0]}: give a folder with the rectified image of every frame")
+        raise InputError(
+            f"{method}: holds no image called {missing[0]}: give a folder with the rectified "
+            "image of every frame"
+        )
 
 
 def _files(frame: FinishedFrame) -> ResultFiles:
-    return ResultFiles(frame.products["range"], frame.products["corrected"], frame.products.get("mask"))
+    return ResultFiles(
+        frame.products["range"], frame.products["corrected"], frame.products.get("mask")
+    )
 
 
 def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
@@ -246,7 +303,8 @@ def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
         value, expected = float(getattr(found, name)), float(getattr(dive, name))
         if abs(value - expected) > GEOMETRY_TOLERANCE * abs(expected):
             raise InputError(
-                f"{out}: was made with another calibration than that of {truth}: its {name} is {value:.9g}, not {expected:.9g}: "
+                f"{out}: was made with another calibration than that of {truth}: its {name} is "
+                f"{value:.9g}, not {expected:.9g}: "
                 "give the truth of the dive that was run"
             )
 
@@ -254,8 +312,13 @@ def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
 def _check_images(frames: Iterable[FinishedFrame], out: Path, truth: Path) -> None:
     for frame in frames:
         image = truth.parent / "left" / f"{frame.name}.png"
-        if frame.sha256 and image.is_file() and hashlib.sha256(image.read_bytes()).hexdigest() != frame.sha256:
+        if (
+            frame.sha256
+            and image.is_file()
+            and hashlib.sha256(image.read_bytes()).hexdigest() != frame.sha256
+        ):
             raise InputError(
-                f"{out}: was made from other images than those beside {truth}: {image} is not the image {frame.name} of the run: "
+                f"{out}: was made from other images than those beside {truth}: {image} is not the "
+                f"image {frame.name} of the run: "
                 "give the truth of the dive that was run"
             )

@@ -1,4 +1,6 @@
-"""``water``: measure the water of a finished run, for another run with ``--water``: from overlapping frames, or from charts."""
+"""``water``: measure the water of a finished run, for another run with ``--water``: from
+overlapping frames, or from charts.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,8 +19,18 @@ from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.charts.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
-from stereo_seecolor.extras.evaluation.charts.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
+from stereo_seecolor.extras.evaluation.charts.camera_matrix import (
+    CameraMatrix,
+    SeenPatches,
+    camera_matrix,
+)
+from stereo_seecolor.extras.evaluation.charts.chart_white import (
+    SeenWhite,
+    WhiteTrend,
+    believed,
+    seen_whites,
+    survey_white,
+)
 from stereo_seecolor.extras.evaluation.charts.targets import Targets, read_targets, targets_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_file
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -36,8 +48,10 @@ from stereo_seecolor.water.model import read_water_document
 class ChartReading:
     """A chart or white card in a frame.
 
-    range_m: of the target. residual_deg: angle between its white, with the water removed, and the mean white of all targets.
-    ciede2000_before, ciede2000: median error of a chart's patches without and with the color matrix; NaN for a card.
+    range_m: of the target. residual_deg: angle between its white, with the water removed, and the
+    mean white of all targets.
+    ciede2000_before, ciede2000: median error of a chart's patches without and with the color
+    matrix; NaN for a card.
     """
 
     frame: str
@@ -52,9 +66,11 @@ class ChartReading:
 class MeasuredWater:
     """A measured water, and the file that ``--water`` of another run takes.
 
-    charts: targets that its white point is from, if any. trend: of their whites over range, where they lie at several ranges.
-    matrix: the camera's color matrix; None with the reason in no_matrix where charts gave none. left_out: "frame: target" of
-    possible white cards that were not used, since there are charts or since their color is unlikely.
+    charts: targets that its white point is from, if any. trend: of their whites over range, where
+    they lie at several ranges.
+    matrix: the camera's color matrix; None with the reason in no_matrix where charts gave none.
+    left_out: "frame: target" of possible white cards that were not used, since there are charts or
+    since their color is unlikely.
     """
 
     path: Path
@@ -67,10 +83,12 @@ class MeasuredWater:
 
 
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
-    """Write OUT/water_measured.json: attenuation and backscatter from spots seen at two ranges, the white point of the run's water.
+    """Write OUT/water_measured.json: attenuation and backscatter from spots seen at two ranges, the
+    white point of the run's water.
 
     out: a run with color.lock=survey. poses: a trajectory of the left camera in any known format.
-    Raises InputError, MappingError, ColorError where the run, the poses or the overlap do not suffice.
+    Raises InputError, MappingError, ColorError where the run, the poses or the overlap do not
+    suffice.
     """
     run = open_run(out)
     config = config or run.config
@@ -78,28 +96,38 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     index = FrameIndex.build(frames, frames.geometry)
     trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
     if trajectory.fixes:
-        raise InputError(f"{poses}: holds positions alone: fuse with them, and give OUT/map/trajectory.tum here")
+        raise InputError(
+            f"{poses}: holds positions alone: fuse with them, and give OUT/map/trajectory.tum here"
+        )
     placed = place(index, trajectory, config.mapping)
     scene = _one_water(run, list(index.names))
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
     sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
     with RunFolder.existing(out, "water", (trajectory_file(poses),)) as folder:
-        folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
+        folder.dive.write(
+            MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
+        )
     return MeasuredWater(out / MEASURED_WATER, water)
 
 
-def measure_white(out: Path, targets: Path | None = None, white: Sequence[str] = (), sand: Sequence[str] = ()) -> MeasuredWater:
-    """Write OUT/water_measured.json: the run's water with the white point of the charts and white cards that its frames show, and
-    with the camera's color matrix where charts show enough patches.
+def measure_white(
+    out: Path, targets: Path | None = None, white: Sequence[str] = (), sand: Sequence[str] = ()
+) -> MeasuredWater:
+    """Write OUT/water_measured.json: the run's water with the white point of the charts and white
+    cards that its frames show, and with the camera's color matrix where charts show enough patches.
 
-    out: a run with one water for all frames. targets: JSON of chart corners and polygons (see ``read_targets``), of which only
-    frames that it names count; without it every frame is searched for charts. white, sand: "FRAME:x,y", pixels of corrected
-    images that show white or carbonate sand: then only these count. Raises InputError, also where nothing is found.
+    out: a run with one water for all frames. targets: JSON of chart corners and polygons (see
+    ``read_targets``), of which only frames that it names count; without it every frame is searched
+    for charts. white, sand: "FRAME:x,y", pixels of corrected
+    images that show white or carbonate sand: then only these count. Raises InputError, also where
+    nothing is found.
     """
     run = open_run(out)
     names = tuple(frame.name for frame in run.frames)
-    given = _spots(names, {"white": white, "sand": sand}) or (read_targets(targets) if targets else None)
+    given = _spots(names, {"white": white, "sand": sand}) or (
+        read_targets(targets) if targets else None
+    )
     scene = _one_water(run, list(names))
     search = _TargetSearch(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
     seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
@@ -114,11 +142,15 @@ def measure_white(out: Path, targets: Path | None = None, white: Sequence[str] =
     if isinstance(matrix, CameraMatrix):
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
     with RunFolder.existing(out, "water", (targets,) if targets else ()) as folder:
-        folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
+        folder.dive.write(
+            MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
+        )
     return MeasuredWater(
         path=out / MEASURED_WATER,
         water=water,
-        charts=tuple(_reading(*of, water) for of in zip(found.seen, found.residuals_deg, charts, strict=True)),
+        charts=tuple(
+            _reading(*of, water) for of in zip(found.seen, found.residuals_deg, charts, strict=True)
+        ),
         trend=found.trend(),
         matrix=matrix if isinstance(matrix, CameraMatrix) else None,
         no_matrix="" if isinstance(matrix, CameraMatrix) else matrix,
@@ -136,7 +168,8 @@ def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:
                 x, y = map(float, pixel.split(","))
             except ValueError:
                 raise InputError(
-                    f"--{kind} {one}: needs FRAME:x,y, a frame and a pixel of it, such as {names[0]}:310,225"
+                    f"--{kind} {one}: needs FRAME:x,y, a frame and a pixel of it, such as "
+                    f"{names[0]}:310,225"
                 ) from None
             if frame not in names:
                 raise InputError(f"--{kind} {one}: the run has no frame {frame!r}")
@@ -145,20 +178,34 @@ def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:
 
 
 def _nothing_seen(out: Path, given: Targets | None, left_out: tuple[str, ...]) -> InputError:
-    where = f"{out}: no color chart or white card" if given is None else f"{out}: none of the given targets"
-    unlikely = f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
+    where = (
+        f"{out}: no color chart or white card"
+        if given is None
+        else f"{out}: none of the given targets"
+    )
+    unlikely = (
+        f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
+    )
     shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
-    return InputError(f"{where} {shown}: give corners with --targets, or other spots with --white or --sand")
+    return InputError(
+        f"{where} {shown}: give corners with --targets, or other spots with --white or --sand"
+    )
 
 
-def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water) -> ChartReading:
-    before, after = (chart.ciede2000(matrix) if chart else float("nan") for matrix in (np.eye(3), water.matrix))
+def _reading(
+    seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water
+) -> ChartReading:
+    before, after = (
+        chart.ciede2000(matrix) if chart else float("nan") for matrix in (np.eye(3), water.matrix)
+    )
     return ChartReading(seen.frame, seen.target, seen.range_m, residual_deg, before, after)
 
 
 @dataclass(frozen=True, eq=False)
 class _TargetSearch:
-    """Finds the charts and white cards of a frame. targets: given ones, by frame; None where frames are searched for charts."""
+    """Finds the charts and white cards of a frame. targets: given ones, by frame; None where frames
+    are searched for charts.
+    """
 
     names: tuple[str, ...]
     frames: SurveyFrames
@@ -174,7 +221,9 @@ class _TargetSearch:
         image, range_m = self.raw.rectified(name), self.frames[number].range_m
         found = targets_of(self.targets[name] if self.targets else [], image, range_m)
         if any(target.type is None for target in found):
-            range_m = carry_ranges(image, range_m)  # a card or sand may be too even to be matched but at its border
+            range_m = carry_ranges(
+                image, range_m
+            )  # a card or sand may be too even to be matched but at its border
         if self.light and found:
             light = self.light.on(name, (image.shape[1], image.shape[0]))
             image = even_light(image, range_m, light, self.water.input_encoding)
@@ -185,12 +234,17 @@ def _one_water(run: FinishedRun, names: list[str]) -> Water:
     """The water that all frames share. Raises InputError where they have different ones."""
     waters = read_waters(run.water_file, names)
     if len({tuple(water.white) for water in waters.values()}) > 1:
-        raise InputError(f"{run.water_file}: holds a water for each frame: run again with --set color.lock=survey")
+        raise InputError(
+            f"{run.water_file}: holds a water for each frame: run again with --set "
+            "color.lock=survey"
+        )
     return waters[names[0]]
 
 
 def _light_of(run: FinishedRun) -> Light | None:
-    """The light that was divided out of the run's images before its water was fitted; None where none was."""
+    """The light that was divided out of the run's images before its water was fitted; None where
+    none was.
+    """
     content = read_water_document(run.water_file).get("light")
     return Light.from_content(content) if content else None
 

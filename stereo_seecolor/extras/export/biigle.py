@@ -10,8 +10,19 @@ from stereo_seecolor.extras.export.command import write_images
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
-COLUMNS = ("filename", "taken_at", "lng", "lat", "gps_altitude", "distance_to_ground", "area", "yaw")
-"""BIIGLE's names: UTC, degrees, meters (depths negative), square meters, degrees clockwise from north."""
+COLUMNS = (
+    "filename",
+    "taken_at",
+    "lng",
+    "lat",
+    "gps_altitude",
+    "distance_to_ground",
+    "area",
+    "yaw",
+)
+"""BIIGLE's names: UTC, degrees, meters (depths negative), square meters, degrees clockwise from
+north.
+"""
 
 
 def write(posed: PosedRun, folder: Path) -> None:
@@ -22,7 +33,14 @@ def write(posed: PosedRun, folder: Path) -> None:
         writer.writerow(COLUMNS)
         for frame, image, T in zip(posed.frames, images, posed.T_map_camera, strict=True):
             taken = frame.taken.strftime("%Y-%m-%d %H:%M:%S") if frame.taken else ""
-            writer.writerow([image.name, taken, *_place(posed, T), *_ground(posed, posed.measured_range_m(frame))])
+            writer.writerow(
+                [
+                    image.name,
+                    taken,
+                    *_place(posed, T),
+                    *_ground(posed, posed.measured_range_m(frame)),
+                ]
+            )
 
 
 def _place(posed: PosedRun, T: np.ndarray) -> list[str]:
@@ -35,13 +53,21 @@ def _place(posed: PosedRun, T: np.ndarray) -> list[str]:
 
 
 def _ground(posed: PosedRun, range_m: np.ndarray) -> list[str]:
-    """distance_to_ground, area of the picture at that distance, and no yaw: a camera that looks down has none of its own."""
+    """distance_to_ground, area of the picture at that distance, and no yaw: a camera that looks
+    down has none of its own.
+    """
     depth_m = posed.geometry.depth_from_range(range_m)
     if not np.isfinite(depth_m).any():
         return ["", "", ""]
     distance_m = float(np.nanmedian(depth_m))
     width, height = posed.geometry.image_size
-    return [f"{distance_m:.3f}", f"{width * height * (distance_m / posed.geometry.focal_px) ** 2:.4f}", ""]
+    return [
+        f"{distance_m:.3f}",
+        f"{width * height * (distance_m / posed.geometry.focal_px) ** 2:.4f}",
+        "",
+    ]
 
 
-FORMAT = ExportFormat("images, and metadata.csv with time, place, distance and area of each", "BIIGLE", write)
+FORMAT = ExportFormat(
+    "images, and metadata.csv with time, place, distance and area of each", "BIIGLE", write
+)

@@ -31,10 +31,16 @@ def write_metashape(posed: PosedRun, folder: Path) -> None:
     _add_sensor(ET.SubElement(chunk, "sensors", next_id="1"), posed)
     cameras = ET.SubElement(chunk, "cameras", next_id=str(len(posed.frames)))
     for number, (image, T) in enumerate(zip(images, posed.T_map_camera, strict=True)):
-        camera = ET.SubElement(cameras, "camera", id=str(number), sensor_id="0", label=image.stem, enabled="true")
+        camera = ET.SubElement(
+            cameras, "camera", id=str(number), sensor_id="0", label=image.stem, enabled="true"
+        )
         ET.SubElement(camera, "transform").text = spaced(T.ravel())
     transform = ET.SubElement(chunk, "transform")
-    for name, numbers in (("rotation", (1, 0, 0, 0, 1, 0, 0, 0, 1)), ("translation", (0, 0, 0)), ("scale", (1,))):
+    for name, numbers in (
+        ("rotation", (1, 0, 0, 0, 1, 0, 0, 0, 1)),
+        ("translation", (0, 0, 0)),
+        ("scale", (1,)),
+    ):
         ET.SubElement(transform, name).text = spaced(numbers)
     ET.SubElement(chunk, "reference").text = LOCAL
     ET.indent(document)
@@ -50,7 +56,11 @@ def _add_sensor(sensors: ET.Element, posed: PosedRun) -> None:
     calibration = ET.SubElement(sensor, "calibration", {"type": "frame", "class": "adjusted"})
     ET.SubElement(calibration, "resolution", size)
     middle_px = (width - 1) / 2, (height - 1) / 2
-    for name, value in (("f", g.focal_px), ("cx", g.cx_left_px - middle_px[0]), ("cy", g.cy_px - middle_px[1])):
+    for name, value in (
+        ("f", g.focal_px),
+        ("cx", g.cx_left_px - middle_px[0]),
+        ("cy", g.cy_px - middle_px[1]),
+    ):
         ET.SubElement(calibration, name).text = spaced((value,))
 
 
@@ -65,17 +75,33 @@ METASHAPE = ExportFormat("images and cameras.xml", "Agisoft Metashape", write_me
 
 
 def write_kwiver(posed: PosedRun, folder: Path) -> None:
-    """``images/``, ``krtd/NAME.krtd``, image_list.txt and cloud.ply. Pixel (0, 0) is the center of the top left one."""
+    """``images/``, ``krtd/NAME.krtd``, image_list.txt and cloud.ply. Pixel (0, 0) is the center of
+    the top left one.
+    """
     (folder / "krtd").mkdir()
     shutil.copyfile(posed.map_folder / CLOUD, folder / "cloud.ply")
     images = write_images(posed.frames, folder)
     for image, T in zip(images, posed.T_camera_map, strict=True):
-        parts = (*map(spaced, posed.geometry.P_left), "", *map(spaced, T[:3, :3]), "", spaced(T[:3, 3]), "", "0")
-        (folder / "krtd" / f"{image.stem}.krtd").write_text("\n".join(parts) + "\n", encoding="ascii")
-    (folder / "image_list.txt").write_text("".join(f"images/{image.name}\n" for image in images), encoding="utf-8")
+        parts = (
+            *map(spaced, posed.geometry.P_left),
+            "",
+            *map(spaced, T[:3, :3]),
+            "",
+            spaced(T[:3, 3]),
+            "",
+            "0",
+        )
+        (folder / "krtd" / f"{image.stem}.krtd").write_text(
+            "\n".join(parts) + "\n", encoding="ascii"
+        )
+    (folder / "image_list.txt").write_text(
+        "".join(f"images/{image.name}\n" for image in images), encoding="utf-8"
+    )
 
 
-KWIVER = ExportFormat("images, a KRTD camera for each, and the cloud", "KWIVER, TeleSculptor, VIAME", write_kwiver)
+KWIVER = ExportFormat(
+    "images, a KRTD camera for each, and the cloud", "KWIVER, TeleSculptor, VIAME", write_kwiver
+)
 
 
 # transforms.json of Instant-NGP and Nerfstudio, with depth maps and the map's cloud to begin
@@ -90,7 +116,9 @@ METERS_PER_UNIT = 0.001
 
 
 def write_nerfstudio(posed: PosedRun, folder: Path) -> None:
-    """transforms.json, ``images/``, ``depth/`` (along the optical axis; 0 unknown) and points.ply."""
+    """transforms.json, ``images/``, ``depth/`` (along the optical axis; 0 unknown) and
+    points.ply.
+    """
     (folder / "depth").mkdir()
     g, images = posed.geometry, write_images(posed.frames, folder)
     shutil.copyfile(posed.map_folder / CLOUD, folder / "points.ply")
@@ -115,8 +143,12 @@ def write_nerfstudio(posed: PosedRun, folder: Path) -> None:
 
 def _write_depth(posed: PosedRun, frame: FinishedFrame, folder: Path) -> str:
     name = f"{frame.name}.png"
-    (folder / name).write_bytes(encode_depth_mm(posed.geometry.depth_from_range(posed.measured_range_m(frame))))
+    (folder / name).write_bytes(
+        encode_depth_mm(posed.geometry.depth_from_range(posed.measured_range_m(frame)))
+    )
     return name
 
 
-NERFSTUDIO = ExportFormat("images, transforms.json, depth maps, points.ply", "Nerfstudio, Instant-NGP", write_nerfstudio)
+NERFSTUDIO = ExportFormat(
+    "images, transforms.json, depth maps, points.ply", "Nerfstudio, Instant-NGP", write_nerfstudio
+)

@@ -17,14 +17,22 @@ if TYPE_CHECKING:
 
 @command("Other programs", "export --list", "export OUT --to colmap --out COLMAP")
 def export(
-    out: Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a run that was fused.")] = None,
+    out: Annotated[
+        Path | None, typer.Argument(metavar="OUT", help="Output folder of a run that was fused.")
+    ] = None,
     to: Annotated[str, opt.option("--to", "FORMAT", "Format to write, one of --list.")] = "",
-    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty output folder.")] = None,
-    listed: Annotated[bool, opt.flag("--list", "List the formats, and the programs that open them.")] = False,
+    folder: Annotated[
+        Path | None, opt.option("--out", "FOLDER", "A new or empty output folder.")
+    ] = None,
+    listed: Annotated[
+        bool, opt.flag("--list", "List the formats, and the programs that open them.")
+    ] = False,
     *,
     report: BareReport,
 ) -> None:
-    """Write a fused run for another program: COLMAP, Nerfstudio, Metashape, GLB, TagLab and others."""
+    """Write a fused run for another program: COLMAP, Nerfstudio, Metashape, GLB, TagLab and
+    others.
+    """
     from stereo_seecolor.extras.export.command import export as write
     from stereo_seecolor.extras.export.command import export_formats
 
@@ -43,5 +51,10 @@ def export(
 
 def export_text(result: "ExportResult") -> str:
     """The number and size of exported files, and their folder."""
-    size = f"{counted(result.frames, 'frame')}, {counted(result.files, 'file')}, {result.bytes / 1e6:.1f} MB"
-    return lines(size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}")
+    size = (
+        f"{counted(result.frames, 'frame')}, {counted(result.files, 'file')}, "
+        f"{result.bytes / 1e6:.1f} MB"
+    )
+    return lines(
+        size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}"
+    )

@@ -1,6 +1,8 @@
-"""COLMAP's model, as text and binary, and an images folder: for splat trainers, multi-view stereo, and COLMAP itself.
+"""COLMAP's model, as text and binary, and an images folder: for splat trainers, multi-view stereo,
+and COLMAP itself.
 
-Poses are world to camera, quaternions w first, pixels with (0.5, 0.5) in the center of the top left one (COLMAP, "Output format").
+Poses are world to camera, quaternions w first, pixels with (0.5, 0.5) in the center of the top left
+one (COLMAP, "Output format").
 """
 
 import struct
@@ -24,17 +26,22 @@ from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
 # measured range.
 
 MOST_POINTS = 100_000
-"""Points that are taken, evenly, from the map's cloud: as many as splat trainers begin with; the cloud itself is in OUT/map."""
+"""Points that are taken, evenly, from the map's cloud: as many as splat trainers begin with; the
+cloud itself is in OUT/map.
+"""
 SAME_RANGE = 0.02
-"""A frame sees a point whose distance differs from the measured range by less than this fraction: else something stands before."""
+"""A frame sees a point whose distance differs from the measured range by less than this fraction:
+else something stands before.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
     """Points of the map and their observations.
 
-    position: (P, 3) meters, map coordinates. color: (P, 3) uint8. of_frame: for each frame the numbers (n,) of the points that it
-    sees, and their pixels (n, 2), with (0, 0) in the center of the top left one.
+    position: (P, 3) meters, map coordinates. color: (P, 3) uint8. of_frame: for each frame the
+    numbers (n,) of the points that it sees, and their pixels (n, 2), with (0, 0) in the center of
+    the top left one.
     """
 
     position: NDArray[np.float64]
@@ -43,7 +50,9 @@ class Observations:
 
 
 def observe(posed: PosedRun) -> Observations:
-    """Points of the cloud that at least two frames see. Raises InputError if a frame's range map is gone or damaged."""
+    """Points of the cloud that at least two frames see. Raises InputError if a frame's range map is
+    gone or damaged.
+    """
     cloud = read_vertices(posed.map_folder / CLOUD)
     chosen = cloud[:: -(-len(cloud) // MOST_POINTS) or 1]
     position, color = np.asarray(chosen["position"], np.float64), np.asarray(chosen["color"])
@@ -54,11 +63,15 @@ def observe(posed: PosedRun) -> Observations:
     times = np.bincount(np.concatenate([numbers for numbers, _ in seen]), minlength=len(position))
     kept = times >= 2
     renumbered = np.cumsum(kept) - 1
-    of_frame = tuple((renumbered[numbers[kept[numbers]]], pixels[kept[numbers]]) for numbers, pixels in seen)
+    of_frame = tuple(
+        (renumbered[numbers[kept[numbers]]], pixels[kept[numbers]]) for numbers, pixels in seen
+    )
     return Observations(position[kept], color[kept], of_frame)
 
 
-def _seen(points: NDArray[np.float64], range_m: Map, geometry: RectifiedPair) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _seen(
+    points: NDArray[np.float64], range_m: Map, geometry: RectifiedPair
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Which of points (P, 3) in the camera's axes a frame sees, and at which pixels."""
     height, width = range_m.shape
     numbers = np.flatnonzero(points[:, 2] > 0)
@@ -105,11 +118,17 @@ def write(posed: PosedRun, folder: Path) -> None:
 def _camera_text(posed: PosedRun) -> str:
     g = posed.geometry
     numbers = (g.focal_px, g.focal_px, *posed.principal_point_px)
-    return f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} {g.image_size[1]} {spaced(numbers, 9)}\n"
+    return (
+        f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} "
+        f"{g.image_size[1]} {spaced(numbers, 9)}\n"
+    )
 
 
 def _images_text(posed: PosedRun, names: Sequence[str], observations: Observations) -> str:
-    lines = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
+    lines = [
+        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
+        "# POINTS2D[] as (X, Y, POINT3D_ID)",
+    ]
     rows = zip(names, posed.T_camera_map, observations.of_frame, strict=True)
     for number, (name, T, (points, pixels)) in enumerate(rows, 1):
         x, y, z, w = quaternion(T[:3, :3])
@@ -121,9 +140,13 @@ def _images_text(posed: PosedRun, names: Sequence[str], observations: Observatio
 
 def _points_text(observations: Observations, tracks: Sequence[PointTrack]) -> str:
     lines = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
-    for number, (position, color, track) in enumerate(zip(observations.position, observations.color, tracks, strict=True), 1):
+    for number, (position, color, track) in enumerate(
+        zip(observations.position, observations.color, tracks, strict=True), 1
+    ):
         seen = " ".join(f"{image} {place}" for image, place in track)
-        lines.append(f"{number} {spaced(position, 9)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {seen}")
+        lines.append(
+            f"{number} {spaced(position, 9)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {seen}"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -138,10 +161,14 @@ def _tracks(observations: Observations) -> list[PointTrack]:
 
 def _camera_binary(posed: PosedRun) -> bytes:
     g = posed.geometry
-    return struct.pack("<QIiQQ4d", 1, 1, PINHOLE, *g.image_size, g.focal_px, g.focal_px, *posed.principal_point_px)
+    return struct.pack(
+        "<QIiQQ4d", 1, 1, PINHOLE, *g.image_size, g.focal_px, g.focal_px, *posed.principal_point_px
+    )
 
 
-def _images_binary(posed: PosedRun, names: Sequence[str], observations: Observations) -> Iterator[bytes]:
+def _images_binary(
+    posed: PosedRun, names: Sequence[str], observations: Observations
+) -> Iterator[bytes]:
     yield struct.pack("<Q", len(names))
     rows = zip(names, posed.T_camera_map, observations.of_frame, strict=True)
     for number, (name, T, (points, pixels)) in enumerate(rows, 1):
@@ -161,7 +188,8 @@ def _points_binary(observations: Observations, tracks: Sequence[PointTrack]) -> 
 
 
 FORMAT = ExportFormat(
-    "images, their camera and poses, and points with the frames that see them, as a model in text and binary",
+    "images, their camera and poses, and points with the frames that see them, as a model in "
+    "text and binary",
     "COLMAP, gsplat and other splat trainers, OpenMVS",
     write,
 )

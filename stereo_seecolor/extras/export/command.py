@@ -19,7 +19,9 @@ from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 @dataclass(frozen=True)
 class ExportResult:
-    """The exported files: their number and size. frames: number of the map's frames. note: quality, for formats that measure it."""
+    """The exported files: their number and size. frames: number of the map's frames. note: quality,
+    for formats that measure it.
+    """
 
     format: str
     folder: Path
@@ -30,26 +32,38 @@ class ExportResult:
 
 
 def export(out: Path, format: str, folder: Path) -> ExportResult:
-    """Write the run in ``out`` in a format of ``export --list`` into ``folder``, new or empty: complete or not at all.
+    """Write the run in ``out`` in a format of ``export --list`` into ``folder``, new or empty:
+    complete or not at all.
 
-    Raises InputError for an unknown format, or a run without a map; OutputError if the folder holds anything, or cannot be
-    written; DeviceError if a library is missing.
+    Raises InputError for an unknown format, or a run without a map; OutputError if the folder holds
+    anything, or cannot be written; DeviceError if a library is missing.
     """
     if format not in added("exports"):
-        raise InputError(f"--to {format}: is not a known format: one of {', '.join(added('exports'))}")
+        raise InputError(
+            f"--to {format}: is not a known format: one of {', '.join(added('exports'))}"
+        )
     known: ExportFormat = load("exports", format)
     posed = open_posed_run(out)
     with new_folder(folder) as building:
         note = known.write(posed, building)
     written = list(files_below(folder))
-    return ExportResult(format, folder, len(posed.frames), len(written), sum(path.stat().st_size for path in written), note or "")
+    return ExportResult(
+        format,
+        folder,
+        len(posed.frames),
+        len(written),
+        sum(path.stat().st_size for path in written),
+        note or "",
+    )
 
 
 # The export formats of all installed packages, by name.
 
 
 def export_formats() -> dict[str, ExportFormat]:
-    """What each format writes, and the function that writes it. Raises PluginError for a package that cannot be loaded."""
+    """What each format writes, and the function that writes it. Raises PluginError for a package
+    that cannot be loaded.
+    """
     return {name: load("exports", name) for name in added("exports")}
 
 
@@ -59,7 +73,8 @@ READABLE = (".png", ".jpg")
 
 
 def write_images(frames: Sequence[FinishedFrame], folder: Path) -> list[Path]:
-    """Make ``folder/images``, and put the corrected image of each frame into it; the files, of 8 bits as they are, else as PNG.
+    """Make ``folder/images``, and put the corrected image of each frame into it; the files, of 8
+    bits as they are, else as PNG.
 
     Raises InputError if an image is gone or damaged.
     """

@@ -1,6 +1,8 @@
-"""The map's point cloud as COPC 1.0: a LAZ 1.4 file whose points lie in an octree, so that viewers load what they show.
+"""The map's point cloud as COPC 1.0: a LAZ 1.4 file whose points lie in an octree, so that viewers
+load what they show.
 
-Each level of the tree takes one point of every cell of its grid, at random; what is left goes on to the next.
+Each level of the tree takes one point of every cell of its grid, at random; what is left goes on to
+the next.
 """
 
 from collections.abc import Iterator
@@ -21,7 +23,14 @@ POINT_FORMAT = 7
 """Of LAS 1.4: with colors."""
 POINT = np.dtype(
     [
-        *((("xyz"), "<i4", (3,)), ("intensity", "<u2"), ("returns", "u1"), ("flags", "u1"), ("class", "u1"), ("user", "u1")),
+        *(
+            (("xyz"), "<i4", (3,)),
+            ("intensity", "<u2"),
+            ("returns", "u1"),
+            ("flags", "u1"),
+            ("class", "u1"),
+            ("user", "u1"),
+        ),
         *(("angle", "<i2"), ("source", "<u2"), ("time", "<f8"), ("rgb", "<u2", (3,))),
     ]
 )
@@ -42,7 +51,9 @@ def write(posed: PosedRun, folder: Path) -> str:
     try:
         import copclib
     except ImportError as error:
-        raise DeviceError('COPC cannot be written without copclib: pip install "stereo-seecolor[copc]"') from error
+        raise DeviceError(
+            'COPC cannot be written without copclib: pip install "stereo-seecolor[copc]"'
+        ) from error
     cloud = read_vertices(posed.map_folder / CLOUD)
     position = np.asarray(cloud["position"], np.float64) + posed.offset_m
     low, high = position.min(axis=0), position.max(axis=0)
@@ -67,8 +78,12 @@ def write(posed: PosedRun, folder: Path) -> str:
     return f"{len(cloud):,} points in {nodes} nodes"
 
 
-def octree(position: NDArray[np.float64], side_m: float) -> Iterator[tuple[int, tuple[int, int, int], NDArray[np.int64]]]:
-    """Level, place on the level's grid of nodes, and points of every node. position: (N, 3), from the lowest corner of the root."""
+def octree(
+    position: NDArray[np.float64], side_m: float
+) -> Iterator[tuple[int, tuple[int, int, int], NDArray[np.int64]]]:
+    """Level, place on the level's grid of nodes, and points of every node. position: (N, 3), from
+    the lowest corner of the root.
+    """
     left = np.random.default_rng(0).permutation(len(position))
     for level in range(DEEPEST + 1):
         if not len(left):
@@ -84,7 +99,9 @@ def octree(position: NDArray[np.float64], side_m: float) -> Iterator[tuple[int, 
             points = left[start:end]
             taken = np.ones(len(points), np.bool_)
             if len(points) > FEW and level < DEEPEST:
-                x, y, z = ((position[points] / side_m * count - node[start]) * GRID).astype(np.int64).T
+                x, y, z = (
+                    ((position[points] / side_m * count - node[start]) * GRID).astype(np.int64).T
+                )
                 taken[:] = False
                 taken[np.unique((x * GRID + y) * GRID + z, return_index=True)[1]] = True
             i, j, k = node[start].tolist()
@@ -101,4 +118,8 @@ def _records(cloud: NDArray[np.void], from_offset: NDArray[np.float64]) -> NDArr
     return records
 
 
-FORMAT = ExportFormat("the point cloud as COPC, loaded piece by piece", "QGIS, PDAL, CloudCompare, viewer.copc.io", write)
+FORMAT = ExportFormat(
+    "the point cloud as COPC, loaded piece by piece",
+    "QGIS, PDAL, CloudCompare, viewer.copc.io",
+    write,
+)

@@ -1,4 +1,6 @@
-"""The mesh with the colors of its vertices as binary glTF 2.0: linear light in 16 bits, as the format asks."""
+"""The mesh with the colors of its vertices as binary glTF 2.0: linear light in 16 bits, as the
+format asks.
+"""
 
 import json
 import shutil
@@ -35,7 +37,8 @@ Attribute = Literal["POSITION", "NORMAL", "COLOR_0", "TEXCOORD_0"]
 
 
 class Glb:
-    """A GLB being written: ``with Glb(path, posed) as glb`` and ``add``; the file is there when the block ends well.
+    """A GLB being written: ``with Glb(path, posed) as glb`` and ``add``; the file is there when the
+    block ends well.
 
     Raises InputError then for more than 4 GB.
     """
@@ -57,20 +60,34 @@ class Glb:
             if kind is None:
                 self._save()
 
-    def add(self, attributes: Mapping[Attribute, NDArray[Any]], triangles: NDArray[np.integer], jpeg: bytes = b"") -> None:
-        """Triangles (F, 3) of vertices with these attributes (V, n); a texture of them. uint16 colors are fractions of 65535."""
+    def add(
+        self,
+        attributes: Mapping[Attribute, NDArray[Any]],
+        triangles: NDArray[np.integer],
+        jpeg: bytes = b"",
+    ) -> None:
+        """Triangles (F, 3) of vertices with these attributes (V, n); a texture of them. uint16
+        colors are fractions of 65535.
+        """
         numbers = {name: self._accessor(array, ARRAY_BUFFER) for name, array in attributes.items()}
         position = attributes["POSITION"]
-        self._accessors[numbers["POSITION"]] |= {"min": position.min(axis=0).tolist(), "max": position.max(axis=0).tolist()}
+        self._accessors[numbers["POSITION"]] |= {
+            "min": position.min(axis=0).tolist(),
+            "max": position.max(axis=0).tolist(),
+        }
         if "COLOR_0" in numbers:
             self._accessors[numbers["COLOR_0"]] |= {"normalized": True}
         indices = self._accessor(triangles.astype(np.uint32).reshape(-1, 1), ELEMENT_ARRAY_BUFFER)
-        self._primitives.append({"attributes": numbers, "indices": indices, "material": len(self._materials)})
+        self._primitives.append(
+            {"attributes": numbers, "indices": indices, "material": len(self._materials)}
+        )
         look: dict[str, Any] = {"metallicFactor": 0}
         if jpeg:
             look["baseColorTexture"] = {"index": len(self._images)}
             self._images.append({"bufferView": self._view(jpeg), "mimeType": "image/jpeg"})
-        self._materials.append({"extensions": {"KHR_materials_unlit": {}}, "pbrMetallicRoughness": look})
+        self._materials.append(
+            {"extensions": {"KHR_materials_unlit": {}}, "pbrMetallicRoughness": look}
+        )
 
     def _save(self) -> None:
         document = json.dumps(self._document()).encode()
@@ -78,7 +95,10 @@ class Glb:
         size = self._bytes.tell()
         total = 12 + 8 + len(document) + 8 + size
         if total > LARGEST_BYTES:
-            raise InputError(f"{self._path.name}: the map is too large for one GLB (4 GB): export it --to 3d-tiles")
+            raise InputError(
+                f"{self._path.name}: the map is too large for one GLB (4 GB): export it --to "
+                "3d-tiles"
+            )
         with self._path.open("wb") as file:
             file.write(struct.pack("<4sII", b"glTF", 2, total))
             file.write(struct.pack("<I4s", len(document), b"JSON") + document)
@@ -88,7 +108,11 @@ class Glb:
 
     def _accessor(self, array: NDArray[Any], target: int) -> int:
         view = self._view(np.ascontiguousarray(array).tobytes(), target)
-        kind = {"componentType": COMPONENTS[array.dtype], "count": len(array), "type": SHAPES[array.shape[1]]}
+        kind = {
+            "componentType": COMPONENTS[array.dtype],
+            "count": len(array),
+            "type": SHAPES[array.shape[1]],
+        }
         self._accessors.append({"bufferView": view, **kind})
         return len(self._accessors) - 1
 
@@ -100,9 +124,16 @@ class Glb:
 
     def _document(self) -> dict[str, Any]:
         extras = {"offset_m": self._posed.offset_m.tolist(), "crs": crs_name(self._posed.origin)}
-        textures = {"images": self._images, "textures": [{"source": k} for k in range(len(self._images))]}
+        textures = {
+            "images": self._images,
+            "textures": [{"source": k} for k in range(len(self._images))],
+        }
         return {
-            "asset": {"version": "2.0", "generator": f"stereo-seecolor {__version__}", "extras": extras},
+            "asset": {
+                "version": "2.0",
+                "generator": f"stereo-seecolor {__version__}",
+                "extras": extras,
+            },
             "extensionsUsed": ["KHR_materials_unlit"],
             "scene": 0,
             "scenes": [{"nodes": [0]}],
@@ -141,9 +172,13 @@ def write(posed: PosedRun, folder: Path) -> None:
 def _linear(color: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """(V, 4): linear light in 16 bits, and full opacity."""
     curve = np.round(65535 * decode_srgb(np.arange(256) / 255)).astype(np.uint16)
-    return np.concatenate([curve[np.asarray(color)], np.full((len(color), 1), 65535, np.uint16)], axis=1)
+    return np.concatenate(
+        [curve[np.asarray(color)], np.full((len(color), 1), 65535, np.uint16)], axis=1
+    )
 
 
 FORMAT = ExportFormat(
-    "the whole mesh with the colors of its vertices, glTF 2.0", "Blender, three.js, Windows and phone viewers, Sketchfab", write
+    "the whole mesh with the colors of its vertices, glTF 2.0",
+    "Blender, three.js, Windows and phone viewers, Sketchfab",
+    write,
 )

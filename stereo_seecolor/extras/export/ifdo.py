@@ -1,4 +1,6 @@
-"""iFDO 2.1, the metadata of a set of marine images (Schoening et al., Scientific Data 2022): for PANGAEA, BIIGLE, FathomNet."""
+"""iFDO 2.1, the metadata of a set of marine images (Schoening et al., Scientific Data 2022): for
+PANGAEA, BIIGLE, FathomNet.
+"""
 
 import hashlib
 import uuid
@@ -21,16 +23,27 @@ HANDLE = "unknown: fill in the handle or DOI when it is published"
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, license, creators) is left out: add it."""
+    """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, license,
+    creators) is left out: add it.
+    """
     images = write_images(posed.frames, folder)
-    (folder / "image-set.ifdo.yaml").write_bytes(document(posed, images, folder / "images", "images"))
+    (folder / "image-set.ifdo.yaml").write_bytes(
+        document(posed, images, folder / "images", "images")
+    )
 
 
 def document(posed: PosedRun, images: Sequence[Path], folder: Path, local_path: str) -> bytes:
-    """The metadata alone. images: of the frames, which lie below a folder. local_path: that folder, as the document names it."""
-    content: dict[str, Any] = {"image-set-header": _header(posed, local_path), "image-set-items": {}}
+    """The metadata alone. images: of the frames, which lie below a folder. local_path: that folder,
+    as the document names it.
+    """
+    content: dict[str, Any] = {
+        "image-set-header": _header(posed, local_path),
+        "image-set-items": {},
+    }
     for frame, image, T in zip(posed.frames, images, posed.T_map_camera, strict=True):
-        content["image-set-items"][image.relative_to(folder).as_posix()] = _item(posed, frame, image, T)
+        content["image-set-items"][image.relative_to(folder).as_posix()] = _item(
+            posed, frame, image, T
+        )
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
 
 
@@ -46,7 +59,8 @@ def _header(posed: PosedRun, local_path: str) -> dict[str, Any]:
         "image-quality": "processed",
         "image-navigation": "reconstructed",
         "image-scale-reference": "3D camera",
-        "image-abstract": "Frames of a stereo camera, their colors corrected for the water from measured ranges "
+        "image-abstract": "Frames of a stereo camera, their colors corrected for the water from "
+        "measured ranges "
         f"(stereo-seecolor {__version__}).",
     }
     on_earth = {"image-coordinate-reference-system": "EPSG:4326"} if posed.origin else {}
@@ -75,12 +89,20 @@ def _item(posed: PosedRun, frame: FinishedFrame, image: Path, T: np.ndarray) -> 
         item["image-datetime"] = frame.taken.strftime("%Y-%m-%d %H:%M:%S.%f")
     position_m = T[:3, 3] + posed.offset_m
     if posed.origin:
-        latitude_deg, longitude_deg = degrees_from_north_east(float(position_m[1]), float(position_m[0]), posed.origin)
-        item |= {"image-latitude": latitude_deg, "image-longitude": longitude_deg, "image-altitude-meters": float(position_m[2])}
+        latitude_deg, longitude_deg = degrees_from_north_east(
+            float(position_m[1]), float(position_m[0]), posed.origin
+        )
+        item |= {
+            "image-latitude": latitude_deg,
+            "image-longitude": longitude_deg,
+            "image-altitude-meters": float(position_m[2]),
+        }
     range_m = posed.measured_range_m(frame)
     known = np.isfinite(range_m)
     if known.any():
-        item["image-meters-above-ground"] = float(np.median(posed.geometry.depth_from_range(range_m)[known]))
+        item["image-meters-above-ground"] = float(
+            np.median(posed.geometry.depth_from_range(range_m)[known])
+        )
     return item
 
 

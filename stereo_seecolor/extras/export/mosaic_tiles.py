@@ -1,5 +1,5 @@
-"""The orthomosaic cut into images of the size that annotation tools take (CoralNet: at most 8000 px a side), with the scale of
-each.
+"""The orthomosaic cut into images of the size that annotation tools take (CoralNet: at most 8000 px
+a side), with the scale of each.
 """
 
 import csv
@@ -21,36 +21,58 @@ LEAST_SEEN = 0.01
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """``tiles/ROW_COLUMN.png`` and tiles.csv: name, size, meters a pixel, centimeters of height, world coordinates of the corner.
+    """``tiles/ROW_COLUMN.png`` and tiles.csv: name, size, meters a pixel, centimeters of height,
+    world coordinates of the corner.
 
-    Raises InputError if the map has no orthomosaic, DeviceError if the library that reads it is missing.
+    Raises InputError if the map has no orthomosaic, DeviceError if the library that reads it is
+    missing.
     """
     try:
         import rasterio
     except ImportError as error:
-        raise DeviceError('the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"') from error
+        raise DeviceError(
+            'the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"'
+        ) from error
     path = posed.map_folder / MOSAIC
     if not path.is_file():
         raise InputError(f"{path}: is not there: install the geo extra and fuse again")
     (folder / "tiles").mkdir()
-    with open_raster(path, 4) as mosaic, (folder / "tiles.csv").open("w", encoding="utf-8", newline="") as table:
+    with (
+        open_raster(path, 4) as mosaic,
+        (folder / "tiles.csv").open("w", encoding="utf-8", newline="") as table,
+    ):
         meters = float(mosaic.transform.a)
         writer = csv.writer(table)
-        writer.writerow(["name", "width_px", "height_px", "meters_per_pixel", "height_cm", "west_m", "north_m", "seen_fraction"])
+        writer.writerow(
+            [
+                "name",
+                "width_px",
+                "height_px",
+                "meters_per_pixel",
+                "height_cm",
+                "west_m",
+                "north_m",
+                "seen_fraction",
+            ]
+        )
         for row, column, window in _windows(mosaic.width, mosaic.height):
             rgba = mosaic.read(window=rasterio.windows.Window(*window))
             seen = float((rgba[3] > 0).mean())
             if seen < LEAST_SEEN:
                 continue
             name = f"{row}_{column}.png"
-            (folder / "tiles" / name).write_bytes(encode_image(np.ascontiguousarray(np.moveaxis(rgba[:3], 0, -1)), "png"))
+            (folder / "tiles" / name).write_bytes(
+                encode_image(np.ascontiguousarray(np.moveaxis(rgba[:3], 0, -1)), "png")
+            )
             west_m, north_m = mosaic.xy(window[1], window[0], offset="ul")
             numbers = (window[2], window[3], f"{meters:.6g}", f"{100 * meters * window[3]:.2f}")
             writer.writerow([name, *numbers, f"{west_m:.4f}", f"{north_m:.4f}", f"{seen:.3f}"])
 
 
 def _windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int, int]]]:
-    """Row, column and (left, top, width, height) of tiles of equal size, as few as the limit allows."""
+    """Row, column and (left, top, width, height) of tiles of equal size, as few as the limit
+    allows.
+    """
     columns, rows = -(-width // MOST_PX), -(-height // MOST_PX)
     x = np.linspace(0, width, columns + 1).round().astype(int).tolist()
     y = np.linspace(0, height, rows + 1).round().astype(int).tolist()
@@ -61,4 +83,8 @@ def _windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, in
     ]
 
 
-FORMAT = ExportFormat("the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", write)
+FORMAT = ExportFormat(
+    "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each",
+    "CoralNet, BIIGLE",
+    write,
+)

@@ -1,5 +1,5 @@
-"""Catalog entries of geodata: a dive as an item of a SpatioTemporal Asset Catalog (STAC 1.0.0), and several dives as a
-collection.
+"""Catalog entries of geodata: a dive as an item of a SpatioTemporal Asset Catalog (STAC 1.0.0), and
+several dives as a collection.
 """
 
 import json
@@ -12,7 +12,17 @@ from typing import Any
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.run_folder.finished_run import FinishedMap, FinishedRun, open_map, open_run
-from stereo_seecolor.run_folder.layout import CLOUD, FRAMES_TABLE, INDEX, MAP, MESH, MOSAIC, RUN, TERRAIN, WATER
+from stereo_seecolor.run_folder.layout import (
+    CLOUD,
+    FRAMES_TABLE,
+    INDEX,
+    MAP,
+    MESH,
+    MOSAIC,
+    RUN,
+    TERRAIN,
+    WATER,
+)
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 VERSION = "1.0.0"
@@ -30,23 +40,33 @@ ASSETS: dict[str, tuple[str, str]] = {
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """NAME.json, the item of the run, whose files it names where they are, and collection.json, its catalog."""
+    """NAME.json, the item of the run, whose files it names where they are, and collection.json, its
+    catalog.
+    """
     root = posed.run.root.resolve()
     one = item(root, root.name, folder.resolve())
-    for name, content in ((f"{root.name}.json", one), ("collection.json", collection([one], root.name))):
+    for name, content in (
+        (f"{root.name}.json", one),
+        ("collection.json", collection([one], root.name)),
+    ):
         (folder / name).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
-    """The item of the run in ``out``, for a file in ``folder``. Raises InputError if ``out`` holds no run, or a damaged map.
+    """The item of the run in ``out``, for a file in ``folder``. Raises InputError if ``out`` holds
+    no run, or a damaged map.
 
-    geometry is the dive's place on Earth if the map is georeferenced; else null, as STAC prescribes.
+    geometry is the dive's place on Earth if the map is georeferenced; else null, as STAC
+    prescribes.
     """
     run, made = open_run(out), open_map(out)
     box = _box(made) if made else None
     there = {path: about for path, about in ASSETS.items() if (out / path).is_file()}
     what = f"{len(run.frames)} frames of a stereo camera, without their water"
-    up = [{"rel": kind, "href": "collection.json", "type": "application/json"} for kind in ("collection", "parent", "root")]
+    up = [
+        {"rel": kind, "href": "collection.json", "type": "application/json"}
+        for kind in ("collection", "parent", "root")
+    ]
     return {
         "type": "Feature",
         "stac_version": VERSION,
@@ -57,7 +77,11 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
         "links": up,
         "collection": "dives",
         "assets": {
-            path: {"href": Path(os.path.relpath(out / path, folder)).as_posix(), "type": kind, "title": what}
+            path: {
+                "href": Path(os.path.relpath(out / path, folder)).as_posix(),
+                "type": kind,
+                "title": what,
+            }
             for path, (kind, what) in there.items()
         },
     }
@@ -66,8 +90,17 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
 def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
     """The collection of these items."""
     boxes = [one["bbox"] for one in items if "bbox" in one]
-    whole = [*(min(box[k] for box in boxes) for k in (0, 1)), *(max(box[k] for box in boxes) for k in (2, 3))] if boxes else None
-    times = sorted(one["properties"][key] for one in items for key in ("start_datetime", "end_datetime"))
+    whole = (
+        [
+            *(min(box[k] for box in boxes) for k in (0, 1)),
+            *(max(box[k] for box in boxes) for k in (2, 3)),
+        ]
+        if boxes
+        else None
+    )
+    times = sorted(
+        one["properties"][key] for one in items for key in ("start_datetime", "end_datetime")
+    )
     return {
         "type": "Collection",
         "stac_version": VERSION,
@@ -79,19 +112,32 @@ def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
             "spatial": {"bbox": [whole or [-180.0, -90.0, 180.0, 90.0]]},
             "temporal": {"interval": [[times[0], times[-1]] if times else [None, None]]},
         },
-        "links": [{"rel": "item", "href": f"{one['id']}.json", "type": "application/geo+json"} for one in items],
+        "links": [
+            {"rel": "item", "href": f"{one['id']}.json", "type": "application/geo+json"}
+            for one in items
+        ],
     }
 
 
 def _times(run: FinishedRun) -> dict[str, str | None]:
     """When the frames were taken; when they were processed, where they tell no date."""
-    times = [frame.taken for frame in run.frames if frame.taken] or [datetime.fromisoformat(run.made)]
-    first, last = (time.astimezone(UTC).isoformat(timespec="milliseconds") for time in (min(times), max(times)))
-    return {"datetime": None, "start_datetime": first.replace("+00:00", "Z"), "end_datetime": last.replace("+00:00", "Z")}
+    times = [frame.taken for frame in run.frames if frame.taken] or [
+        datetime.fromisoformat(run.made)
+    ]
+    first, last = (
+        time.astimezone(UTC).isoformat(timespec="milliseconds") for time in (min(times), max(times))
+    )
+    return {
+        "datetime": None,
+        "start_datetime": first.replace("+00:00", "Z"),
+        "end_datetime": last.replace("+00:00", "Z"),
+    }
 
 
 def _box(made: FinishedMap) -> list[float] | None:
-    """West, south, east, north of the track in degrees; None where the map knows no place on Earth."""
+    """West, south, east, north of the track in degrees; None where the map knows no place on
+    Earth.
+    """
     if made.origin is None or not made.track:
         return None
     origin = made.origin
@@ -102,7 +148,14 @@ def _box(made: FinishedMap) -> list[float] | None:
 
 def _polygon(box: Sequence[float]) -> dict[str, Any]:
     west, south, east, north = box
-    return {"type": "Polygon", "coordinates": [[[west, south], [east, south], [east, north], [west, north], [west, south]]]}
+    return {
+        "type": "Polygon",
+        "coordinates": [
+            [[west, south], [east, south], [east, north], [west, north], [west, south]]
+        ],
+    }
 
 
-FORMAT = ExportFormat("an item and a collection that name the run's files, STAC 1.0.0", "STAC catalogs, QGIS", write)
+FORMAT = ExportFormat(
+    "an item and a collection that name the run's files, STAC 1.0.0", "STAC catalogs, QGIS", write
+)

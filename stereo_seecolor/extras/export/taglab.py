@@ -1,6 +1,7 @@
 """A TagLab project: orthomosaic and terrain model of one size, and the JSON that names them.
 
-Names and limits are those of TagLab's project files; corals outlined there come back by ``metrics --polygons project.json``.
+Names and limits are those of TagLab's project files; corals outlined there come back by ``metrics
+--polygons project.json``.
 """
 
 import json
@@ -27,31 +28,54 @@ BLOCK_PX = 2048
 def write(posed: PosedRun, folder: Path) -> None:
     """``rgb.tif``, ``dem.tif`` and ``project.json``.
 
-    Raises InputError if the map has no orthomosaic or it is too large, DeviceError if the library that reads it is missing.
+    Raises InputError if the map has no orthomosaic or it is too large, DeviceError if the library
+    that reads it is missing.
     """
     try:
         import rasterio  # noqa: F401
     except ImportError as error:
-        raise DeviceError('the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"') from error
+        raise DeviceError(
+            'the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"'
+        ) from error
     paths = [posed.map_folder / name for name in (MOSAIC, TERRAIN)]
     for path in paths:
         if not path.is_file():
             raise InputError(f"{path}: is not there: install the geo extra and fuse again")
     with open_raster(paths[0], 4) as mosaic:
         if max(mosaic.width, mosaic.height) > MOST_PX:
-            raise InputError(f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a larger mapping.mosaic_m")
+            raise InputError(
+                f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a "
+                "larger mapping.mosaic_m"
+            )
         _write_colors(mosaic, folder / "rgb.tif")
         with open_raster(paths[1]) as terrain:  # what cannot be read is named by the innermost
             _write_heights(terrain, mosaic, folder / "dem.tif")
-        size, mm, on_earth = (mosaic.width, mosaic.height), 1000 * mosaic.res[0], posed.origin is not None
+        size, mm, on_earth = (
+            (mosaic.width, mosaic.height),
+            1000 * mosaic.res[0],
+            posed.origin is not None,
+        )
     project = _project(posed, size, mm, "rgb.tif" if on_earth else "")
     (folder / "project.json").write_text(json.dumps(project, indent=1) + "\n", encoding="utf-8")
 
 
 def _profile(mosaic: Any, count: int, dtype: str, **more: Any) -> dict[str, Any]:
     return {
-        **{"driver": "GTiff", "count": count, "dtype": dtype, "width": mosaic.width, "height": mosaic.height, "crs": mosaic.crs},
-        **{"transform": mosaic.transform, "tiled": True, "compress": "deflate", "bigtiff": "if_safer", **more},
+        **{
+            "driver": "GTiff",
+            "count": count,
+            "dtype": dtype,
+            "width": mosaic.width,
+            "height": mosaic.height,
+            "crs": mosaic.crs,
+        },
+        **{
+            "transform": mosaic.transform,
+            "tiled": True,
+            "compress": "deflate",
+            "bigtiff": "if_safer",
+            **more,
+        },
     }
 
 
@@ -60,7 +84,12 @@ def _windows(mosaic: Any) -> Iterator[Any]:
 
     for row in range(0, mosaic.height, BLOCK_PX):
         for column in range(0, mosaic.width, BLOCK_PX):
-            yield Window(column, row, min(BLOCK_PX, mosaic.width - column), min(BLOCK_PX, mosaic.height - row))
+            yield Window(
+                column,
+                row,
+                min(BLOCK_PX, mosaic.width - column),
+                min(BLOCK_PX, mosaic.height - row),
+            )
 
 
 def _write_colors(mosaic: Any, path: Path) -> None:
@@ -79,19 +108,37 @@ def _write_heights(terrain: Any, mosaic: Any, path: Path) -> None:
     heights: NDArray[np.float32] = terrain.read(1)
     with rasterio.open(path, "w", **_profile(mosaic, 1, "float32", nodata=NO_DATA)) as file:
         for window in _windows(mosaic):
-            x = mosaic.bounds.left + (np.arange(window.width) + window.col_off + 0.5) * mosaic.res[0]
-            y = mosaic.bounds.top - (np.arange(window.height) + window.row_off + 0.5) * mosaic.res[1]
+            x = (
+                mosaic.bounds.left
+                + (np.arange(window.width) + window.col_off + 0.5) * mosaic.res[0]
+            )
+            y = (
+                mosaic.bounds.top
+                - (np.arange(window.height) + window.row_off + 0.5) * mosaic.res[1]
+            )
             column, row = np.meshgrid(
-                (x - terrain.bounds.left) / terrain.res[0] - 0.5, (terrain.bounds.top - y) / terrain.res[1] - 0.5
+                (x - terrain.bounds.left) / terrain.res[0] - 0.5,
+                (terrain.bounds.top - y) / terrain.res[1] - 0.5,
             )
             at = column.astype(np.float32), row.astype(np.float32)
-            found = cv2.remap(heights, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"))
+            found = cv2.remap(
+                heights,
+                *at,
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=float("nan"),
+            )
             file.write(np.where(np.isfinite(found), found, np.float32(NO_DATA)), 1, window=window)
 
 
-def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: str) -> dict[str, Any]:
+def _project(
+    posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: str
+) -> dict[str, Any]:
     name = posed.run.root.resolve().name
-    dates = [*(frame.taken.date().isoformat() for frame in posed.frames if frame.taken), posed.run.made[:10]]
+    dates = [
+        *(frame.taken.date().isoformat() for frame in posed.frames if frame.taken),
+        posed.run.made[:10],
+    ]
     image = {
         "rect": [0.0, 0.0, 0.0, 0.0],
         "map_px_to_mm_factor": f"{mm:.9g}",
@@ -99,7 +146,10 @@ def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: s
         "height": size[1],
         "annotations": {"regions": [], "points": []},
         "layers": [],
-        "channels": [{"filename": "rgb.tif", "type": "RGB"}, {"filename": "dem.tif", "type": "DEM"}],
+        "channels": [
+            {"filename": "rgb.tif", "type": "RGB"},
+            {"filename": "dem.tif", "type": "DEM"},
+        ],
         "id": name,
         "name": name,
         "acquisition_date": dates[0],
@@ -108,7 +158,15 @@ def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: s
         "export_dataset_area": [],
         "metadata": {},
     }
-    return {"filename": "project.json", "images": [image], "correspondences": {}, "labels": {}, "metadata": {}}
+    return {
+        "filename": "project.json",
+        "images": [image],
+        "correspondences": {},
+        "labels": {},
+        "metadata": {},
+    }
 
 
-FORMAT = ExportFormat("orthomosaic and terrain model of one size, and a project that names them", "TagLab", write)
+FORMAT = ExportFormat(
+    "orthomosaic and terrain model of one size, and a project that names them", "TagLab", write
+)

@@ -18,11 +18,15 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 # The textured surface as binary glTF 2.0: for Blender, game engines, phones and web viewers.
 
 QUALITY = 95
-"""Of the textures' JPEG, with full color resolution: errors below those of the images' noise, a fifth of a PNG's size."""
+"""Of the textures' JPEG, with full color resolution: errors below those of the images' noise, a
+fifth of a PNG's size.
+"""
 
 
 def write_textured_glb(posed: PosedRun, folder: Path) -> str:
-    """reef.glb; how good it is. Raises InputError for more than 4 GB, or if an image is gone or damaged."""
+    """reef.glb; how good it is. Raises InputError for more than 4 GB, or if an image is gone or
+    damaged.
+    """
     made = textured(posed, open_surface(posed))
     write_group(made, folder / "reef.glb")
     return made.summary
@@ -34,13 +38,24 @@ def write_group(made: Textured, path: Path, group: int = 0, step: int = 1) -> No
         for mesh, pixels in made.pages(group, step):
             position = made.surface.position[mesh.vertex].astype(np.float32)
             normal = unit(made.surface.normal[mesh.vertex])
-            flags = [cv2.IMWRITE_JPEG_QUALITY, QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+            flags = [
+                cv2.IMWRITE_JPEG_QUALITY,
+                QUALITY,
+                cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+                cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+            ]
             jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
-            glb.add({"POSITION": position, "NORMAL": normal, "TEXCOORD_0": mesh.uv}, mesh.triangles, jpeg)
+            glb.add(
+                {"POSITION": position, "NORMAL": normal, "TEXCOORD_0": mesh.uv},
+                mesh.triangles,
+                jpeg,
+            )
 
 
 TEXTURED_GLB = ExportFormat(
-    "the surface with the images on it, glTF 2.0", "Blender, three.js, Unreal and Unity, phones, Sketchfab", write_textured_glb
+    "the surface with the images on it, glTF 2.0",
+    "Blender, three.js, Unreal and Unity, phones, Sketchfab",
+    write_textured_glb,
 )
 
 
@@ -49,15 +64,27 @@ TEXTURED_GLB = ExportFormat(
 
 
 def write_textured_obj(posed: PosedRun, folder: Path) -> str:
-    """reef.obj, reef.mtl, reef_PAGE.png; how good it is. Raises InputError if an image is gone or damaged."""
-    made, offset_m = textured(posed, open_surface(posed)), " ".join(f"{value:.6f}" for value in posed.offset_m)
-    with (folder / "reef.obj").open("w", encoding="ascii") as file, (folder / "reef.mtl").open("w", encoding="ascii") as materials:
-        file.write(f"# meters, z up; add {offset_m} for: {crs_name(posed.origin)}\nmtllib reef.mtl\n")
+    """reef.obj, reef.mtl, reef_PAGE.png; how good it is. Raises InputError if an image is gone or
+    damaged.
+    """
+    made, offset_m = (
+        textured(posed, open_surface(posed)),
+        " ".join(f"{value:.6f}" for value in posed.offset_m),
+    )
+    with (
+        (folder / "reef.obj").open("w", encoding="ascii") as file,
+        (folder / "reef.mtl").open("w", encoding="ascii") as materials,
+    ):
+        file.write(
+            f"# meters, z up; add {offset_m} for: {crs_name(posed.origin)}\nmtllib reef.mtl\n"
+        )
         before = 1
         for number, (mesh, pixels) in enumerate(made.pages()):
             name = f"reef_{number}"
             (folder / f"{name}.png").write_bytes(encode_image(pixels, "png"))
-            materials.write(f"newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}.png\n")
+            materials.write(
+                f"newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}.png\n"
+            )
             file.write(f"usemtl {name}\n")
             _write_page(file, mesh, made.surface.position[mesh.vertex], before)
             before += len(mesh.vertex)
@@ -65,10 +92,14 @@ def write_textured_obj(posed: PosedRun, folder: Path) -> str:
 
 
 def _write_page(file: TextIO, mesh: PageMesh, position: NDArray[np.float64], before: int) -> None:
-    """Vertices, places in the texture (from its lower left corner), and triangles, counted on from those before."""
+    """Vertices, places in the texture (from its lower left corner), and triangles, counted on from
+    those before.
+    """
     np.savetxt(file, position, fmt="v %.5f %.5f %.5f")
     np.savetxt(file, np.stack([mesh.uv[:, 0], 1 - mesh.uv[:, 1]], axis=1), fmt="vt %.7f %.7f")
     np.savetxt(file, np.repeat(mesh.triangles + before, 2, axis=1), fmt="f %d/%d %d/%d %d/%d")
 
 
-TEXTURED_OBJ = ExportFormat("the same as OBJ, MTL and PNG", "CloudCompare, MeshLab, Metashape, Blender", write_textured_obj)
+TEXTURED_OBJ = ExportFormat(
+    "the same as OBJ, MTL and PNG", "CloudCompare, MeshLab, Metashape, Blender", write_textured_obj
+)

@@ -1,7 +1,8 @@
 """The textured surface as 3-D Tiles 1.1 (OGC 22-025r4): for globes and maps in a browser.
 
-A tree of tiles: each is replaced by up to four of half its side, with twice the detail, as the viewer comes near. Their y axis
-is up, which viewers turn back, so all else here is in the map's own axes, z up.
+A tree of tiles: each is replaced by up to four of half its side, with twice the detail, as the
+viewer comes near. Their y axis is up, which viewers turn back, so all else here is in the map's own
+axes, z up.
 """
 
 import json
@@ -12,7 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.earth import degrees_from_north_east, east_north_up_axes, geocentric_from_geodetic
+from stereo_seecolor.earth import (
+    degrees_from_north_east,
+    east_north_up_axes,
+    geocentric_from_geodetic,
+)
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.texture.surface import Surface, longest_edge_m
 from stereo_seecolor.extras.export.texture.textured import open_surface, textured
@@ -24,7 +29,9 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.version import __version__
 
 NEAR_M = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
-"""Points of a map in UTM by which it is put on the globe: its axes turn, and its lengths shrink, from place to place."""
+"""Points of a map in UTM by which it is put on the globe: its axes turn, and its lengths shrink,
+from place to place.
+"""
 
 
 @dataclass(frozen=True)
@@ -34,14 +41,17 @@ class TileLimits:
     triangles: int = 50_000
     pixels: int = 4_000_000
     viewer_px: float = 16.0
-    """Viewers refine what errs by more pixels of the screen than this (CesiumJS): a texel is to be one of them at most."""
+    """Viewers refine what errs by more pixels of the screen than this (CesiumJS): a texel is to be
+    one of them at most.
+    """
 
 
 LIMITS = TileLimits()
 
 
 def write(posed: PosedRun, folder: Path) -> str:
-    """tileset.json, and tiles/LEVEL/COLUMN_ROW.glb: level 0 is the whole map, and each further one twice as fine.
+    """tileset.json, and tiles/LEVEL/COLUMN_ROW.glb: level 0 is the whole map, and each further one
+    twice as fine.
 
     Raises InputError if an image is gone or damaged.
     """
@@ -61,10 +71,15 @@ def write(posed: PosedRun, folder: Path) -> str:
         for cell in np.unique(made.group).tolist():
             row, column = divmod(cell, 1 << level)
             write_group(made, folder / _uri(level, column, row), cell, step)
-            boxes[level, column, row] = _bounds(surface.position[surface.triangles[made.group == cell]].reshape(-1, 3))
+            boxes[level, column, row] = _bounds(
+                surface.position[surface.triangles[made.group == cell]].reshape(-1, 3)
+            )
     root, _ = _tile(boxes, errors_m[::-1], (0, 0, 0))
     root["transform"] = _to_earth(posed).T.ravel().tolist()  # column by column
-    asset = {"version": "1.1", "extras": {"generator": f"stereo-seecolor {__version__}", "crs": crs_name(posed.origin)}}
+    asset = {
+        "version": "1.1",
+        "extras": {"generator": f"stereo-seecolor {__version__}", "crs": crs_name(posed.origin)},
+    }
     tileset = {"asset": asset, "geometricError": float(np.linalg.norm(high - low)), "root": root}
     (folder / "tileset.json").write_text(json.dumps(tileset, indent=2) + "\n", encoding="utf-8")
     return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {summary}"
@@ -72,12 +87,22 @@ def write(posed: PosedRun, folder: Path) -> str:
 
 def _finest_level(posed: PosedRun, surface: Surface) -> int:
     """How often the map is cut in four, by its triangles and by the pixels of its surface."""
-    area_m2 = np.linalg.norm(np.cross(*np.diff(surface.position[surface.triangles], axis=1).transpose(1, 0, 2)), axis=1).sum() / 2
-    tiles = max(len(surface.triangles) / LIMITS.triangles, area_m2 / posed.pixel_m**2 / LIMITS.pixels, 1.0)
+    area_m2 = (
+        np.linalg.norm(
+            np.cross(*np.diff(surface.position[surface.triangles], axis=1).transpose(1, 0, 2)),
+            axis=1,
+        ).sum()
+        / 2
+    )
+    tiles = max(
+        len(surface.triangles) / LIMITS.triangles, area_m2 / posed.pixel_m**2 / LIMITS.pixels, 1.0
+    )
     return int(np.ceil(np.log2(tiles) / 2))
 
 
-def _cells(surface: Surface, low: NDArray[np.float64], side_m: float, level: int) -> NDArray[np.int64]:
+def _cells(
+    surface: Surface, low: NDArray[np.float64], side_m: float, level: int
+) -> NDArray[np.int64]:
     """(F,) the cell of each triangle on a grid of 2**level a side: row times that plus column."""
     center = surface.position[surface.triangles].mean(axis=1)
     column, row = ((center - low)[:, :2] / side_m * (1 << level)).astype(np.int64).T
@@ -96,7 +121,9 @@ def _bounds(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _tile(
-    boxes: dict[tuple[int, int, int], NDArray[np.float64]], errors_m: list[float], key: tuple[int, int, int]
+    boxes: dict[tuple[int, int, int], NDArray[np.float64]],
+    errors_m: list[float],
+    key: tuple[int, int, int],
 ) -> tuple[dict[str, Any], NDArray[np.float64]]:
     """A tile with those below it, and the bounds of all of them."""
     level, column, row = key
@@ -114,15 +141,18 @@ def _tile(
 
 
 def _to_earth(posed: PosedRun) -> NDArray[np.float64]:
-    """(4, 4) from the map's coordinates to geocentric ones (EPSG:4978), its world's z taken as height above the ellipsoid; to the
-    world's, where their place on Earth is not known."""
+    """(4, 4) from the map's coordinates to geocentric ones (EPSG:4978), its world's z taken as
+    height above the ellipsoid; to the world's, where their place on Earth is not known.
+    """
     shift = pose(np.eye(3), posed.offset_m)
     if posed.origin is None:
         return shift
     if posed.origin.utm_epsg is None:
         latitude_deg, longitude_deg = posed.origin.latitude_deg, posed.origin.longitude_deg
         axes = east_north_up_axes(latitude_deg, longitude_deg)
-        return np.asarray(pose(axes.T, geocentric_from_geodetic(latitude_deg, longitude_deg, 0.0)) @ shift)
+        return np.asarray(
+            pose(axes.T, geocentric_from_geodetic(latitude_deg, longitude_deg, 0.0)) @ shift
+        )
     here, *axes_ends = (_geocentric(point, posed.origin) for point in posed.offset_m + NEAR_M)
     return pose(np.stack([(end - here) / NEAR_M.max() for end in axes_ends], axis=-1), here)
 
@@ -133,5 +163,7 @@ def _geocentric(point_m: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.f
 
 
 FORMAT = ExportFormat(
-    "the surface with the images on it as a tree of 3-D Tiles 1.1, on Earth where the map is", "CesiumJS, QGIS", write
+    "the surface with the images on it as a tree of 3-D Tiles 1.1, on Earth where the map is",
+    "CesiumJS, QGIS",
+    write,
 )

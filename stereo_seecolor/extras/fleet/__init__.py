@@ -1,1 +1,3 @@
-"""Many machines and many dives: clusters, shards and their merge, campaigns, plans, the state of runs."""
+"""Many machines and many dives: clusters, shards and their merge, campaigns, plans, the state of
+runs.
+"""

@@ -43,7 +43,8 @@ log = logging.getLogger(__name__)
 
 
 class DiveEntry(BaseModel):
-    """A dive of a campaign; fields are named as the options of ``run``. Paths are relative to the campaign's file.
+    """A dive of a campaign; fields are named as the options of ``run``. Paths are relative to the
+    campaign's file.
 
     poses, fuse: with either a map is made. site: dives of one site share one water.
     """
@@ -63,12 +64,17 @@ class DiveEntry(BaseModel):
     @model_validator(mode="after")
     def _one_water(self) -> Self:
         if self.water and self.site:
-            raise ValueError(f"dive {self.name!r} has a water, and shares that of site {self.site!r}: give one of both")
+            raise ValueError(
+                f"dive {self.name!r} has a water, and shares that of site {self.site!r}: give one "
+                "of both"
+            )
         return self
 
 
 class CampaignFile(BaseModel):
-    """The file of a campaign. out: holds a folder for each dive. config, settings: of all dives; a dive's own settings win."""
+    """The file of a campaign. out: holds a folder for each dive. config, settings: of all dives; a
+    dive's own settings win.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -85,7 +91,9 @@ class CampaignFile(BaseModel):
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"
-            raise InputError(f"{path}: {where}: {first['msg']} (docs/fleets.md shows a campaign)") from error
+            raise InputError(
+                f"{path}: {where}: {first['msg']} (docs/fleets.md shows a campaign)"
+            ) from error
         names = [dive.name for dive in campaign.dives]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice:
@@ -93,7 +101,8 @@ class CampaignFile(BaseModel):
         taken = next((name for name in names if name.casefold() in RESERVED), None)
         if taken:
             raise InputError(
-                f"{path}: a dive is called {taken!r}, as a file or folder of the campaign itself: give it another name"
+                f"{path}: a dive is called {taken!r}, as a file or folder of the campaign itself: "
+                "give it another name"
             )
         return campaign
 
@@ -111,8 +120,11 @@ class CampaignResult:
         return all(dive.state == "done" for dive in self.dives)
 
 
-def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool = False) -> CampaignResult:
-    """Run every dive of a campaign's file; each is resumed where it stopped. only_failed: skip those that are done.
+def campaign(
+    file: Path, options: RunOptions | None = None, *, only_failed: bool = False
+) -> CampaignResult:
+    """Run every dive of a campaign's file; each is resumed where it stopped. only_failed: skip
+    those that are done.
 
     Raises InputError for a file that cannot be used, OutputError where the table cannot be written.
     """
@@ -120,7 +132,10 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
     options = replace(options or RunOptions(), also_read=(file,))
     refuse_foreign(plan.root, plan.files)
     earlier = load_states(plan.root)
-    begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in plan.dives}
+    begun = {
+        dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun")
+        for dive in plan.dives
+    }
     states = {**begun, **earlier}
     save_states(plan.root, states)
     for state in _states(plan, options, earlier if only_failed else {}):
@@ -134,7 +149,9 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
 
 @dataclass(frozen=True)
 class _Campaign:
-    """A campaign's file with its paths and settings resolved. folder: of the file, from which its paths start."""
+    """A campaign's file with its paths and settings resolved. folder: of the file, from which its
+    paths start.
+    """
 
     content: CampaignFile
     folder: Path
@@ -153,9 +170,16 @@ class _Campaign:
     @property
     def files(self) -> list[Path]:
         """All that the campaign writes beside the folders of its dives."""
-        records = [f"{dive.name}{ending}" for dive in self.dives for ending in (".json", ".ifdo.yaml")]
+        records = [
+            f"{dive.name}{ending}" for dive in self.dives for ending in (".json", ".ifdo.yaml")
+        ]
         waters = [self.site_water(dive) for dive in self.dives if dive.site]
-        return [self.root / TABLE, self.root / STATES, *(self.root / RECORDS / name for name in (COLLECTION, *records)), *waters]
+        return [
+            self.root / TABLE,
+            self.root / STATES,
+            *(self.root / RECORDS / name for name in (COLLECTION, *records)),
+            *waters,
+        ]
 
     def inputs(self, dive: DiveEntry) -> StereoInputs:
         calib = ",".join(str(self.folder / part) for part in dive.calib.split(","))
@@ -164,22 +188,34 @@ class _Campaign:
     def config(self, dive: DiveEntry) -> RunConfig:
         """The settings of a dive. Raises ConfigError."""
         shared, settings = self.content.config, {**self.content.settings, **dive.settings}
-        return load_config(self.folder / shared if shared else None, [f"{key}={_text(settings[key])}" for key in settings])
+        return load_config(
+            self.folder / shared if shared else None,
+            [f"{key}={_text(settings[key])}" for key in settings],
+        )
 
     def site_water(self, dive: DiveEntry) -> Path:
         """The file for the water of a dive's site, as this dive's exposure shows it."""
         return self.root / WATERS / f"{dive.name}.json"
 
 
-def _states(plan: _Campaign, options: RunOptions, known: Mapping[str, DiveState]) -> Iterator[DiveState]:
-    """The outcome of each dive when it has ended, until one is stopped. known: earlier outcomes; dives done then are skipped."""
+def _states(
+    plan: _Campaign, options: RunOptions, known: Mapping[str, DiveState]
+) -> Iterator[DiveState]:
+    """The outcome of each dive when it has ended, until one is stopped. known: earlier outcomes;
+    dives done then are skipped.
+    """
     waters = _SiteWaters(plan, options, keep=bool(known))
     for dive in plan.dives:
         if dive.name in known and known[dive.name].state == "done":
             yield known[dive.name]
             continue
         if waters.fit_for(dive):
-            yield DiveState(dive.name, "stopped", out=str(plan.out(dive)), error=f"while site {dive.site} was measured")
+            yield DiveState(
+                dive.name,
+                "stopped",
+                out=str(plan.out(dive)),
+                error=f"while site {dive.site} was measured",
+            )
             return
         state = _process(plan, dive, waters.of(dive), options)
         yield state
@@ -188,14 +224,18 @@ def _states(plan: _Campaign, options: RunOptions, known: Mapping[str, DiveState]
 
 
 class _SiteWaters:
-    """Fits the water of each site before the first of its dives. keep: waters that are there already are kept."""
+    """Fits the water of each site before the first of its dives. keep: waters that are there
+    already are kept.
+    """
 
     def __init__(self, plan: _Campaign, options: RunOptions, keep: bool) -> None:
         self._plan, self._options, self._keep = plan, options, keep
         self._fitted: set[str] = set()
 
     def of(self, dive: DiveEntry) -> Path | None:
-        """The file of the water that a dive is given: its own, or its site's if that could be fitted; else None."""
+        """The file of the water that a dive is given: its own, or its site's if that could be
+        fitted; else None.
+        """
         site_water = self._plan.site_water(dive)
         if dive.site and site_water.exists():
             return site_water
@@ -210,7 +250,10 @@ class _SiteWaters:
             return False
         self._fitted.add(dive.site)
         try:
-            dives = [SiteDive(plan.inputs(one), plan.out(one), plan.config(one), plan.site_water(one)) for one in site]
+            dives = [
+                SiteDive(plan.inputs(one), plan.out(one), plan.config(one), plan.site_water(one))
+                for one in site
+            ]
             return fit_site(dives, self._options)
         except KeyboardInterrupt:  # between two passes
             return True
@@ -219,8 +262,12 @@ class _SiteWaters:
             return False
 
 
-def _process(plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunOptions) -> DiveState:
-    """Run a dive, and make its map where one is asked for; returns the outcome, also of one that failed."""
+def _process(
+    plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunOptions
+) -> DiveState:
+    """Run a dive, and make its map where one is asked for; returns the outcome, also of one that
+    failed.
+    """
     start_s, out = time.monotonic(), plan.out(dive)
     log.info("%s: begins", dive.name)
     state, mapped = DiveState(dive.name, "failed", out=str(out)), bool(dive.fuse or dive.poses)
@@ -228,9 +275,16 @@ def _process(plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunO
         config = plan.config(dive)
         page = "none" if mapped else options.page  # the page is written when the map is there
         inputs, poses = plan.inputs(dive), plan.folder / dive.poses if dive.poses else None
-        chosen = replace(options, water=water, page=page, also_read=(*options.also_read, *([poses] if poses else [])))
+        chosen = replace(
+            options,
+            water=water,
+            page=page,
+            also_read=(*options.also_read, *([poses] if poses else [])),
+        )
         summary = run(inputs.left, inputs.right, inputs.calib, out, config, chosen)
-        state = replace(state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed"))
+        state = replace(
+            state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed")
+        )
         if mapped and not summary.stopped:
             fuse(out, poses, config, options.listener, options.cluster)
             report(out, options.listener, brief=True)

@@ -1,4 +1,6 @@
-"""The files of a campaign beside the folders of its dives: only what the campaign wrote, and as it wrote it, is replaced."""
+"""The files of a campaign beside the folders of its dives: only what the campaign wrote, and as it
+wrote it, is replaced.
+"""
 
 import csv
 import hashlib
@@ -21,25 +23,38 @@ from stereo_seecolor.run_folder.layout import is_plain_name
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 WRITTEN = ".campaign-files.json"
-"""In the campaign's folder: SHA-256 of each file that it wrote, of what was there before and of the new: a kill leaves either."""
+"""In the campaign's folder: SHA-256 of each file that it wrote, of what was there before and of the
+new: a kill leaves either.
+"""
 FORMAT = "stereo-seecolor/campaign-files"
 
 
 def refuse_foreign(root: Path, files: Iterable[Path]) -> None:
-    """Raise OutputError where one of ``files`` in a campaign's folder is there and is not as the campaign wrote it."""
+    """Raise OutputError where one of ``files`` in a campaign's folder is there and is not as the
+    campaign wrote it.
+    """
     written = _written(root)
     for file in files:
-        if file.is_symlink() or (file.exists() and not _is_of(file, written.get(_name(root, file), ()))):
-            raise OutputError(f"{file}: is not of this campaign, or was changed since, and would be replaced: move it elsewhere")
+        if file.is_symlink() or (
+            file.exists() and not _is_of(file, written.get(_name(root, file), ()))
+        ):
+            raise OutputError(
+                f"{file}: is not of this campaign, or was changed since, and would be replaced: "
+                "move it elsewhere"
+            )
 
 
 def write_own(root: Path, file: Path, content: Content) -> None:
-    """Write a file of a campaign whose folder is ``root``. Raises OutputError, also where another's file is in its place."""
+    """Write a file of a campaign whose folder is ``root``. Raises OutputError, also where another's
+    file is in its place.
+    """
     refuse_foreign(root, [file])
     whole = bytes(content) if isinstance(content, bytes | memoryview) else b"".join(content)
     written, name = _written(root), _name(root, file)
     hashes = [*([_sha256(file.read_bytes())] if file.exists() else []), _sha256(whole)]
-    write_atomic(root / WRITTEN, json.dumps({"format": FORMAT, "files": {**written, name: hashes}}).encode())
+    write_atomic(
+        root / WRITTEN, json.dumps({"format": FORMAT, "files": {**written, name: hashes}}).encode()
+    )
     write_atomic(file, whole)
 
 
@@ -65,7 +80,9 @@ def _written(root: Path) -> dict[str, list[str]]:
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OutputError(f"{file}: is not as this program writes it: move it elsewhere; nothing was touched") from error
+        raise OutputError(
+            f"{file}: is not as this program writes it: move it elsewhere; nothing was touched"
+        ) from error
 
 
 # Metadata of a campaign for archives and catalogs: iFDO of the images of each dive with a map,
@@ -77,9 +94,11 @@ log = logging.getLogger(__name__)
 
 
 def write_records(root: Path, dives: Mapping[str, Path]) -> Path:
-    """Write records/ in ``root``: collection.json and NAME.json (STAC), and NAME.ifdo.yaml for dives with a map.
+    """Write records/ in ``root``: collection.json and NAME.json (STAC), and NAME.ifdo.yaml for
+    dives with a map.
 
-    dives: name -> output folder. A dive that cannot be read is named in the log and left out. Raises OutputError.
+    dives: name -> output folder. A dive that cannot be read is named in the log and left out.
+    Raises OutputError.
     """
     folder, items = root / RECORDS, []
     for name, out in dives.items():
@@ -91,8 +110,14 @@ def write_records(root: Path, dives: Mapping[str, Path]) -> Path:
             continue
         if images:
             write_own(root, folder / f"{name}.ifdo.yaml", images)
-            item["assets"]["ifdo"] = {"href": f"{name}.ifdo.yaml", "type": "application/yaml", "title": "metadata of the images"}
-        write_own(root, folder / f"{name}.json", json.dumps(item, indent=1, allow_nan=False).encode())
+            item["assets"]["ifdo"] = {
+                "href": f"{name}.ifdo.yaml",
+                "type": "application/yaml",
+                "title": "metadata of the images",
+            }
+        write_own(
+            root, folder / f"{name}.json", json.dumps(item, indent=1, allow_nan=False).encode()
+        )
         items.append(item)
     whole = stac.collection(items, root.resolve().name)
     write_own(root, folder / COLLECTION, json.dumps(whole, indent=1, allow_nan=False).encode())
@@ -103,7 +128,9 @@ def _image_record(out: Path, folder: Path) -> bytes:
     posed = open_posed_run(out)
     images = [frame.products["corrected"] for frame in posed.frames]
     corrected = out / "corrected"
-    return ifdo.document(posed, images, corrected, Path(os.path.relpath(corrected, folder)).as_posix())
+    return ifdo.document(
+        posed, images, corrected, Path(os.path.relpath(corrected, folder)).as_posix()
+    )
 
 
 # The outcome of the dives of a campaign: campaign.csv for users, campaign.json for the next run
@@ -115,7 +142,9 @@ State = Literal["not begun", "done", "some pairs failed", "failed", "stopped"]
 
 @dataclass(frozen=True)
 class DiveState:
-    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive as a whole, or its map, failed."""
+    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive as a whole, or its
+    map, failed.
+    """
 
     name: str
     state: State
@@ -132,18 +161,27 @@ def load_states(root: Path) -> dict[str, DiveState]:
     Raises InputError where a dive's name leads out of ``root``.
     """
     try:
-        states = {name: as_record(DiveState, state) for name, state in load_object(root / STATES).items()}
+        states = {
+            name: as_record(DiveState, state) for name, state in load_object(root / STATES).items()
+        }
     except (OSError, ValueError):
         return {}
     for name in states:
         if not is_plain_name(name):
-            raise InputError(f"{root / STATES}: it names a dive {name!r}, which does not lie in {root}: delete this file")
+            raise InputError(
+                f"{root / STATES}: it names a dive {name!r}, which does not lie in {root}: delete "
+                "this file"
+            )
     return states
 
 
 def save_states(root: Path, states: Mapping[str, DiveState]) -> None:
     """Write both files. Raises OutputError."""
-    write_own(root, root / STATES, json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode())
+    write_own(
+        root,
+        root / STATES,
+        json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode(),
+    )
     text = io.StringIO()
     table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
     table.writeheader()

@@ -16,15 +16,29 @@ from stereo_seecolor.extras.fleet.text import campaign_text, plan_text, status_t
 from stereo_seecolor.run_folder.layout import INDEX
 
 
-@command("Many machines, many dives", "merge PARTS/1 PARTS/2 --out OUT", "merge PARTS/1 PARTS/2 --out OUT --fit-only")
+@command(
+    "Many machines, many dives",
+    "merge PARTS/1 PARTS/2 --out OUT",
+    "merge PARTS/1 PARTS/2 --out OUT --fit-only",
+)
 def merge(
-    parts: Annotated[list[Path], typer.Argument(metavar="PART...", help="Output folders of run --shard.")],
+    parts: Annotated[
+        list[Path], typer.Argument(metavar="PART...", help="Output folders of run --shard.")
+    ],
     out: opt.Out = Path("out"),
     fit_only: Annotated[
-        bool, opt.flag("--fit-only", "Stop after fitting water.json, which run --shard --water then uses on all machines.")
+        bool,
+        opt.flag(
+            "--fit-only",
+            "Stop after fitting water.json, which run --shard --water then uses on all machines.",
+        ),
     ] = False,
     partial: Annotated[
-        bool, opt.flag("--partial", "Merge although shards are missing; summary, run.json and page name them, exit code 3.")
+        bool,
+        opt.flag(
+            "--partial",
+            "Merge although shards are missing; summary, run.json and page name them, exit code 3.",
+        ),
     ] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     cluster: opt.ClusterName = "",
@@ -32,11 +46,15 @@ def merge(
     *,
     report: Report,
 ) -> None:
-    """Join the results of the shards of a dive into one output folder with one water; fuse then makes the map."""
+    """Join the results of the shards of a dive into one output folder with one water; fuse then
+    makes the map.
+    """
     from stereo_seecolor.extras.fleet.merge import merge as join
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
-        options = replace(opt.Execution(overwrite).options(workers, None, listener), cluster=compute)
+        options = replace(
+            opt.Execution(overwrite).options(workers, None, listener), cluster=compute
+        )
         summary = join(parts, out, options, fit_only=fit_only, partial=partial)
     page = "" if fit_only or summary.stopped else page_text(out / INDEX)
     report.end(run_content(summary, out), run_text(summary, out) + page, run_exit_code(summary))
@@ -45,21 +63,34 @@ def merge(
 @command("Many machines, many dives", "status OUT", "status PARTS/1 PARTS/2")
 def status(
     outs: Annotated[
-        list[Path], typer.Argument(metavar="OUT...", help="Output folders of runs, finished or under way, or of campaigns.")
+        list[Path],
+        typer.Argument(
+            metavar="OUT...", help="Output folders of runs, finished or under way, or of campaigns."
+        ),
     ],
     report: BareReport,
 ) -> None:
-    """Show the progress of runs on any machine: pairs done, failed (and why) and left, and the expected end."""
+    """Show the progress of runs on any machine: pairs done, failed (and why) and left, and the
+    expected end.
+    """
     from stereo_seecolor.extras.fleet.status import statuses
 
     found = statuses(outs)
     report.end({"runs": found}, status_text(found))
 
 
-@command("Many machines, many dives", "campaign campaign.yaml", "campaign campaign.yaml --only-failed")
+@command(
+    "Many machines, many dives", "campaign campaign.yaml", "campaign campaign.yaml --only-failed"
+)
 def campaign(
-    file: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="YAML file that lists the dives (docs/fleets.md).")],
-    only_failed: Annotated[bool, opt.flag("--only-failed", "Run only dives that are not finished or have failed pairs.")] = False,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="CAMPAIGN", help="YAML file that lists the dives (docs/fleets.md)."),
+    ],
+    only_failed: Annotated[
+        bool,
+        opt.flag("--only-failed", "Run only dives that are not finished or have failed pairs."),
+    ] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     cluster: opt.ClusterName = "",
     *,
@@ -83,13 +114,19 @@ def plan(
     calib: opt.Calib,
     out: Annotated[
         Path | None,
-        opt.option("--out", "FOLDER", "Keep the plan in this folder; a run into the same folder compares its cost with it."),
+        opt.option(
+            "--out",
+            "FOLDER",
+            "Keep the plan in this folder; a run into the same folder compares its cost with it.",
+        ),
     ] = None,
     *,
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Estimate the cost of a dive from ten of its pairs: core-hours, time by number of workers, disk, memory."""
+    """Estimate the cost of a dive from ten of its pairs: core-hours, time by number of workers,
+    disk, memory.
+    """
     from stereo_seecolor.extras.fleet.plan import plan as measure
 
     with report.working():

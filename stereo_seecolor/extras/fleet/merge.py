@@ -1,4 +1,6 @@
-"""``merge``: the folders of a dive's shards into one, with one water, one manifest and one frames.csv."""
+"""``merge``: the folders of a dive's shards into one, with one water, one manifest and one
+frames.csv.
+"""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -15,7 +17,13 @@ from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, named_i
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
-from stereo_seecolor.dive.passes import NO_LIGHT, correct_frames, count_frames, fit_waters, measure_ranges
+from stereo_seecolor.dive.passes import (
+    NO_LIGHT,
+    correct_frames,
+    count_frames,
+    fit_waters,
+    measure_ranges,
+)
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.fleet.campaign_files import write_own
@@ -31,17 +39,26 @@ from stereo_seecolor.run_folder.posed_run import Part
 
 
 def merge(
-    parts: Sequence[Path], out: Path, options: RunOptions | None = None, *, fit_only: bool = False, partial: bool = False
+    parts: Sequence[Path],
+    out: Path,
+    options: RunOptions | None = None,
+    *,
+    fit_only: bool = False,
+    partial: bool = False,
 ) -> RunSummary:
-    """Merge the results of runs over parts of a dive into ``out``, as those of one run; correct frames that are not corrected yet.
+    """Merge the results of runs over parts of a dive into ``out``, as those of one run; correct
+    frames that are not corrected yet.
 
-    Files are hard links in ``out`` where the file system has them, else copies; the parts stay as they are. The water is that of
-    the parts, or fitted to all of them. fit_only: stop when water.json is written.
+    Files are hard links in ``out`` where the file system has them, else copies; the parts stay as
+    they are. The water is that of the parts, or fitted to all of them. fit_only: stop when
+    water.json is written.
     partial: merge although shards of the dive are missing, and name them.
-    Raises InputError where the parts do not belong together or are not all; SeeColorError, CalibrationError as ``run`` does.
+    Raises InputError where the parts do not belong together or are not all; SeeColorError,
+    CalibrationError as ``run`` does.
     """
     options = options or RunOptions()
-    twice = next((part for number, part in enumerate(parts) if part.resolve() in {one.resolve() for one in parts[:number]}), None)
+    paths = [part.resolve() for part in parts]
+    twice = next((part for n, part in enumerate(parts) if paths[n] in paths[:n]), None)
     if twice:
         raise InputError(f"{twice}: is given twice: give each part once")
     opened_parts = [Part.open(part) for part in parts]
@@ -49,7 +66,9 @@ def merge(
     opened, inputs = _opened(opened_parts, missing), named_inputs(opened_parts[0].run.inputs)
     waters, pipeline = _waters(opened_parts), opened.pipeline
     read = [*inputs.paths, *(part.root / FRAMES_TABLE for part in opened_parts)]
-    with RunFolder(out, claim(inputs.owner(KIND, opened), pipeline.config, options, read)) as folder:
+    with RunFolder(
+        out, claim(inputs.owner(KIND, opened), pipeline.config, options, read)
+    ) as folder:
         for part in opened_parts:
             for frame in part.frames():
                 folder.frames.adopt(part.root, frame)
@@ -68,7 +87,9 @@ def merge(
 
 
 def _with_waters(run: DiveRun, waters: Mapping[str, Water] | None, fit_only: bool) -> None:
-    """Write the waters of the parts, or fit them to all parts, and correct the frames, without the light of the dive."""
+    """Write the waters of the parts, or fit them to all parts, and correct the frames, without the
+    light of the dive.
+    """
     ranges = measure_ranges(run)
     waters = fit_waters(run, ranges, NO_LIGHT) if waters is None else waters
     known = {pair.name: waters[pair.name] for pair in run.pairs if pair.name in waters}
@@ -78,8 +99,8 @@ def _with_waters(run: DiveRun, waters: Mapping[str, Water] | None, fit_only: boo
 
 
 def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
-    """Name the shards of the dive that are not among the parts. Raises InputError where some are, unless ``partial``, and where the
-    parts are not of one cut.
+    """Name the shards of the dive that are not among the parts. Raises InputError where some are,
+    unless ``partial``, and where the parts are not of one cut.
     """
     given: dict[Shard, Part] = {}
     for part in parts:
@@ -89,30 +110,41 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
         first = next(iter(given))
         if part.shard.of != first.of:
             raise InputError(
-                f"{given[first].root} is shard {first}, and {part.root} is shard {part.shard}: merge shards of one cut: "
+                f"{given[first].root} is shard {first}, and {part.root} is shard {part.shard}: "
+                "merge shards of one cut: "
                 "those of two hold pairs twice or leave some out"
             )
     of = max((shard.of for shard in given), default=0)
-    missing = tuple(str(shard) for shard in (Shard(number, of) for number in range(1, of + 1)) if shard not in given)
+    missing = tuple(
+        str(shard)
+        for shard in (Shard(number, of) for number in range(1, of + 1))
+        if shard not in given
+    )
     if missing and not partial:
         raise InputError(
-            f"shard {', '.join(missing)} is missing: run it and give all {of}; --partial merges the others and says what is missing"
+            f"shard {', '.join(missing)} is missing: run it and give all {of}; --partial merges "
+            "the others and says what is missing"
         )
     return missing
 
 
 def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
-    """All pairs of the parts and the pipeline of their rig. Raises InputError where settings, rig or version differ."""
+    """All pairs of the parts and the pipeline of their rig. Raises InputError where settings, rig
+    or version differ.
+    """
     first = parts[0]
     for part in parts[1:]:
         if part.settings != first.settings or part.run.config != first.run.config:
             raise InputError(
-                f"{part.root}: was made with other settings or another rig than {first.root}: run it again with the same "
+                f"{part.root}: was made with other settings or another rig than {first.root}: run "
+                "it again with the same "
                 "--calib and --config"
             )
     pipeline = Pipeline(load_rig(str(first.rig)), first.run.config)
     if pipeline.settings != first.settings:
-        raise InputError(f"{first.root}: was made by another version of the program: run its line again first")
+        raise InputError(
+            f"{first.root}: was made by another version of the program: run its line again first"
+        )
     unpaired = {
         row.left: Unpaired(Path(row.left), row.error.removeprefix(f"{row.left}: "))
         for part in parts
@@ -120,34 +152,51 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         if row.status == "unpaired"
     }
     notes = (f"a part of the dive only: shard {', '.join(missing)} is missing",) if missing else ()
-    return Opened(Pairing(tuple(in_dive_order(_pairs(parts))), tuple(unpaired.values()), notes, missing), pipeline)
+    return Opened(
+        Pairing(tuple(in_dive_order(_pairs(parts))), tuple(unpaired.values()), notes, missing),
+        pipeline,
+    )
 
 
 def _pairs(parts: Sequence[Part]) -> list[Pair]:
-    """Every pair of the parts, once. Raises InputError where two parts have different images of one name."""
+    """Every pair of the parts, once. Raises InputError where two parts have different images of one
+    name.
+    """
     pairs: dict[str, Pair] = {}
     seen: dict[str, tuple[Part, tuple[str, str]]] = {}
     for part in parts:
         for row in part.rows:
             if row.status == "failed":
-                pairs.setdefault(row.name, Pair(row.name, Path(row.left), Path(row.right), row.timestamp_s))
+                pairs.setdefault(
+                    row.name, Pair(row.name, Path(row.left), Path(row.right), row.timestamp_s)
+                )
         for frame in part.frames():
             left, right = frame.inputs["left"], frame.inputs["right"]
             other, hashes = seen.setdefault(frame.name, (part, (left.sha256, right.sha256)))
             if hashes != (left.sha256, right.sha256):
-                raise InputError(f"{part.root} and {other.root}: hold two different pairs {frame.name!r}: merge them apart")
-            pairs[frame.name] = Pair(frame.name, Path(left.path), Path(right.path), frame.timestamp_s)
+                raise InputError(
+                    f"{part.root} and {other.root}: hold two different pairs {frame.name!r}: "
+                    "merge them apart"
+                )
+            pairs[frame.name] = Pair(
+                frame.name, Path(left.path), Path(right.path), frame.timestamp_s
+            )
     return list(pairs.values())
 
 
 def _waters(parts: Sequence[Part]) -> Mapping[str, Water] | None:
-    """The water of each frame that the parts were corrected with; None where none was. Raises InputError where only some were."""
+    """The water of each frame that the parts were corrected with; None where none was. Raises
+    InputError where only some were.
+    """
     waters = {part.root: part.waters() for part in parts}
     missing = [root for root, found in waters.items() if found is None]
     if len(missing) == len(parts):
         return None
     if missing:
-        raise InputError(f"{missing[0]}: has no water yet, and other parts have: run its line again with the same --water")
+        raise InputError(
+            f"{missing[0]}: has no water yet, and other parts have: run its line again with the "
+            "same --water"
+        )
     return {name: water for found in waters.values() for name, water in (found or {}).items()}
 
 
@@ -159,7 +208,9 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class SiteDive:
-    """A dive of a site. out: its output folder, which gets ranges and moment tables. water: the file for its water."""
+    """A dive of a site. out: its output folder, which gets ranges and moment tables. water: the
+    file for its water.
+    """
 
     inputs: StereoInputs
     out: Path
@@ -168,16 +219,21 @@ class SiteDive:
 
 
 def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
-    """Measure all pairs of all dives, fit one water to them, and write it for each dive, scaled to each frame's exposure.
+    """Measure all pairs of all dives, fit one water to them, and write it for each dive, scaled to
+    each frame's exposure.
 
-    The fit uses the first dive's color settings. A dive that cannot be measured is named in the log and left out.
-    Returns True if it was stopped. Raises ColorError where no frame of the site has a known range, OutputError.
+    The fit uses the first dive's color settings. A dive that cannot be measured is named in the log
+    and left out.
+    Returns True if it was stopped. Raises ColorError where no frame of the site has a known range,
+    OutputError.
     """
     fitter = Corrector(dives[0].config.color.model_copy(update={"lock": "survey"})).survey_fitter()
     names: dict[Path, list[str]] = {}
     for dive in dives:
         try:
-            with stereo_run(dive.inputs, dive.out, dive.config, options, "range", ("ranges", "waters")) as run:
+            with stereo_run(
+                dive.inputs, dive.out, dive.config, options, "range", ("ranges", "waters")
+            ) as run:
                 measure_ranges(run)
                 for name, table in count_frames(run, None):
                     fitter.add(_key(dive.water, name), table)
@@ -193,11 +249,17 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
 
 
 def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
-    """Write each dive's file. A frame that failed gets the water of another: it is used only if its images are repaired."""
+    """Write each dive's file. A frame that failed gets the water of another: it is used only if its
+    images are repaired.
+    """
     waters = fitter.waters()
     usual = next(iter(waters.values()))
     for file, frames in names.items():
-        write_own(file.parent.parent, file, waters_content({name: waters.get(_key(file, name), usual) for name in frames}))
+        write_own(
+            file.parent.parent,
+            file,
+            waters_content({name: waters.get(_key(file, name), usual) for name in frames}),
+        )
 
 
 def _key(file: Path, name: str) -> str:

@@ -1,4 +1,6 @@
-"""``plan``: the cost of a dive, estimated from ten of its pairs: core-hours, wall time, disk and memory."""
+"""``plan``: the cost of a dive, estimated from ten of its pairs: core-hours, wall time, disk and
+memory.
+"""
 
 import tempfile
 import time
@@ -32,9 +34,9 @@ WORKERS = (1, 4, 16, 64)
 class Plan:
     """The cost of a dive. pairs: of the dive. measured: pairs that the estimate is from.
 
-    core_seconds_per_pair: processor time. stage_seconds: stage -> processor time a pair. fit_s: processor time of the fits, which
-    are done once, on one core. disk_bytes: of all results. memory_bytes: of one process with one thread. wall_hours: workers, one
-    core each -> hours.
+    core_seconds_per_pair: processor time. stage_seconds: stage -> processor time a pair. fit_s:
+    processor time of the fits, which are done once, on one core. disk_bytes: of all results.
+    memory_bytes: of one process with one thread. wall_hours: workers, one core each -> hours.
     """
 
     pairs: int
@@ -60,11 +62,14 @@ def plan(
     out: Path | None = None,
     workers: Sequence[int] = WORKERS,
 ) -> Plan:
-    """Run ten pairs in a temporary folder and extrapolate; a first pair, which compiles kernels, is run before and not counted.
+    """Run ten pairs in a temporary folder and extrapolate; a first pair, which compiles kernels, is
+    run before and not counted.
 
-    out: the output folder of the later run: the plan is kept there, so that the run reports its cost against it; None keeps none.
+    out: the output folder of the later run: the plan is kept there, so that the run reports its
+    cost against it; None keeps none.
     workers: numbers of workers to state the wall time for.
-    Raises InputError where none of them goes through; SeeColorError, CalibrationError as ``run`` does.
+    Raises InputError where none of them goes through; SeeColorError, CalibrationError as ``run``
+    does.
     """
     inputs, config = StereoInputs(left, right, calib), config or RunConfig()
     if out:
@@ -99,7 +104,9 @@ def plan(
 
 @dataclass(frozen=True)
 class _Measured:
-    """What some pairs of a dive took. pass_seconds, stage_seconds: name -> processor time a pair."""
+    """What some pairs of a dive took. pass_seconds, stage_seconds: name -> processor time a
+    pair.
+    """
 
     pairs: int
     pass_seconds: dict[str, float]
@@ -109,7 +116,9 @@ class _Measured:
 
 
 def _measured(inputs: StereoInputs, opened: Opened, pairs: Sequence[Pair]) -> _Measured:
-    """Run these pairs into a temporary folder. Raises InputError where none of them goes through."""
+    """Run these pairs into a temporary folder. Raises InputError where none of them goes
+    through.
+    """
     with tempfile.TemporaryDirectory(prefix="stereo-seecolor-plan-") as folder:
         warm = _run(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", PassClock())
         start_s = time.process_time()
@@ -118,16 +127,24 @@ def _measured(inputs: StereoInputs, opened: Opened, pairs: Sequence[Pair]) -> _M
         core_s, ok = time.process_time() - start_s, summary.count("ok")
         if not ok:
             first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
-            raise InputError(f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}")
+            raise InputError(
+                f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}"
+            )
         written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
     passes = {name: seconds / ok for name, seconds in clock.seconds.items()}
     per_pair = sum(passes.values())
-    return _Measured(ok, passes, _stage_seconds(summary, passes), max(core_s - ok * per_pair, 0.0), written)
+    return _Measured(
+        ok, passes, _stage_seconds(summary, passes), max(core_s - ok * per_pair, 0.0), written
+    )
 
 
 def _stage_seconds(summary: RunSummary, passes: dict[str, float]) -> dict[str, float]:
-    """The passes' processor time a pair, divided among the stages in proportion to their elapsed time in the summary."""
-    elapsed = summary.stage_seconds()  # also counts time in which the processor worked for other programs
+    """The passes' processor time a pair, divided among the stages in proportion to their elapsed
+    time in the summary.
+    """
+    elapsed = (
+        summary.stage_seconds()
+    )  # also counts time in which the processor worked for other programs
     light_s = passes.get("light", 0.0)
     working = sum(passes.values()) - light_s
     stages = {stage: working * value / sum(elapsed.values()) for stage, value in elapsed.items()}
@@ -135,11 +152,15 @@ def _stage_seconds(summary: RunSummary, passes: dict[str, float]) -> dict[str, f
 
 
 def _only(opened: Opened, pairs: Sequence[Pair]) -> Opened:
-    return replace(opened, pairing=Pairing(tuple(pair for pair in opened.pairing.pairs if pair in pairs), ()))
+    return replace(
+        opened, pairing=Pairing(tuple(pair for pair in opened.pairing.pairs if pair in pairs), ())
+    )
 
 
 class PassClock:
-    """A listener that measures the processor time of each pass. seconds: pass -> processor time of all pairs, seconds."""
+    """A listener that measures the processor time of each pass. seconds: pass -> processor time of
+    all pairs, seconds.
+    """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -162,7 +183,11 @@ def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> R
     """Run the opened pairs into ``out``, one after the other."""
     options = RunOptions(workers=1, listener=clock)
     pipeline, passes = opened.pipeline, ("ranges", "light", "waters", "colors")
-    with RunFolder(out, claim(inputs.owner(KIND, opened), pipeline.config, options, inputs.paths)) as folder:
-        with reported(pipeline, opened.pairing, inputs.names, folder, options, "corrected", passes) as run:
+    with RunFolder(
+        out, claim(inputs.owner(KIND, opened), pipeline.config, options, inputs.paths)
+    ) as folder:
+        with reported(
+            pipeline, opened.pairing, inputs.names, folder, options, "corrected", passes
+        ) as run:
             color(run)
         return run.summary

@@ -1,4 +1,6 @@
-"""``status``: progress or outcome of a run, read from OUT alone, since the run may be on another machine."""
+"""``status``: progress or outcome of a run, read from OUT alone, since the run may be on another
+machine.
+"""
 
 import time
 from collections.abc import Sequence
@@ -21,13 +23,17 @@ Basis = Literal["", "the plan", "the usual shares of passes"]
 
 @dataclass(frozen=True)
 class RunStatus:
-    """Progress or outcome of a run. state: "killed": it ended without writing its outcome; "no run": the folder holds none.
+    """Progress or outcome of a run. state: "killed": it ended without writing its outcome; "no
+    run": the folder holds none.
 
-    stage: the current pass, "" before the first and after the end. done, failed, left: pairs of that pass; after the end, of the
-    run. failures: reason, number, first frame; the most frequent first. writer: the process that writes into OUT now, "" for none.
-    remaining_s: seconds until the pass ends at the rate so far; None where unknown. to_come: passes after it.
-    run_remaining_s: seconds until all passes end, from the passes' expected times scaled by the rate so far, without fits, page and
-    map; None where unknown. rests_on: the source of the expected times.
+    stage: the current pass, "" before the first and after the end. done, failed, left: pairs of
+    that pass; after the end, of the run. failures: reason, number, first frame; the most frequent
+    first. writer: the process that writes into OUT now, "" for none.
+    remaining_s: seconds until the pass ends at the rate so far; None where unknown. to_come: passes
+    after it.
+    run_remaining_s: seconds until all passes end, from the passes' expected times scaled by the
+    rate so far, without fits, page and map; None where unknown. rests_on: the source of the
+    expected times.
     """
 
     out: Path
@@ -45,7 +51,9 @@ class RunStatus:
 
 
 def statuses(outs: Sequence[Path]) -> list[RunStatus]:
-    """The status of the runs in these folders, or of the dives of a campaign's. Raises InputError where none holds a run."""
+    """The status of the runs in these folders, or of the dives of a campaign's. Raises InputError
+    where none holds a run.
+    """
     folders: list[Path] = []
     for out in outs:
         dives = [out / name for name in load_states(out)]
@@ -67,7 +75,11 @@ def status(out: Path) -> RunStatus:
     """The status of the run in ``out``. Raises InputError if it holds none."""
     now, progress = writer(out), Progress.load(out)
     if now:
-        return _pass_status(out, "running", progress, now) if progress else RunStatus(out, "running", "", 0, 0, 0, writer=now)
+        return (
+            _pass_status(out, "running", progress, now)
+            if progress
+            else RunStatus(out, "running", "", 0, 0, 0, writer=now)
+        )
     manifest = Manifest(out)
     if manifest.exists() and manifest.dive().state == "running" and progress:
         return _pass_status(out, "killed", progress, "")
@@ -86,9 +98,19 @@ def _pass_status(out: Path, state: State, progress: Progress, now: str) -> RunSt
     if not now:
         return found
     run_s = _until(progress.run_ends_s)
-    basis: Basis = "" if run_s is None else "the plan" if progress.expected.planned else "the usual shares of passes"
+    basis: Basis = (
+        ""
+        if run_s is None
+        else "the plan"
+        if progress.expected.planned
+        else "the usual shares of passes"
+    )
     return replace(
-        found, remaining_s=_until(progress.ends_s), run_remaining_s=run_s, to_come=tuple(progress.to_come), rests_on=basis
+        found,
+        remaining_s=_until(progress.ends_s),
+        run_remaining_s=run_s,
+        to_come=tuple(progress.to_come),
+        rests_on=basis,
     )
 
 

@@ -19,8 +19,23 @@ REMEDY = {
 
 def status_text(runs: "Sequence[RunStatus]") -> str:
     """A table with a row for each run, then a table of errors with their number in each run."""
-    rows = [(str(run.out), run.state, run.stage, str(run.done), str(run.failed), str(run.left), _end(run)) for run in runs]
-    failures = [(what, str(often), f"{run.out}: {first}") for run in runs for what, often, first in run.failures]
+    rows = [
+        (
+            str(run.out),
+            run.state,
+            run.stage,
+            str(run.done),
+            str(run.failed),
+            str(run.left),
+            _end(run),
+        )
+        for run in runs
+    ]
+    failures = [
+        (what, str(often), f"{run.out}: {first}")
+        for run in runs
+        for what, often, first in run.failures
+    ]
     return table(("run", "state", "pass", "done", "failed", "left", ""), rows) + (
         lines("") + table(("what went wrong", "times", "first in"), failures) if failures else ""
     )
@@ -41,12 +56,18 @@ def _run_end(run: "RunStatus") -> str:
     then = f"then {', '.join(run.to_come)}; " if run.to_come else ""
     if run.run_remaining_s is None:
         return f"end of the run not known ({then}page, map)" if run.stage else "begins"
-    return f"{duration(run.run_remaining_s)} to the end of the run ({then}page and map not counted; by {run.rests_on})"
+    return (
+        f"{duration(run.run_remaining_s)} to the end of the run ({then}page and map not "
+        f"counted; by {run.rests_on})"
+    )
 
 
 def campaign_text(result: "CampaignResult") -> str:
     """A table with a row for each dive."""
-    rows = [(dive.name, dive.state, str(dive.ok), str(dive.failed), duration(dive.seconds), dive.error) for dive in result.dives]
+    rows = [
+        (dive.name, dive.state, str(dive.ok), str(dive.failed), duration(dive.seconds), dive.error)
+        for dive in result.dives
+    ]
     return table(("dive", "state", "pairs", "failed", "time", ""), rows) + lines(str(result.table))
 
 
@@ -55,7 +76,9 @@ def plan_text(plan: "Plan") -> str:
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.stage_seconds.items())
     hours = [(str(workers), duration(3600 * hours)) for workers, hours in plan.wall_hours.items()]
     return lines(
-        f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} core-seconds each ({stages})",
+        f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} "
+        f"core-seconds each ({stages})",
         f"{plan.core_hours:.3g} core-hours, {plan.fit_s:.1f} s of them for what is done once",
-        f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory for one worker",
+        f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory "
+        "for one worker",
     ) + table(("workers of one core", "time"), hours)

@@ -9,20 +9,34 @@ from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import BareReport
-from stereo_seecolor.extras.reef.text import comparison_text, markers_text, measures_text, metrics_text
+from stereo_seecolor.extras.reef.text import (
+    comparison_text,
+    markers_text,
+    measures_text,
+    metrics_text,
+)
 
 
 @command("Ecology", "metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS")
 def metrics(
     out: opt.Finished,
     polygons: Annotated[
-        Path | None, opt.option("--polygons", "FILE", "Outlines of colonies or bottom types: GeoJSON, or a TagLab project.")
+        Path | None,
+        opt.option(
+            "--polygons",
+            "FILE",
+            "Outlines of colonies or bottom types: GeoJSON, or a TagLab project.",
+        ),
     ] = None,
-    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for CSV tables.")] = None,
+    folder: Annotated[
+        Path | None, opt.option("--out", "FOLDER", "A new or empty folder for CSV tables.")
+    ] = None,
     *,
     report: BareReport,
 ) -> None:
-    """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with standard errors."""
+    """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with
+    standard errors.
+    """
     from stereo_seecolor.extras.reef.commands.compare import metrics as measure
 
     with report.working():
@@ -33,61 +47,113 @@ def metrics(
 
 @command("Ecology", "compare 2024 2025 --out CHANGE")
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")],
-    second: Annotated[Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")],
-    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for rasters, table and picture.")] = None,
+    first: Annotated[
+        Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")
+    ],
+    second: Annotated[
+        Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")
+    ],
+    folder: Annotated[
+        Path | None,
+        opt.option("--out", "FOLDER", "A new or empty folder for rasters, table and picture."),
+    ] = None,
     joint: Annotated[
-        bool, opt.flag("--joint", "Also estimate the second track together with the first: second_track.tum, for fuse --poses.")
+        bool,
+        opt.flag(
+            "--joint",
+            "Also estimate the second track together with the first: second_track.tum, for fuse "
+            "--poses.",
+        ),
     ] = False,
     *,
     report: BareReport,
 ) -> None:
-    """Find what changed between two fused runs of one site: growth, loss and color, with standard errors."""
+    """Find what changed between two fused runs of one site: growth, loss and color, with standard
+    errors.
+    """
     from stereo_seecolor.extras.reef.commands.compare import compare as compare_runs
     from stereo_seecolor.extras.reef.comparing.change_files import description
 
     with report.working():
         found = compare_runs(first, second, folder, joint)
     bent = {"pairs": found.joint.pairs, "bent_m": found.joint.bent_m} if found.joint else None
-    content = description(found.change) | {"joint": bent} | {"first": first, "second": second, "patches": found.change.patches}
+    content = (
+        description(found.change)
+        | {"joint": bent}
+        | {"first": first, "second": second, "patches": found.change.patches}
+    )
     report.end({**content, "files": found.files}, comparison_text(found))
 
 
-@command("Ecology", "markers OUT --size 0.2", "markers OUT --bars bars.csv --points surveyed.csv --out MARKERS")
+@command(
+    "Ecology",
+    "markers OUT --size 0.2",
+    "markers OUT --bars bars.csv --points surveyed.csv --out MARKERS",
+)
 def markers(
     out: opt.Finished,
     size: Annotated[
-        float | None, opt.option("--size", "METERS", "Edge length of the black square of the markers, in meters.")
+        float | None,
+        opt.option(
+            "--size", "METERS", "Edge length of the black square of the markers, in meters."
+        ),
     ] = None,
     family: Annotated[
-        str, opt.option("--family", "NAME", "Marker family: 36h11 (AprilTag), aruco-4x4, ...; an unknown name lists all.")
+        str,
+        opt.option(
+            "--family",
+            "NAME",
+            "Marker family: 36h11 (AprilTag), aruco-4x4, ...; an unknown name lists all.",
+        ),
     ] = "36h11",
-    bars: Annotated[Path | None, opt.option("--bars", "FILE", "Scale bars: CSV with first, second, length_m.")] = None,
-    points: Annotated[Path | None, opt.option("--points", "FILE", "Surveyed places: CSV with marker, x_m, y_m, z_m.")] = None,
-    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for table and track.")] = None,
+    bars: Annotated[
+        Path | None, opt.option("--bars", "FILE", "Scale bars: CSV with first, second, length_m.")
+    ] = None,
+    points: Annotated[
+        Path | None,
+        opt.option("--points", "FILE", "Surveyed places: CSV with marker, x_m, y_m, z_m."),
+    ] = None,
+    folder: Annotated[
+        Path | None, opt.option("--out", "FOLDER", "A new or empty folder for table and track.")
+    ] = None,
     *,
     report: BareReport,
 ) -> None:
-    """Find markers in a fused run, and check its scale by their size and scale bars, and its place by surveyed markers."""
+    """Find markers in a fused run, and check its scale by their size and scale bars, and its place
+    by surveyed markers.
+    """
     from stereo_seecolor.extras.reef.commands.markers import Known
     from stereo_seecolor.extras.reef.commands.markers import markers as find
 
     with report.working() as listener:
         found = find(out, Known(size, family, bars, points), folder, listener)
-    report.end({"out": out, **vars(found)}, markers_text(found), EXIT_SOME_FAILED if found.wrong else EXIT_DONE)
+    report.end(
+        {"out": out, **vars(found)},
+        markers_text(found),
+        EXIT_SOME_FAILED if found.wrong else EXIT_DONE,
+    )
 
 
 @command("Ecology", "measure OUT points.csv", "measure OUT points.csv > lengths.csv")
 def measure(
     out: opt.Finished,
     points: Annotated[
-        Path, typer.Argument(metavar="POINTS", help="CSV of points as the page saves it: measure, frame, kind, label, x_px, y_px.")
+        Path,
+        typer.Argument(
+            metavar="POINTS",
+            help="CSV of points as the page saves it: measure, frame, kind, label, x_px, y_px.",
+        ),
     ],
-    lengths: Annotated[bool, opt.flag("--lengths", "Print the lengths as a table with EventMeasure's columns instead.")] = False,
+    lengths: Annotated[
+        bool,
+        opt.flag("--lengths", "Print the lengths as a table with EventMeasure's columns instead."),
+    ] = False,
     *,
     report: BareReport,
 ) -> None:
-    """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
+    """Measure points, lengths and areas in the frames of a run; prints a CSV with standard
+    errors.
+    """
     from stereo_seecolor.extras.reef.commands.measure import length_table
     from stereo_seecolor.extras.reef.commands.measure import measure as measure_points
 

@@ -14,12 +14,20 @@ if TYPE_CHECKING:
 
 
 def metrics_text(result: "SiteMetrics") -> str:
-    """Structure at each scale, then outlines and cover where there are any; each number with its standard error."""
+    """Structure at each scale, then outlines and cover where there are any; each number with its
+    standard error.
+    """
     head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
-    parts = [lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"), _structure(result)]
+    parts = [
+        lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"),
+        _structure(result),
+    ]
     if result.colonies:
         parts += [_outlines(result), _cover(result), lines(*_doubts(result))]
-    parts += [lines(*(f"not seen: {name}" for name in result.unseen)), lines(*(f"  {path}" for path in result.files))]
+    parts += [
+        lines(*(f"not seen: {name}" for name in result.unseen)),
+        lines(*(f"  {path}" for path in result.files)),
+    ]
     return "\n".join(part for part in parts if part)
 
 
@@ -29,12 +37,20 @@ SAID_FROM = 0.05
 
 def _doubts(result: "SiteMetrics") -> list[str]:
     unseen = [
-        f"partly seen: {each.name}: {each.unseen:.0%} of it is taken to be like the rest, which the standard error holds"
+        f"partly seen: {each.name}: {each.unseen:.0%} of it is taken to be like the rest, which "
+        "the standard error holds"
         for each in result.colonies
         if each.unseen > SAID_FROM
     ]
     shared = [each.name for each in result.colonies if each.counted < 1 - SAID_FROM]
-    overlap = [f"overlapping: {', '.join(shared)}: the cover counts what they share once, divided among them"] if shared else []
+    overlap = (
+        [
+            f"overlapping: {', '.join(shared)}: the cover counts what they share once, divided "
+            "among them"
+        ]
+        if shared
+        else []
+    )
     return unseen + overlap
 
 
@@ -43,16 +59,22 @@ def comparison_text(found: "Comparison") -> str:
     change, at = found.change, found.change.registration
     lod_mm = 1000 * change.difference.median_lod_m
     fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
-    beyond = f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
+    beyond = (
+        f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
+    )
     head = [
-        f"registered: {at.agreeing} of {at.matches} features agree, within {1000 * at.feature_rms_m:.1f} mm; {fits}",
+        f"registered: {at.agreeing} of {at.matches} features agree, within "
+        f"{1000 * at.feature_rms_m:.1f} mm; {fits}",
         f"{change.overlap_m2:.2f} m2 in both; {beyond}",
-        "growth {:.3f} +- {:.3f} l".format(*change.growth_l) + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
+        "growth {:.3f} +- {:.3f} l".format(*change.growth_l)
+        + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
     ]
     if found.joint:
         head.append(
-            f"joint graph: {found.joint.pairs} pairs of frames move the second track by {1000 * found.joint.bent_m:.1f} mm RMS; to "
-            "take that out, fuse it with --poses second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
+            f"joint graph: {found.joint.pairs} pairs of frames move the second track by "
+            f"{1000 * found.joint.bent_m:.1f} mm RMS; to "
+            "take that out, fuse it with --poses second_track.tum --set "
+            "mapping.poses_of=rectified --set mapping.poses=given"
         )
     return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
 
@@ -65,23 +87,40 @@ def _patches(found: "Comparison") -> str:
             f"{patch.x_m:.2f}, {patch.y_m:.2f}",
             f"{patch.area_cm2:.0f}",
             f"{1000 * patch.mean_m:+.1f}",
-            f"{patch.volume_l:+.3f} +- {patch.volume_std_l:.3f}" if patch.kind in ("growth", "loss") else "",
+            f"{patch.volume_l:+.3f} +- {patch.volume_std_l:.3f}"
+            if patch.kind in ("growth", "loss")
+            else "",
             f"{patch.lightness:+.0f}, {patch.chroma:+.0f}",
         )
         for patch in found.change.patches
     ]
-    return table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n" if rows else "no patch of change\n\n"
+    return (
+        table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n"
+        if rows
+        else "no patch of change\n\n"
+    )
 
 
 def _structure(result: "SiteMetrics") -> str:
-    """A table with a column for each scale; the standard error in brackets, in units of the last digit."""
+    """A table with a column for each scale; the standard error in brackets, in units of the last
+    digit.
+    """
     if not result.structure:
         return "no square of 0.25 m or more was seen well enough\n"
     names = tuple(vars(result.structure[0].mean))
     rows = [("squares", *(f"{each.squares}" for each in result.structure))]
-    rows += [("heights averaged over, mm", *(f"{1000 * each.scale_m:g}" for each in result.structure))]
     rows += [
-        (name, *(_concise(vars(each.mean)[name], vars(each.standard_error)[name]) for each in result.structure)) for name in names
+        ("heights averaged over, mm", *(f"{1000 * each.scale_m:g}" for each in result.structure))
+    ]
+    rows += [
+        (
+            name,
+            *(
+                _concise(vars(each.mean)[name], vars(each.standard_error)[name])
+                for each in result.structure
+            ),
+        )
+        for name in names
     ]
     return table(("in squares of", *(f"{each.edge_m:g} m" for each in result.structure)), rows)
 
@@ -118,7 +157,17 @@ def _cover(result: "SiteMetrics") -> str:
         )
         for each in result.cover
     ]
-    return table(("label", "n", "surface m2", "of the area seen", "of the area outlined", "of the surface outlined"), rows)
+    return table(
+        (
+            "label",
+            "n",
+            "surface m2",
+            "of the area seen",
+            "of the area outlined",
+            "of the surface outlined",
+        ),
+        rows,
+    )
 
 
 def markers_text(found: "FoundMarkers") -> str:
@@ -134,10 +183,20 @@ def markers_text(found: "FoundMarkers") -> str:
         for each in found.markers
     ]
     text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
-    checks = ([("edges", found.size)] if found.size else []) + [(f"bar {name}", check) for name, check in found.bars.items()]
-    text += [lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}") for name, check in checks]
+    checks = ([("edges", found.size)] if found.size else []) + [
+        (f"bar {name}", check) for name, check in found.bars.items()
+    ]
+    text += [
+        lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}")
+        for name, check in checks
+    ]
     if found.control:
-        text.append(lines(f"surveyed places: {len(found.control.residuals_m)} found, {1000 * found.control.rms_m:.1f} mm RMS"))
+        text.append(
+            lines(
+                f"surveyed places: {len(found.control.residuals_m)} found, "
+                f"{1000 * found.control.rms_m:.1f} mm RMS"
+            )
+        )
         text += [lines(found.control.doubt)] if found.control.doubt else []
     return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
 
@@ -148,4 +207,6 @@ def _doubt(check: "ScaleCheck") -> str:
 
 def measures_text(results: "list[Measurement]") -> str:
     """Measurements as CSV, in meters and square meters; "" for none."""
-    return csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
+    return (
+        csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
+    )

@@ -22,9 +22,11 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class BagFacts:
-    """The contents of a bag. seconds: from first to last message. left, right: topics that ``run`` takes, "" where none were found.
+    """The contents of a bag. seconds: from first to last message. left, right: topics that ``run``
+    takes, "" where none were found.
 
-    baseline_m: of the rig by its camera_info, None where they give none. notes: remarks and problems, a line each.
+    baseline_m: of the rig by its camera_info, None where they give none. notes: remarks and
+    problems, a line each.
     """
 
     bag: Path
@@ -42,7 +44,8 @@ class BagFacts:
 def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) -> BagFacts:
     """Examine a bag; nothing is written. topics: ``left=NAME,right=NAME``, "" to find them.
 
-    Raises InputError if it is no bag, or holds nothing that can be read; DeviceError if a library is missing.
+    Raises InputError if it is no bag, or holds nothing that can be read; DeviceError if a library
+    is missing.
     """
     try:
         dive = open_dive(path, topics, config or InputConfig())
@@ -52,7 +55,9 @@ def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) ->
             raise
         return _facts(bag, None, None, (*bag.problems, str(error)))
     baseline_m, problem = _baseline_m(dive)
-    return _facts(dive.bag, dive, baseline_m, (*dive.pairing.notes, *dive.static_baseline[1], *problem))
+    return _facts(
+        dive.bag, dive, baseline_m, (*dive.pairing.notes, *dive.static_baseline[1], *problem)
+    )
 
 
 def _baseline_m(dive: BagDive) -> tuple[float | None, tuple[str, ...]]:
@@ -62,13 +67,21 @@ def _baseline_m(dive: BagDive) -> tuple[float | None, tuple[str, ...]]:
         return None, (str(error),)
 
 
-def _facts(bag: Bag, dive: BagDive | None, baseline_m: float | None, notes: tuple[str, ...]) -> BagFacts:
-    first_ns, last_ns = min(topic.first_ns for topic in bag.topics), max(topic.last_ns for topic in bag.topics)
+def _facts(
+    bag: Bag, dive: BagDive | None, baseline_m: float | None, notes: tuple[str, ...]
+) -> BagFacts:
+    first_ns, last_ns = (
+        min(topic.first_ns for topic in bag.topics),
+        max(topic.last_ns for topic in bag.topics),
+    )
     return BagFacts(
         bag=bag.path,
         files=len(bag.files),
         seconds=(last_ns - first_ns) / 1e9,
-        topics=tuple(TopicFacts(topic.name, topic.msgtype, topic.count, topic.rate_hz) for topic in bag.topics),
+        topics=tuple(
+            TopicFacts(topic.name, topic.msgtype, topic.count, topic.rate_hz)
+            for topic in bag.topics
+        ),
         left=dive.sides.left.name if dive else "",
         right=dive.sides.right.name if dive else "",
         pairs=len(dive.pairing.pairs) if dive else 0,

@@ -17,7 +17,8 @@ from stereo_seecolor.run_folder.ownership import Owner
 class BagInputs:
     """A bag and its calibration, in place of the two sides of StereoInputs.
 
-    bag: a file, or a folder with the files of one bag. calib: as for load_rig, "" for the bag's own camera_info.
+    bag: a file, or a folder with the files of one bag. calib: as for load_rig, "" for the bag's own
+    camera_info.
     topics: ``left=NAME,right=NAME``, "" to find them.
     """
 
@@ -36,16 +37,29 @@ class BagInputs:
         return (self.bag, *calibration_files(self.calib))
 
     def owner(self, kind: str, opened: Opened | None) -> Owner:
-        """The owner of an output folder with results of this bag: recognized by its path, or by the first image's content."""
+        """The owner of an output folder with results of this bag: recognized by its path, or by the
+        first image's content.
+        """
         assert opened  # by open_first
         pairs = opened.pairing.pairs
-        return Owner(kind, {"bag": str(self.bag.resolve()), "topics": self.topics}, sample(pairs[0].left), pairs)
+        return Owner(
+            kind,
+            {"bag": str(self.bag.resolve()), "topics": self.topics},
+            sample(pairs[0].left),
+            pairs,
+        )
 
     def open(self, config: RunConfig) -> Opened:
-        """The pairs of the bag, and the pipeline for their rig. Raises InputError, CalibrationError, DeviceError."""
+        """The pairs of the bag, and the pipeline for their rig. Raises InputError,
+        CalibrationError, DeviceError.
+        """
         dive = open_dive(self.bag, self.topics, config.input)
         config, notes = settle_storage(config, dive.pairing.pairs)
-        rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else behind_port(dive.rig(), config.input)
+        rig = (
+            load_rig_for(self.calib, dive.pairing.pairs, config.input)
+            if self.calib
+            else behind_port(dive.rig(), config.input)
+        )
         notes += () if self.calib else dive.static_baseline[1]
         notes += tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))

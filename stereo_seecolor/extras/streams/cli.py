@@ -20,53 +20,87 @@ OneSource = Annotated[
     opt.option(
         "--source",
         "SOURCE",
-        "Both sides in one option: a bag, a folder with left/ and right/ in it, LEFT,RIGHT, or a camera that shows both.",
+        "Both sides in one option: a bag, a folder with left/ and right/ in it, LEFT,RIGHT, or a "
+        "camera that shows both.",
     ),
 ]
 LeftSource = Annotated[
     str | None,
     opt.option(
-        "--left", "SOURCE", "Folder in which left images arrive; a capture device (0), rtsp://... or http://...; or ros2:/TOPIC."
+        "--left",
+        "SOURCE",
+        "Folder in which left images arrive; a capture device (0), rtsp://... or http://...; or "
+        "ros2:/TOPIC.",
     ),
 ]
 RightSource = Annotated[
-    str | None, opt.option("--right", "SOURCE", "The same for the right side; the left camera again if it shows both.")
+    str | None,
+    opt.option(
+        "--right", "SOURCE", "The same for the right side; the left camera again if it shows both."
+    ),
 ]
 Publish = Annotated[
     str,
     opt.option(
         "--publish",
         "NAMESPACE",
-        "Publish all pairs as ROS 2 topics in this namespace, such as /seecolor. ROS need not be installed.",
+        "Publish all pairs as ROS 2 topics in this namespace, such as /seecolor. ROS need not be "
+        "installed.",
     ),
 ]
-Played = Annotated[Path | None, opt.option("--bag", "BAG", "ROS bag instead of two folders, played at its own rate.")]
-KeptIn = Annotated[
-    Path | None, opt.option("--out", "FOLDER", "Keep all products in this new or empty folder. Default: none are kept.")
+Played = Annotated[
+    Path | None,
+    opt.option("--bag", "BAG", "ROS bag instead of two folders, played at its own rate."),
 ]
-Every = Annotated[int, opt.option("--every", "N", "Keep the products of every Nth pair only, in --out.", min=1)]
+KeptIn = Annotated[
+    Path | None,
+    opt.option(
+        "--out", "FOLDER", "Keep all products in this new or empty folder. Default: none are kept."
+    ),
+]
+Every = Annotated[
+    int, opt.option("--every", "N", "Keep the products of every Nth pair only, in --out.", min=1)
+]
 Record = Annotated[
-    Path | None, opt.option("--record", "FILE", "Record all pairs to a new MCAP file: images, ranges, points as ROS 2 messages.")
+    Path | None,
+    opt.option(
+        "--record",
+        "FILE",
+        "Record all pairs to a new MCAP file: images, ranges, points as ROS 2 messages.",
+    ),
 ]
 Host = Annotated[
     str,
     opt.option(
         "--host",
         "ADDRESS",
-        "Address that the page is served on. 0.0.0.0: other machines can open it too, by a URL with a random token.",
+        "Address that the page is served on. 0.0.0.0: other machines can open it too, by a URL "
+        "with a random token.",
     ),
 ]
 BudgetMs = Annotated[
     float | None,
     opt.option(
-        "--budget-ms", "MS", "Time for a pair, in milliseconds. Where pairs take longer, they are matched at half size.", min=1
+        "--budget-ms",
+        "MS",
+        "Time for a pair, in milliseconds. Where pairs take longer, they are matched at half size.",
+        min=1,
     ),
 ]
 Cpus = Annotated[int | None, opt.option("--cpus", "N", "Run on at most N processors.", min=1)]
 Port = Annotated[
-    int | None, opt.option("--port", "N", "Show the last pair on http://127.0.0.1:N; 0 takes a free port.", min=0, max=65535)
+    int | None,
+    opt.option(
+        "--port",
+        "N",
+        "Show the last pair on http://127.0.0.1:N; 0 takes a free port.",
+        min=0,
+        max=65535,
+    ),
 ]
-Pairs = Annotated[int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: at Ctrl-C.", min=1)]
+Pairs = Annotated[
+    int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: at Ctrl-C.", min=1)
+]
 
 
 @command("Bags, videos, live", f"live {SIDES} --port 8080", "live --bag dive.mcap --port 8080")
@@ -91,7 +125,9 @@ def live(
     device: opt.Device = None,
     report: LoggedReport,
 ) -> None:
-    """Correct pairs as they arrive, from folders, cameras, ROS 2 topics or a played bag; always the newest pair."""
+    """Correct pairs as they arrive, from folders, cameras, ROS 2 topics or a played bag; always the
+    newest pair.
+    """
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions
     from stereo_seecolor.extras.streams.live.command import live as correct_live
@@ -107,21 +143,43 @@ def live(
     with report.working():
         budget_s = None if budget_ms is None else budget_ms / 1000
         options = LiveOptions(
-            out, every, record, publish, port, host, budget_s, cpus, pairs, announce=lambda address: write_error(f"{address}\n")
+            out,
+            every,
+            record,
+            publish,
+            port,
+            host,
+            budget_s,
+            cpus,
+            pairs,
+            announce=lambda address: write_error(f"{address}\n"),
         )
         inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
         found = correct_live(inputs, settings.load(device=device), options)
-    output = [f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
+    output = [
+        f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed "
+        "over for newer ones"
+    ]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
-        output.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")
+        output.append(
+            f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s"
+        )
     if found.products_median_s is not None and found.products_p95_s is not None:
-        output.append(f"all products: median {found.products_median_s:.2f} s, 95% below {found.products_p95_s:.2f} s")
+        output.append(
+            f"all products: median {found.products_median_s:.2f} s, 95% below "
+            f"{found.products_p95_s:.2f} s"
+        )
     output += [found.reduced] if found.reduced else []
     output += [f"last failure: {found.last_error}"] if found.last_error else []
     report.end(vars(found), lines(*output))
 
 
-BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag.")]
+BagArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag."
+    ),
+]
 
 
 LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
@@ -130,7 +188,10 @@ LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the le
 Rig = Annotated[
     str | None,
     opt.option(
-        "--calib", "FILE", "Calibration of the rig; the offset is then also measured from row differences of rectified pairs."
+        "--calib",
+        "FILE",
+        "Calibration of the rig; the offset is then also measured from row differences of "
+        "rectified pairs.",
     ),
 ]
 
@@ -138,9 +199,15 @@ Rig = Annotated[
 RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
 
 
-@command("Bags, videos, live", "bag-info dive.mcap", "bag-info BAG --topics left=/fwd/image,right=/aft/image")
+@command(
+    "Bags, videos, live",
+    "bag-info dive.mcap",
+    "bag-info BAG --topics left=/fwd/image,right=/aft/image",
+)
 def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
-    """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there are none."""
+    """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there
+    are none.
+    """
     from stereo_seecolor.extras.streams.bag_info import bag_info as look
 
     with report.working():
@@ -151,13 +218,26 @@ def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport)
 def bag_text(found: "BagFacts") -> str:
     """The topics of a bag, then its pairs, and last the run command."""
     width = max(len(topic.name) for topic in found.topics)
-    output = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
+    output = [
+        f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} "
+        f"file{'s' * (found.files > 1)}"
+    ]
     for topic in found.topics:
         rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
-        output.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
+        output.append(
+            f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} "
+            f"messages{rate}"
+        )
     if found.pairs:
-        rig = f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info" if found.baseline_m else "no calibration in it"
-        output.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
+        rig = (
+            f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info"
+            if found.baseline_m
+            else "no calibration in it"
+        )
+        output.append(
+            f"{counted(found.pairs, 'pair')}, "
+            f"{counted(found.unpaired, 'image without a partner')}; {rig}"
+        )
     output += [f"note: {note}" for note in found.notes]
     if found.pairs:
         calib = "" if found.baseline_m else " --calib cam.yaml"
@@ -167,13 +247,18 @@ def bag_text(found: "BagFacts") -> str:
 
 @command("Bags, videos, live", "sync left.mp4 right.mp4")
 def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
-    """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image motion."""
+    """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image
+    motion.
+    """
     from stereo_seecolor.extras.streams.sync import sync as find
 
     with report.working():
         found = find(left, right, calib or "")
     output = [found.text]
-    output += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
+    output += [
+        f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms"
+        for item in found.evidence
+    ]
     output += [
         counted(found.pairs, "pair of frames"),
         "",

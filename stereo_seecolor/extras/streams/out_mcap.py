@@ -11,32 +11,39 @@ from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 
 def check_mcap(file: Path, overwrite: bool, bag: Path | None) -> None:
-    """Raise OutputError if ``file`` is there and not to be replaced: without ``overwrite``, if it is a part of the ``bag`` that is
-    read, and if it is not a recording of this program.
+    """Raise OutputError if ``file`` is there and not to be replaced: without ``overwrite``, if it
+    is a part of the ``bag`` that is read, and if it is not a recording of this program.
     """
     if not (file.exists() or file.is_symlink()):
         return
     if not overwrite:
-        raise OutputError(f"{file}: is there already: give --overwrite to replace it, or another name")
+        raise OutputError(
+            f"{file}: is there already: give --overwrite to replace it, or another name"
+        )
     if bag and file.resolve().is_relative_to(bag.resolve()):
-        raise OutputError(f"{file}: is an input of this run, and would be replaced: give another name; nothing was touched")
+        raise OutputError(
+            f"{file}: is an input of this run, and would be replaced: give another name; nothing "
+            "was touched"
+        )
     _refuse_foreign(file)
 
 
 def _refuse_foreign(file: Path) -> None:
     if not is_recording(file):
         raise OutputError(
-            f"{file}: is not a recording of this program, and is not replaced: give another name; nothing was touched"
+            f"{file}: is not a recording of this program, and is not replaced: give another name; "
+            "nothing was touched"
         )
 
 
 def write_mcap(out: Path, file: Path) -> int:
-    """Record the frames of the run in ``out``, with poses for those in its map. Returns their number.
+    """Record the frames of the run in ``out``, with poses for those in its map. Returns their
+    number.
 
     The file appears when it is complete.
 
-    Raises InputError if the run holds no frame or knows no camera, OutputError if the file cannot be written, DeviceError if a
-    library is missing.
+    Raises InputError if the run holds no frame or knows no camera, OutputError if the file cannot
+    be written, DeviceError if a library is missing.
     """
     run = open_run(out)
     frames = [frame for frame in run.frames if "corrected" in frame.products]

@@ -34,7 +34,9 @@ def type_name(name: str) -> str:
 
 
 def make(name: str, *values: Any) -> Any:
-    """A message of that type from its fields in their order. Raises DeviceError if rosbags is missing."""
+    """A message of that type from its fields in their order. Raises DeviceError if rosbags is
+    missing.
+    """
     return _store().types[type_name(name)](*values)
 
 
@@ -56,17 +58,33 @@ def header(stamp_ns: int, frame: str) -> Any:
 
 def compressed_image(stamp_ns: int, content: bytes, suffix: str) -> Any:
     """Make a compressed image. content: of a JPEG or PNG file."""
-    return make("CompressedImage", header(stamp_ns, LEFT_FRAME), suffix.lstrip(".").replace("jpg", "jpeg"), _bytes(content))
+    return make(
+        "CompressedImage",
+        header(stamp_ns, LEFT_FRAME),
+        suffix.lstrip(".").replace("jpg", "jpeg"),
+        _bytes(content),
+    )
 
 
 def float_image(stamp_ns: int, values: Map) -> Any:
     """Make an image of (H, W) float32 in encoding 32FC1, NaN unknown."""
     height, width = values.shape
-    return make("Image", header(stamp_ns, LEFT_FRAME), height, width, "32FC1", 0, 4 * width, _bytes(values.astype("<f4").tobytes()))
+    return make(
+        "Image",
+        header(stamp_ns, LEFT_FRAME),
+        height,
+        width,
+        "32FC1",
+        0,
+        4 * width,
+        _bytes(values.astype("<f4").tobytes()),
+    )
 
 
 def camera_info(stamp_ns: int, geometry: RectifiedPair, side: Literal["left", "right"]) -> Any:
-    """The pinhole of the rectified images, which have no distortion; the right one's P holds the baseline."""
+    """The pinhole of the rectified images, which have no distortion; the right one's P holds the
+    baseline.
+    """
     width, height = geometry.image_size
     K, place_m = geometry.P_left, np.zeros(3)
     if side == "right":
@@ -75,11 +93,15 @@ def camera_info(stamp_ns: int, geometry: RectifiedPair, side: Literal["left", "r
     P = np.column_stack([K, K @ place_m])
     roi = make("RegionOfInterest", 0, 0, 0, 0, False)
     matrices = (np.zeros(5), K.ravel(), np.eye(3).ravel(), P.ravel())
-    return make("CameraInfo", header(stamp_ns, LEFT_FRAME), height, width, "plumb_bob", *matrices, 0, 0, roi)
+    return make(
+        "CameraInfo", header(stamp_ns, LEFT_FRAME), height, width, "plumb_bob", *matrices, 0, 0, roi
+    )
 
 
 def disparity_image(stamp_ns: int, geometry: RectifiedPair, range_m: Map) -> Any:
-    """stereo_msgs/DisparityImage: Z = f T / d, whatever the principal points; less than min_disparity is unknown."""
+    """stereo_msgs/DisparityImage: Z = f T / d, whatever the principal points; less than
+    min_disparity is unknown.
+    """
     height, width = range_m.shape
     disparity = np.float32(geometry.focal_px * geometry.baseline_m) * geometry.ray_length / range_m
     known = np.isfinite(disparity)
@@ -87,16 +109,40 @@ def disparity_image(stamp_ns: int, geometry: RectifiedPair, range_m: Map) -> Any
     image = float_image(stamp_ns, np.where(known, disparity, UNKNOWN_DISPARITY).astype(np.float32))
     window = make("RegionOfInterest", 0, 0, height, width, False)
     camera = geometry.focal_px, geometry.baseline_m
-    return make("DisparityImage", header(stamp_ns, LEFT_FRAME), image, *camera, window, 0.0, largest, DISPARITY_STEP)
+    return make(
+        "DisparityImage",
+        header(stamp_ns, LEFT_FRAME),
+        image,
+        *camera,
+        window,
+        0.0,
+        largest,
+        DISPARITY_STEP,
+    )
 
 
 def points(stamp_ns: int, xyz_m: NDArray[np.float32], color: NDArray[np.uint8]) -> Any:
-    """Make a point cloud. xyz_m: (N, 3) in the left camera's axes. color: (N, 3) RGB, packed into one float as PCL does."""
-    fields = [make("PointField", name, 4 * i, FLOAT32, 1) for i, name in enumerate(("x", "y", "z", "rgb"))]
-    packed = np.column_stack([xyz_m.astype("<f4").view(np.uint8), color[:, ::-1], np.zeros(len(color), np.uint8)])
+    """Make a point cloud. xyz_m: (N, 3) in the left camera's axes. color: (N, 3) RGB, packed into
+    one float as PCL does.
+    """
+    fields = [
+        make("PointField", name, 4 * i, FLOAT32, 1) for i, name in enumerate(("x", "y", "z", "rgb"))
+    ]
+    packed = np.column_stack(
+        [xyz_m.astype("<f4").view(np.uint8), color[:, ::-1], np.zeros(len(color), np.uint8)]
+    )
     count = len(xyz_m)
     return make(
-        "PointCloud2", header(stamp_ns, LEFT_FRAME), 1, count, fields, False, 16, 16 * count, _bytes(packed.tobytes()), True
+        "PointCloud2",
+        header(stamp_ns, LEFT_FRAME),
+        1,
+        count,
+        fields,
+        False,
+        16,
+        16 * count,
+        _bytes(packed.tobytes()),
+        True,
     )
 
 
@@ -107,7 +153,9 @@ def transforms(stamp_ns: int, T_map_camera: NDArray[np.float64]) -> Any:
     quaternion = Rotation.from_matrix(T_map_camera[:3, :3]).as_quat()
     translation = make("Vector3", *map(float, T_map_camera[:3, 3]))
     transform = make("Transform", translation, make("Quaternion", *map(float, quaternion)))
-    return make("TFMessage", [make("TransformStamped", header(stamp_ns, MAP_FRAME), LEFT_FRAME, transform)])
+    return make(
+        "TFMessage", [make("TransformStamped", header(stamp_ns, MAP_FRAME), LEFT_FRAME, transform)]
+    )
 
 
 def _bytes(content: bytes) -> NDArray[np.uint8]:
@@ -119,5 +167,8 @@ def _store() -> Any:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise DeviceError("MCAP needs a library that is missing (rosbags): pip install -c constraints.txt '.[bags]'") from error
+        raise DeviceError(
+            "MCAP needs a library that is missing (rosbags): pip install -c constraints.txt "
+            "'.[bags]'"
+        ) from error
     return get_typestore(Stores.ROS2_HUMBLE)

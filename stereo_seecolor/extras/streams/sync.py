@@ -20,11 +20,13 @@ class EvidenceFacts:
 
 @dataclass(frozen=True)
 class SyncResult:
-    """How the clocks of two videos run: time t of the left one is t + offset_s + drift (t - center_s) of the right one.
+    """How the clocks of two videos run: time t of the left one is t + offset_s + drift (t -
+    center_s) of the right one.
 
-    std_s, drift_std: standard errors of offset_s and drift. pairs: number of frame pairs; rest_s: root mean square of the times
-    between their two frames. left_out: pairs not used since the image moves too fast. false_disparity: motion of the image in the
-    time between the frames of a pair, median, in image widths.
+    std_s, drift_std: standard errors of offset_s and drift. pairs: number of frame pairs; rest_s:
+    root mean square of the times between their two frames. left_out: pairs not used since the image
+    moves too fast. false_disparity: motion of the image in the time between the frames of a pair,
+    median, in image widths.
     """
 
     left: Path
@@ -43,10 +45,11 @@ class SyncResult:
 
 
 def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
-    """Find the offset of two videos from sound, a flash and motion, and with a calibration from rows; nothing is written.
+    """Find the offset of two videos from sound, a flash and motion, and with a calibration from
+    rows; nothing is written.
 
-    Raises InputError where evidence for the offset is missing or disagrees, or the picture moves too fast; CalibrationError for
-    the rig; DeviceError if PyAV is missing.
+    Raises InputError where evidence for the offset is missing or disagrees, or the picture moves
+    too fast; CalibrationError for the rig; DeviceError if PyAV is missing.
     """
     found = synchronize(left, right, load_rig(calib) if calib else None)
     lag = found.lag
@@ -62,6 +65,8 @@ def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
         left_out=found.left_out,
         rest_s=float((found.rest_s**2).mean() ** 0.5),
         false_disparity=float(np.median(found.false_disparity)),
-        evidence=tuple(EvidenceFacts(item.kind, item.lag.offset_s, item.lag.std_s) for item in found.evidence),
+        evidence=tuple(
+            EvidenceFacts(item.kind, item.lag.offset_s, item.lag.std_s) for item in found.evidence
+        ),
         text=found.text,
     )

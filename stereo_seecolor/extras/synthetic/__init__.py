@@ -1,1 +1,3 @@
-"""A synthetic reef with known truth, rendered through the water: for the samples, the tests, the benchmarks."""
+"""A synthetic reef with known truth, rendered through the water: for the samples, the tests, the
+benchmarks.
+"""

@@ -1,6 +1,8 @@
-"""Ray casting against the reef: where each ray meets it, and the color there; independent of the number of threads.
+"""Ray casting against the reef: where each ray meets it, and the color there; independent of the
+number of threads.
 
-Compiled without numba's own threads, whose simplest layer must not be entered twice at once: ``in_rows`` spreads the rows.
+Compiled without numba's own threads, whose simplest layer must not be entered twice at once:
+``in_rows`` spreads the rows.
 """
 
 import itertools
@@ -12,39 +14,76 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import Threads, cores
-from stereo_seecolor.extras.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, MAX_STEEPNESS, Reef
+from stereo_seecolor.extras.synthetic.reef import (
+    BLOCK_CELLS,
+    CELL_M,
+    DETAIL_TEXEL_M,
+    MAX_STEEPNESS,
+    Reef,
+)
 
 Rays = NDArray[np.float32]
 """(H, W, S, 3) unit directions in the camera's axes, S samples a pixel."""
 
 
 def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray[np.float32]:
-    """Compute the distance along each ray to the reef: (H, W, S) meters, infinite where a ray never meets it."""
+    """Compute the distance along each ray to the reef: (H, W, S) meters, infinite where a ray never
+    meets it.
+    """
     range_m = np.empty(rays.shape[:3], np.float32)
     low, high = float(reef.height_m.min()), float(reef.height_m.max())
-    in_rows(_cast, len(rays), reef.height_m, *reef.origin_m, reef.blocks, low, high, T_world_camera, rays, range_m)
+    in_rows(
+        _cast,
+        len(rays),
+        reef.height_m,
+        *reef.origin_m,
+        reef.blocks,
+        low,
+        high,
+        T_world_camera,
+        rays,
+        range_m,
+    )
     return range_m
 
 
 def look_up(
-    reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np.float32], sample_angle: float
+    reef: Reef,
+    T_world_camera: NDArray[np.float64],
+    rays: Rays,
+    range_m: NDArray[np.float32],
+    sample_angle: float,
 ) -> NDArray[np.float32]:
-    """Look up the linear color of the lit reef where each ray meets it: (H, W, S, 3), filtered to ``sample_angle``, radians between
-    rays.
+    """Look up the linear color of the lit reef where each ray meets it: (H, W, S, 3), filtered to
+    ``sample_angle``, radians between rays.
     """
     out = np.zeros(rays.shape, np.float32)
-    in_rows(_look_up, len(rays), reef.color, reef.detail, *reef.origin_m, T_world_camera, rays, range_m, sample_angle, out)
+    in_rows(
+        _look_up,
+        len(rays),
+        reef.color,
+        reef.detail,
+        *reef.origin_m,
+        T_world_camera,
+        rays,
+        range_m,
+        sample_angle,
+        out,
+    )
     return out
 
 
 def in_rows(kernel: Callable[..., Any], rows: int, *arguments: Any) -> None:
     """Run a compiled ``kernel(first_row, end_row, *arguments)`` over all rows, a part on each core.
 
-    In threads of its own: who renders frames as they are asked for may be in the shared ones, which must not wait for each other.
+    In threads of its own: who renders frames as they are asked for may be in the shared ones, which
+    must not wait for each other.
     """
     threads = min(cores(), 8)
     bounds = np.linspace(0, rows, 4 * threads + 1).astype(int).tolist()
-    for _ in Threads(threads).each(lambda part: kernel(*part, *arguments), itertools.pairwise(bounds)):
+    for _ in Threads(threads).each(
+        lambda part: kernel(*part, *arguments), itertools.pairwise(bounds)
+    ):
         pass
 
 
@@ -81,8 +120,12 @@ def _to_block_edge(place: float, step: float) -> float:
 
 
 @compiled
-def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: float, start: Any, ray: Any) -> Any:
-    """Distance to the first crossing: to the block's top at once, then steps that its steepest slope allows, then bisection."""
+def _march(
+    height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: float, start: Any, ray: Any
+) -> Any:
+    """Distance to the first crossing: to the block's top at once, then steps that its steepest
+    slope allows, then bisection.
+    """
     fall = -ray[2]
     if fall <= 1e-6:
         return np.inf
@@ -90,7 +133,9 @@ def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: f
     last = (start[2] - low) / fall + 0.01
     level = max(np.hypot(ray[0], ray[1]), 1e-6)
     block_m = CELL_M * BLOCK_CELLS
-    shortest = min(max(0.0006, 0.3 * CELL_M / level), 0.004)  # a smooth surface hides nothing within a third of a cell
+    shortest = min(
+        max(0.0006, 0.3 * CELL_M / level), 0.004
+    )  # a smooth surface hides nothing within a third of a cell
     before = reach
     while reach < last:
         x, y = start[0] + reach * ray[0] - x0, start[1] + reach * ray[1] - y0
@@ -102,7 +147,9 @@ def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: f
         if 0 <= across < blocks.shape[1] and 0 <= up < blocks.shape[0]:
             top_m, slope = blocks[int(up), int(across), 0], blocks[int(up), int(across), 1]
             step = max((start[2] - reach * fall - top_m) / fall, clearance / (fall + slope * level))
-            edge = min(_to_block_edge(across, ray[0] / block_m), _to_block_edge(up, ray[1] / block_m))
+            edge = min(
+                _to_block_edge(across, ray[0] / block_m), _to_block_edge(up, ray[1] / block_m)
+            )
             step = min(step, edge + 1e-4)
         else:
             step = clearance / (fall + MAX_STEEPNESS * level)
@@ -139,7 +186,11 @@ def _cast(
         for j in range(columns):
             for s in range(samples):
                 for k in range(3):
-                    ray[k] = pose[k, 0] * rays[i, j, s, 0] + pose[k, 1] * rays[i, j, s, 1] + pose[k, 2] * rays[i, j, s, 2]
+                    ray[k] = (
+                        pose[k, 0] * rays[i, j, s, 0]
+                        + pose[k, 1] * rays[i, j, s, 1]
+                        + pose[k, 2] * rays[i, j, s, 2]
+                    )
                 range_m[i, j, s] = _march(height_m, x0, y0, blocks, low, high, pose[:3, 3], ray)
 
 
@@ -174,9 +225,20 @@ def _level(footprint_m: float, cell_m: float, levels: int) -> Any:
 
 @compiled
 def _lit_color(
-    color: Any, detail: Any, x: float, y: float, z: float, x0: float, y0: float, footprint_m: float, near: Any, far: Any
+    color: Any,
+    detail: Any,
+    x: float,
+    y: float,
+    z: float,
+    x0: float,
+    y0: float,
+    footprint_m: float,
+    near: Any,
+    far: Any,
 ) -> None:
-    """Trilinear color into ``near[:3]``, with the grain that this footprint resolves; height moves the grain, for walls."""
+    """Trilinear color into ``near[:3]``, with the grain that this footprint resolves; height moves
+    the grain, for walls.
+    """
     level = _level(footprint_m, CELL_M, len(color))
     k, fraction = int(level), level - int(level)
     scale = 2.0**k
@@ -191,7 +253,9 @@ def _lit_color(
         k, fraction = int(level), level - int(level)
         u, v = (x + 0.7 * z) / DETAIL_TEXEL_M + 0.5, (y - 0.6 * z) / DETAIL_TEXEL_M + 0.5
         grain = (1 - fraction) * _wrapped(detail[k], u / 2.0**k - 0.5, v / 2.0**k - 0.5)
-        grain += fraction * _wrapped(detail[k + 1], u / 2.0 ** (k + 1) - 0.5, v / 2.0 ** (k + 1) - 0.5)
+        grain += fraction * _wrapped(
+            detail[k + 1], u / 2.0 ** (k + 1) - 0.5, v / 2.0 ** (k + 1) - 0.5
+        )
         for c in range(3):
             near[c] = near[c] * max(1.0 + near[3] * grain, 0.1)
 
@@ -219,9 +283,15 @@ def _look_up(
                 if not np.isfinite(reach):
                     continue
                 ray = rays[i, j, s]
-                x = pose[0, 3] + reach * (pose[0, 0] * ray[0] + pose[0, 1] * ray[1] + pose[0, 2] * ray[2])
-                y = pose[1, 3] + reach * (pose[1, 0] * ray[0] + pose[1, 1] * ray[1] + pose[1, 2] * ray[2])
-                z = pose[2, 3] + reach * (pose[2, 0] * ray[0] + pose[2, 1] * ray[1] + pose[2, 2] * ray[2])
+                x = pose[0, 3] + reach * (
+                    pose[0, 0] * ray[0] + pose[0, 1] * ray[1] + pose[0, 2] * ray[2]
+                )
+                y = pose[1, 3] + reach * (
+                    pose[1, 0] * ray[0] + pose[1, 1] * ray[1] + pose[1, 2] * ray[2]
+                )
+                z = pose[2, 3] + reach * (
+                    pose[2, 0] * ray[0] + pose[2, 1] * ray[1] + pose[2, 2] * ray[2]
+                )
                 _lit_color(color, detail, x, y, z, x0, y0, reach * sample_angle, near, far)
                 for c in range(3):
                     out[i, j, s, c] = near[c]

@@ -18,10 +18,14 @@ LineCount = Annotated[int, opt.option("--lines", "N", "Number of parallel survey
 ImageSize = Annotated[str, opt.option("--size", "WIDTHxHEIGHT", "Image size in pixels.")]
 
 
-WaterName = Annotated[str, opt.option("--water", "NAME", "Kind of water: blue-ocean, coastal-green or turbid.")]
+WaterName = Annotated[
+    str, opt.option("--water", "NAME", "Kind of water: blue-ocean, coastal-green or turbid.")
+]
 
 
-Seed = Annotated[int, opt.option("--seed", "N", "Random seed; each gives another reef and track.", min=0)]
+Seed = Annotated[
+    int, opt.option("--seed", "N", "Random seed; each gives another reef and track.", min=0)
+]
 
 
 @command("Accuracy", "synthesize --out dive --pairs 20 --lines 2 --water turbid")
@@ -40,13 +44,20 @@ def synthesize(
     from stereo_seecolor.extras.synthetic.dive import parse_spec
 
     with report.working() as listener:
-        dive = render(parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed), out, listener)
-    text = f"{pairs} pairs in {out}: left/, right/, cam.yaml, trajectory.tum, and the truth in truth/\n"
+        dive = render(
+            parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed), out, listener
+        )
+    text = (
+        f"{pairs} pairs in {out}: left/, right/, cam.yaml, trajectory.tum, and the truth in "
+        "truth/\n"
+    )
     report.end({"out": dive.out, "spec": dive.spec}, text)
 
 
 @command("Accuracy", "demo --out demo")
-def demo(out: opt.Out = Path("demo"), workers: opt.Workers = opt.DEFAULT_WORKERS, *, report: Report) -> None:
+def demo(
+    out: opt.Out = Path("demo"), workers: opt.Workers = opt.DEFAULT_WORKERS, *, report: Report
+) -> None:
     """Render a small reef, run the whole job on it, and compare the result with the truth."""
     from stereo_seecolor.dive.run_options import RunOptions
     from stereo_seecolor.extras.synthetic.demo import demo as show

@@ -18,17 +18,23 @@ from stereo_seecolor.run_folder.frames_csv import RunSummary
 
 @dataclass(frozen=True)
 class SynthesizedDive:
-    """A rendered dive in ``out``: left/, right/, cam.yaml, trajectory.tum and truth/. spec: what it was rendered from."""
+    """A rendered dive in ``out``: left/, right/, cam.yaml, trajectory.tum and truth/. spec: what it
+    was rendered from.
+    """
 
     out: Path
     spec: SurveySpec
 
 
 def synthesize(spec: SurveySpec, out: Path, listener: Listener | None = None) -> SynthesizedDive:
-    """Render the survey into ``out`` (docs/synthetic.md). Raises OutputError if the folder cannot be written."""
+    """Render the survey into ``out`` (docs/synthetic.md). Raises OutputError if the folder cannot
+    be written.
+    """
     listener = listener or Silence()
     listener.begin("render", spec.pairs)
-    dive.synthesize(spec, out, lambda finished, pairs: listener.advance(FrameRow(f"pair {finished}")))
+    dive.synthesize(
+        spec, out, lambda finished, pairs: listener.advance(FrameRow(f"pair {finished}"))
+    )
     return SynthesizedDive(out, spec)
 
 
@@ -37,7 +43,9 @@ DEMO_PAIRS = 4
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The run over the rendered dive, in ``out``. truth: its errors, None if the run was interrupted."""
+    """The run over the rendered dive, in ``out``. truth: its errors, None if the run was
+    interrupted.
+    """
 
     out: Path
     summary: RunSummary
@@ -45,7 +53,8 @@ class DemoResult:
 
 
 def demo(out: Path, options: RunOptions | None = None) -> DemoResult:
-    """Render a dive into ``out``/dive, run it into ``out``/out, replacing an earlier demo, and compare it with the truth.
+    """Render a dive into ``out``/dive, run it into ``out``/out, replacing an earlier demo, and
+    compare it with the truth.
 
     Raises OutputError, and all that run raises.
     """

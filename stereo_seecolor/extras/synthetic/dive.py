@@ -22,27 +22,44 @@ from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.records import Water
 
-_FOLDERS = {"left": ".png", "right": ".png", "truth/color": ".png", "truth/range": ".tiff", "truth/visible": ".png"}
+_FOLDERS = {
+    "left": ".png",
+    "right": ".png",
+    "truth/color": ".png",
+    "truth/range": ".tiff",
+    "truth/visible": ".png",
+}
 _SPEC = Path("truth/water.json")
 """Written first: it tells whether a folder holds the same survey."""
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED]
-_FLOAT_TIFF = [cv2.IMWRITE_TIFF_COMPRESSION, 8, cv2.IMWRITE_TIFF_PREDICTOR, 3]  # deflate, floating point
+_FLOAT_TIFF = [
+    cv2.IMWRITE_TIFF_COMPRESSION,
+    8,
+    cv2.IMWRITE_TIFF_PREDICTOR,
+    3,
+]  # deflate, floating point
 _RANGE_STEPS_PER_M = 4096
 """Ranges are rounded to 0.24 mm, a tenth of what stereo can tell here, so that they compress."""
 
 
-def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = lambda finished, pairs: None) -> None:
-    """Render the survey into ``out``; docs/synthetic.md lists the files. ``done(finished, pairs)`` is called after each pair.
+def synthesize(
+    spec: SurveySpec, out: Path, done: Callable[[int, int], None] = lambda finished, pairs: None
+) -> None:
+    """Render the survey into ``out``; docs/synthetic.md lists the files. ``done(finished, pairs)``
+    is called after each pair.
 
-    Files that are there are kept, so a stopped survey continues. Raises OutputError if the folder cannot be written, or holds
-    anything but the same survey.
+    Files that are there are kept, so a stopped survey continues. Raises OutputError if the folder
+    cannot be written, or holds anything but the same survey.
     """
     _refuse_other(spec, out)
     scene = Scene.from_spec(spec)
     water = json.dumps(_water_content(scene), indent=1) + "\n"
     _keep_or_write(out / _SPEC, lambda path: path.write_text(water, encoding="utf-8"))
     _keep_or_write(out / "cam.yaml", lambda path: native.write(scene.rig, path))
-    _keep_or_write(out / "trajectory.tum", lambda path: write_tum(path, replace(scene.trajectory, names=("",) * spec.pairs)))
+    _keep_or_write(
+        out / "trajectory.tum",
+        lambda path: write_tum(path, replace(scene.trajectory, names=("",) * spec.pairs)),
+    )
     _keep_or_write(out / "truth/surface.npz", lambda path: _write_surface(path, scene.reef))
     for index, name in enumerate(scene.trajectory.names):
         if not all(file.is_file() for file in _pair_files(out, name)):
@@ -57,17 +74,24 @@ def parse_spec(pairs: int, lines: int, size: str, water: str, seed: int) -> Surv
     """
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal() and min(int(width), int(height)) >= 64):
-        raise InputError(f"--size {size}: write it as WIDTHxHEIGHT in pixels, at least 64x64, for example 640x512")
+        raise InputError(
+            f"--size {size}: write it as WIDTHxHEIGHT in pixels, at least 64x64, for example "
+            "640x512"
+        )
     if water not in WATER_NAMES:
         raise InputError(f"--water {water}: there are {', '.join(WATER_NAMES)}")
     if lines > pairs:
         raise InputError(f"--lines {lines}: more lines than the {pairs} pairs")
     named = next(name for name in WATER_NAMES if name == water)
-    return SurveySpec(seed=seed, pairs=pairs, lines=lines, image_size=(int(width), int(height)), water=named)
+    return SurveySpec(
+        seed=seed, pairs=pairs, lines=lines, image_size=(int(width), int(height)), water=named
+    )
 
 
 def _refuse_other(spec: SurveySpec, out: Path) -> None:
-    """Raises OutputError if ``out`` holds anything but files of this very survey: they may be somebody's dive."""
+    """Raises OutputError if ``out`` holds anything but files of this very survey: they may be
+    somebody's dive.
+    """
     try:
         same = load_object(out / _SPEC)["survey"] == load_json(json.dumps(asdict(spec)))
     except (OSError, ValueError, LookupError, TypeError):
@@ -83,9 +107,18 @@ def _pair_files(out: Path, name: str) -> list[Path]:
 def _write_pair(out: Path, pair: RenderedPair) -> None:
     range_m = np.round(pair.range_map.range_m * _RANGE_STEPS_PER_M) / np.float32(_RANGE_STEPS_PER_M)
     visible = (pair.visible & ~pair.moving).astype(np.uint8) * 255
-    images = [cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR) for rgb in (pair.frame.left, pair.frame.right, pair.color_image)]
-    for path, pixels in zip(_pair_files(out, pair.frame.name), [*images, range_m.astype(np.float32), visible], strict=True):
-        _, content = cv2.imencode(path.suffix, pixels, _FLOAT_TIFF if path.suffix == ".tiff" else _PNG)
+    images = [
+        cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+        for rgb in (pair.frame.left, pair.frame.right, pair.color_image)
+    ]
+    for path, pixels in zip(
+        _pair_files(out, pair.frame.name),
+        [*images, range_m.astype(np.float32), visible],
+        strict=True,
+    ):
+        _, content = cv2.imencode(
+            path.suffix, pixels, _FLOAT_TIFF if path.suffix == ".tiff" else _PNG
+        )
         _keep_or_write(path, partial(Path.write_bytes, data=content.tobytes()))
 
 
@@ -97,12 +130,17 @@ def _keep_or_write(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _water_content(scene: Scene) -> dict[str, Any]:
-    """As OUT/water.json, with what else is true of the light, and the specification that made it all."""
+    """As OUT/water.json, with what else is true of the light, and the specification that made it
+    all.
+    """
     values = {field.name: getattr(scene.water.water, field.name) for field in fields(Water)}
     return {
         "format": "stereo-seecolor/water",
         "version": 1,
-        "water": {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()},
+        "water": {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in values.items()
+        },
         "sun_attenuation": scene.water.sun_attenuation.tolist(),
         "white_at_depth_m": scene.water.depth_m,
         "chart_corners_m": scene.reef.chart_corners_m.round(6).tolist(),
@@ -111,6 +149,13 @@ def _water_content(scene: Scene) -> dict[str, Any]:
 
 
 def _write_surface(path: Path, reef: Reef) -> None:
-    """The ground itself at 1 cm: height_m (ny, nx), up; origin_m (x, y) of its first row and column; cell_m."""
+    """The ground itself at 1 cm: height_m (ny, nx), up; origin_m (x, y) of its first row and
+    column; cell_m.
+    """
     height_m = np.round(reef.height_m[::2, ::2] * 4096) / 4096
-    np.savez_compressed(path, height_m=height_m.astype(np.float32), origin_m=np.array(reef.origin_m), cell_m=np.array(2 * CELL_M))
+    np.savez_compressed(
+        path,
+        height_m=height_m.astype(np.float32),
+        origin_m=np.array(reef.origin_m),
+        cell_m=np.array(2 * CELL_M),
+    )

@@ -21,7 +21,9 @@ CORALLINE: Color = (0.36, 0.15, 0.20)
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A window of the bottom around a thing: u_m, v_m are meters from its center; slices cut the window from the grids."""
+    """A window of the bottom around a thing: u_m, v_m are meters from its center; slices cut the
+    window from the grids.
+    """
 
     rows: slice
     columns: slice
@@ -31,7 +33,9 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class Bottom:
-    """Grids that grow while the reef is built: height_m (ny, nx), albedo (ny, nx, 3) linear, texture (ny, nx) grain strength."""
+    """Grids that grow while the reef is built: height_m (ny, nx), albedo (ny, nx, 3) linear,
+    texture (ny, nx) grain strength.
+    """
 
     cell_m: float
     origin_m: tuple[float, float]
@@ -41,24 +45,43 @@ class Bottom:
 
     @classmethod
     def sand_and_rock(
-        cls, shape: tuple[int, int], cell_m: float, origin_m: tuple[float, float], relief_m: float, rng: np.random.Generator
+        cls,
+        shape: tuple[int, int],
+        cell_m: float,
+        origin_m: tuple[float, float],
+        relief_m: float,
+        rng: np.random.Generator,
     ) -> "Bottom":
-        """Rolling ground: rippled sand in the hollows, rock with turf and coralline crusts on the rises."""
+        """Rolling ground: rippled sand in the hollows, rock with turf and coralline crusts on the
+        rises.
+        """
         coarse = fractal_noise(shape, 2.5 / cell_m, 3, rng)
         rough = fractal_noise(shape, 0.5 / cell_m, 5, rng)
         rocky = _smooth_step(coarse + 0.35 * rough, -0.25, 0.05)
         y, x = np.meshgrid(*(np.arange(n, dtype=np.float32) * cell_m for n in shape), indexing="ij")
         wander = fractal_noise(shape, 0.8 / cell_m, 2, rng)
         ripples = np.sin(2 * np.pi * (0.8 * x + 0.6 * y + 0.06 * wander) / 0.13)
-        height_m = 0.5 * relief_m * coarse + rocky * (0.05 + 0.045 * rough) + (1 - rocky) * 0.005 * ripples
+        height_m = (
+            0.5 * relief_m * coarse + rocky * (0.05 + 0.045 * rough) + (1 - rocky) * 0.005 * ripples
+        )
         crust = _smooth_step(fractal_noise(shape, 0.25 / cell_m, 4, rng), 0.5, 0.8)
         turf = _smooth_step(fractal_noise(shape, 0.4 / cell_m, 4, rng), -0.2, 0.6)
-        rock = _mix(_mix(_mix(np.zeros((*shape, 3), np.float32) + 0, 1, ROCK), turf, TURF), crust, CORALLINE)
+        rock = _mix(
+            _mix(_mix(np.zeros((*shape, 3), np.float32) + 0, 1, ROCK), turf, TURF), crust, CORALLINE
+        )
         speckle = np.exp(0.25 * fractal_noise(shape, 0.06 / cell_m, 3, rng))
-        albedo = rock * rocky[..., None] + np.array(SAND, np.float32) * (1 - rocky[..., None]) * (1 + 0.06 * rough[..., None])
+        albedo = rock * rocky[..., None] + np.array(SAND, np.float32) * (1 - rocky[..., None]) * (
+            1 + 0.06 * rough[..., None]
+        )
         texture = (0.12 + 0.12 * rocky).astype(np.float32)
         shade = 1 + (speckle - 1) * (0.35 + 0.65 * rocky)
-        return cls(cell_m, origin_m, height_m.astype(np.float32), (albedo * shade[..., None]).astype(np.float32), texture)
+        return cls(
+            cell_m,
+            origin_m,
+            height_m.astype(np.float32),
+            (albedo * shade[..., None]).astype(np.float32),
+            texture,
+        )
 
     def patch(self, x_m: float, y_m: float, radius_m: float) -> Patch:
         """The window within ``radius_m`` of a point, cut off at the edge of the bottom."""
@@ -83,8 +106,12 @@ class Bottom:
         column = int(np.clip((x_m - self.origin_m[0]) / self.cell_m, 0, self.height_m.shape[1] - 1))
         return float(self.height_m[row, column])
 
-    def raise_to(self, patch: Patch, top_m: NDArray[np.floating], albedo: Grid, texture: float) -> None:
-        """Put a thing there: wherever its top stands above what is there, height, color and grain become its own."""
+    def raise_to(
+        self, patch: Patch, top_m: NDArray[np.floating], albedo: Grid, texture: float
+    ) -> None:
+        """Put a thing there: wherever its top stands above what is there, height, color and grain
+        become its own.
+        """
         window = patch.rows, patch.columns
         above = top_m > self.height_m[window]
         self.height_m[window] = np.where(above, top_m, self.height_m[window])
@@ -97,8 +124,12 @@ class Bottom:
         self.albedo[window] = _mix(self.albedo[window], fraction, albedo)
 
 
-def fractal_noise(shape: tuple[int, int], wavelength: float, octaves: int, rng: np.random.Generator) -> Grid:
-    """Smooth noise of about unit spread; each octave has half the wavelength (cells) and 0.55 of the strength of the last."""
+def fractal_noise(
+    shape: tuple[int, int], wavelength: float, octaves: int, rng: np.random.Generator
+) -> Grid:
+    """Smooth noise of about unit spread; each octave has half the wavelength (cells) and 0.55 of
+    the strength of the last.
+    """
     total = np.zeros(shape, np.float32)
     strength = 1.0
     for _ in range(octaves):
@@ -115,7 +146,9 @@ def fractal_noise(shape: tuple[int, int], wavelength: float, octaves: int, rng: 
 
 def _mix(albedo: Grid, fraction: Grid | float, color: Color) -> Grid:
     fraction = np.asarray(fraction, np.float32)[..., None]
-    return np.asarray(albedo * (1 - fraction) + np.array(color, np.float32) * fraction, dtype=np.float32)
+    return np.asarray(
+        albedo * (1 - fraction) + np.array(color, np.float32) * fraction, dtype=np.float32
+    )
 
 
 def _smooth_step(value: Grid, low: float, high: float) -> Grid:
@@ -125,22 +158,65 @@ def _smooth_step(value: Grid, low: float, high: float) -> Grid:
 
 CHART_SIZE_M = (0.54, 0.37)
 CHART: tuple[Color, ...] = (
-    # Linear sRGB of the 24 patches of a ColorChecker Classic after November 2014 under D50 adapted to D65 (X-Rite 2016), row by
-    # row; cyan's red lies outside sRGB and is set to 0.
-    *((0.1736, 0.0787, 0.0533), (0.5595, 0.2773, 0.2119), (0.1051, 0.1896, 0.3269), (0.1051, 0.1502, 0.0522)),
-    *((0.2289, 0.2135, 0.4235), (0.1145, 0.5066, 0.4123), (0.7450, 0.2017, 0.0325), (0.0606, 0.1026, 0.3837)),
-    *((0.5606, 0.0807, 0.1143), (0.1098, 0.0425, 0.1368), (0.3297, 0.4950, 0.0489), (0.7690, 0.3566, 0.0253)),
-    *((0.0225, 0.0487, 0.2808), (0.0444, 0.2907, 0.0646), (0.4464, 0.0368, 0.0407), (0.8380, 0.5718, 0.0127)),
-    *((0.5239, 0.0792, 0.2866), (0.0000, 0.2342, 0.3751), (0.8792, 0.8848, 0.8350), (0.5844, 0.5921, 0.5846)),
-    *((0.3577, 0.3671, 0.3653), (0.1901, 0.1909, 0.1898), (0.0859, 0.0887, 0.0898), (0.0314, 0.0315, 0.0323)),
+    # Linear sRGB of the 24 patches of a ColorChecker Classic after November 2014 under D50 adapted
+    # to D65 (X-Rite 2016), row by row; cyan's red lies outside sRGB and is set to 0.
+    *(
+        (0.1736, 0.0787, 0.0533),
+        (0.5595, 0.2773, 0.2119),
+        (0.1051, 0.1896, 0.3269),
+        (0.1051, 0.1502, 0.0522),
+    ),
+    *(
+        (0.2289, 0.2135, 0.4235),
+        (0.1145, 0.5066, 0.4123),
+        (0.7450, 0.2017, 0.0325),
+        (0.0606, 0.1026, 0.3837),
+    ),
+    *(
+        (0.5606, 0.0807, 0.1143),
+        (0.1098, 0.0425, 0.1368),
+        (0.3297, 0.4950, 0.0489),
+        (0.7690, 0.3566, 0.0253),
+    ),
+    *(
+        (0.0225, 0.0487, 0.2808),
+        (0.0444, 0.2907, 0.0646),
+        (0.4464, 0.0368, 0.0407),
+        (0.8380, 0.5718, 0.0127),
+    ),
+    *(
+        (0.5239, 0.0792, 0.2866),
+        (0.0000, 0.2342, 0.3751),
+        (0.8792, 0.8848, 0.8350),
+        (0.5844, 0.5921, 0.5846),
+    ),
+    *(
+        (0.3577, 0.3671, 0.3653),
+        (0.1901, 0.1909, 0.1898),
+        (0.0859, 0.0887, 0.0898),
+        (0.0314, 0.0315, 0.0323),
+    ),
 )
-_SPONGES: tuple[Color, ...] = ((0.52, 0.05, 0.04), (0.66, 0.22, 0.03), (0.62, 0.46, 0.04), (0.26, 0.08, 0.34), (0.10, 0.30, 0.10))
-_BRANCHING: tuple[Color, ...] = ((0.34, 0.24, 0.12), (0.20, 0.14, 0.33), (0.36, 0.30, 0.08), (0.42, 0.17, 0.20))
+_SPONGES: tuple[Color, ...] = (
+    (0.52, 0.05, 0.04),
+    (0.66, 0.22, 0.03),
+    (0.62, 0.46, 0.04),
+    (0.26, 0.08, 0.34),
+    (0.10, 0.30, 0.10),
+)
+_BRANCHING: tuple[Color, ...] = (
+    (0.34, 0.24, 0.12),
+    (0.20, 0.14, 0.33),
+    (0.36, 0.30, 0.08),
+    (0.42, 0.17, 0.20),
+)
 _MASSIVE: tuple[Color, ...] = ((0.34, 0.24, 0.09), (0.20, 0.22, 0.08), (0.38, 0.28, 0.20))
 
 
 def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Populate the bottom, big things first; returns the (4, 2) corners of the color chart, meters."""
+    """Populate the bottom, big things first; returns the (4, 2) corners of the color chart,
+    meters.
+    """
     ny, nx = bottom.height_m.shape
     area_m2 = ny * nx * bottom.cell_m**2
 
@@ -185,9 +261,16 @@ def _massive_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator)
     patch = bottom.patch(x, y, 1.2 * radius_m)
     noise = fractal_noise(patch.u_m.shape, 0.7 * radius_m / bottom.cell_m, 3, rng)
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m * (1 + 0.07 * noise)
-    grooves: Grid = np.sin(2 * np.pi * (patch.u_m / 0.04 + 1.1 * fractal_noise(patch.u_m.shape, 0.07 / bottom.cell_m, 2, rng)))
+    grooves: Grid = np.sin(
+        2
+        * np.pi
+        * (patch.u_m / 0.04 + 1.1 * fractal_noise(patch.u_m.shape, 0.07 / bottom.cell_m, 2, rng))
+    )
     top_m = bottom.ground_m(x, y) + 0.75 * radius_m * _dome(distance, 2.2) + 0.004 * grooves
-    albedo = _painted(patch.u_m, _pick(_MASSIVE, rng)) * (np.float32(1) + np.float32(0.3) * grooves)[..., None]
+    albedo = (
+        _painted(patch.u_m, _pick(_MASSIVE, rng))
+        * (np.float32(1) + np.float32(0.3) * grooves)[..., None]
+    )
     bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), albedo, texture=0.18)
 
 
@@ -198,10 +281,19 @@ def _table_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m * (1 + 0.06 * noise)
     bumps = fractal_noise(patch.u_m.shape, 0.05 / bottom.cell_m, 2, rng)
     edge = np.clip((1 - distance) * radius_m / 0.05, 0, 1)
-    top_m = bottom.ground_m(x, y) + (0.22 * radius_m + 0.08 * radius_m * distance) * edge**0.5 + 0.006 * bumps
+    top_m = (
+        bottom.ground_m(x, y)
+        + (0.22 * radius_m + 0.08 * radius_m * distance) * edge**0.5
+        + 0.006 * bumps
+    )
     rim = np.clip((distance - 0.85) / 0.12, 0, 1)
     albedo = _painted(patch.u_m, _pick(_BRANCHING, rng)) * np.exp(0.28 * bumps)[..., None]
-    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), _blend(albedo, 0.5 * rim, (0.62, 0.55, 0.42)), texture=0.2)
+    bottom.raise_to(
+        patch,
+        np.where(distance < 1, top_m, -np.inf),
+        _blend(albedo, 0.5 * rim, (0.62, 0.55, 0.42)),
+        texture=0.2,
+    )
 
 
 def _branching_thicket(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None:
@@ -240,8 +332,14 @@ def _crust(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None
     patch = bottom.patch(x, y, 1.4 * radius_m)
     noise = fractal_noise(patch.u_m.shape, 0.5 * radius_m / bottom.cell_m, 4, rng)
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m + 0.25 * noise
-    on_rock = np.clip((bottom.texture[patch.rows, patch.columns] - 0.15) / 0.05, 0, 1)  # nothing crusts over loose sand
-    bottom.paint(patch, (on_rock * np.clip((1 - distance) * 5, 0, 0.85)).astype(np.float32), _pick(_SPONGES, rng))
+    on_rock = np.clip(
+        (bottom.texture[patch.rows, patch.columns] - 0.15) / 0.05, 0, 1
+    )  # nothing crusts over loose sand
+    bottom.paint(
+        patch,
+        (on_rock * np.clip((1 - distance) * 5, 0, 0.85)).astype(np.float32),
+        _pick(_SPONGES, rng),
+    )
 
 
 def _bare_patch(bottom: Bottom, x: float, y: float, radius_m: float) -> None:
@@ -255,7 +353,9 @@ def _bare_patch(bottom: Bottom, x: float, y: float, radius_m: float) -> None:
 
 
 def _chart(bottom: Bottom, x: float, y: float) -> NDArray[np.float64]:
-    """A 6x4 chart of 8 cm patches on a black board, lying level where its weight has flattened what was there."""
+    """A 6x4 chart of 8 cm patches on a black board, lying level where its weight has flattened what
+    was there.
+    """
     width_m, depth_m = CHART_SIZE_M
     patch = bottom.patch(x, y, width_m)
     turn = np.radians(12.0)
@@ -263,22 +363,34 @@ def _chart(bottom: Bottom, x: float, y: float) -> NDArray[np.float64]:
     v = -np.sin(turn) * patch.u_m + np.cos(turn) * patch.v_m + depth_m / 2
     board = (u > 0) & (u < width_m) & (v > 0) & (v < depth_m)
     pitch_m, gap_m = 0.085, 0.006
-    column, row = np.floor((u - 0.015) / pitch_m).astype(int), np.floor((depth_m - 0.015 - v) / pitch_m).astype(int)
+    column, row = (
+        np.floor((u - 0.015) / pitch_m).astype(int),
+        np.floor((depth_m - 0.015 - v) / pitch_m).astype(int),
+    )
     in_patch = (((u - 0.015) % pitch_m) > gap_m) & (((depth_m - 0.015 - v) % pitch_m) > gap_m)
     inside = board & in_patch & (column >= 0) & (column < 6) & (row >= 0) & (row < 4)
     albedo = _painted(patch.u_m, (0.02, 0.02, 0.02))
     albedo[inside] = np.array(CHART, np.float32)[row[inside] * 6 + column[inside]]
     ground_m = bottom.height_m[patch.rows, patch.columns]
     top_m = float(np.median(ground_m[board])) + 0.02
-    around = (np.abs(u - width_m / 2) < width_m / 2 + 0.06) & (np.abs(v - depth_m / 2) < depth_m / 2 + 0.06)
+    around = (np.abs(u - width_m / 2) < width_m / 2 + 0.06) & (
+        np.abs(v - depth_m / 2) < depth_m / 2 + 0.06
+    )
     ground_m[around] = np.minimum(ground_m[around], top_m - 0.01)
     bottom.raise_to(patch, np.where(board, np.float32(top_m), -np.inf), albedo, texture=0.0)
-    local = np.array([[0, depth_m], [width_m, depth_m], [width_m, 0], [0, 0]]) - np.array([width_m, depth_m]) / 2
-    return np.asarray(local @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + [x, y])
+    local = (
+        np.array([[0, depth_m], [width_m, depth_m], [width_m, 0], [0, 0]])
+        - np.array([width_m, depth_m]) / 2
+    )
+    return np.asarray(
+        local @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + [x, y]
+    )
 
 
 def _dome(distance: NDArray[np.floating], power: float) -> Grid:
-    return np.asarray(np.sqrt(np.clip(1 - np.clip(distance, 0, 1) ** power, 0, 1)), dtype=np.float32)
+    return np.asarray(
+        np.sqrt(np.clip(1 - np.clip(distance, 0, 1) ** power, 0, 1)), dtype=np.float32
+    )
 
 
 def _turned(u: Grid, v: Grid, rng: np.random.Generator) -> tuple[Grid, Grid]:
@@ -292,7 +404,10 @@ def _painted(like: Grid, color: Color) -> Grid:
 
 
 def _blend(albedo: Grid, fraction: NDArray[np.floating], color: Color) -> Grid:
-    return np.asarray(albedo * (1 - fraction[..., None]) + np.array(color, np.float32) * fraction[..., None], dtype=np.float32)
+    return np.asarray(
+        albedo * (1 - fraction[..., None]) + np.array(color, np.float32) * fraction[..., None],
+        dtype=np.float32,
+    )
 
 
 def _pick(colors: tuple[Color, ...], rng: np.random.Generator) -> Color:

@@ -24,11 +24,13 @@ SUN_DIRECTION = np.array([0.22, 0.13, 0.967])
 
 @dataclass(frozen=True, eq=False)
 class Reef:
-    """A reef as the renderer sees it. World axes east, north, up; grid point (row, column) is at origin + (column, row) * cell.
+    """A reef as the renderer sees it. World axes east, north, up; grid point (row, column) is at
+    origin + (column, row) * cell.
 
-    height_m: (ny, nx). color: mip levels of (ny, nx, 4) linear R, G, B of the lit surface (albedo times shading) and the
-    strength of its fine texture; level k has cells of CELL_M 2^k. detail: mip levels of a tile of fine texture, mean 0, that
-    repeats every DETAIL_TILE * DETAIL_TEXEL_M. blocks: highest point and steepest slope of each BLOCK_CELLS x BLOCK_CELLS cells.
+    height_m: (ny, nx). color: mip levels of (ny, nx, 4) linear R, G, B of the lit surface (albedo
+    times shading) and the strength of its fine texture; level k has cells of CELL_M 2^k. detail:
+    mip levels of a tile of fine texture, mean 0, that repeats every DETAIL_TILE * DETAIL_TEXEL_M.
+    blocks: highest point and steepest slope of each BLOCK_CELLS x BLOCK_CELLS cells.
     chart_corners_m: (4, 2) of the color chart's corners, x and y.
     """
 
@@ -52,30 +54,54 @@ def build_reef(spec: SurveySpec) -> Reef:
     height_m = cv2.GaussianBlur(bottom.height_m, (0, 0), 0.8)
     lit = bottom.albedo * _shading(height_m)[..., None]
     color = np.concatenate([lit, bottom.texture[..., None]], axis=-1).astype(np.float32)
-    return Reef((-MARGIN_M, -MARGIN_M), height_m, mips(color), mips(_detail_tile(rng)), blocks(height_m), chart_corners_m)
+    return Reef(
+        (-MARGIN_M, -MARGIN_M),
+        height_m,
+        mips(color),
+        mips(_detail_tile(rng)),
+        blocks(height_m),
+        chart_corners_m,
+    )
 
 
 def blocks(height_m: Grid) -> Grid:
-    """Compute the highest point and the steepest slope in each block, including neighboring grid points: (rows, columns, 2)."""
-    slope_x, slope_y = (np.abs(np.diff(height_m, axis=axis, append=np.nan)) / CELL_M for axis in (1, 0))
+    """Compute the highest point and the steepest slope in each block, including neighboring grid
+    points: (rows, columns, 2).
+    """
+    slope_x, slope_y = (
+        np.abs(np.diff(height_m, axis=axis, append=np.nan)) / CELL_M for axis in (1, 0)
+    )
     slope = np.nan_to_num(np.hypot(slope_x, slope_y))
     size = [-(-n // BLOCK_CELLS) * BLOCK_CELLS for n in height_m.shape]
     out = []
     for values in (height_m, slope):
         reached = cv2.dilate(values, np.ones((3, 3), np.uint8))
-        padded = np.pad(reached, [(0, n - m) for n, m in zip(size, height_m.shape, strict=True)], mode="edge")
-        out.append(padded.reshape(size[0] // BLOCK_CELLS, BLOCK_CELLS, size[1] // BLOCK_CELLS, BLOCK_CELLS).max(axis=(1, 3)))
+        padded = np.pad(
+            reached, [(0, n - m) for n, m in zip(size, height_m.shape, strict=True)], mode="edge"
+        )
+        out.append(
+            padded.reshape(
+                size[0] // BLOCK_CELLS, BLOCK_CELLS, size[1] // BLOCK_CELLS, BLOCK_CELLS
+            ).max(axis=(1, 3))
+        )
     return np.stack([out[0], np.clip(out[1], 0.05, MAX_STEEPNESS)], axis=-1).astype(np.float32)
 
 
 def _shading(height_m: Grid) -> Grid:
-    """Light on the surface, 1 on open level ground: sun refracted to near the zenith, and the glow of the water all round."""
+    """Light on the surface, 1 on open level ground: sun refracted to near the zenith, and the glow
+    of the water all round.
+    """
     slope_y, slope_x = np.gradient(height_m, CELL_M)
     sun_x, sun_y, sun_z = SUN_DIRECTION
-    facing = (sun_z - slope_x * sun_x - slope_y * sun_y) / np.sqrt(1.0 + slope_x**2 + slope_y**2) / sun_z
+    facing = (
+        (sun_z - slope_x * sun_x - slope_y * sun_y) / np.sqrt(1.0 + slope_x**2 + slope_y**2) / sun_z
+    )
     openness: Grid = np.ones_like(height_m)
     for radius_m in (0.03, 0.1, 0.3):
-        below = cv2.GaussianBlur(height_m, (0, 0), radius_m / CELL_M, borderType=cv2.BORDER_REFLECT) - height_m
+        below = (
+            cv2.GaussianBlur(height_m, (0, 0), radius_m / CELL_M, borderType=cv2.BORDER_REFLECT)
+            - height_m
+        )
         openness *= np.exp(-np.maximum(below, 0.0) / radius_m)
     sun = np.clip(facing, 0.0, 1.1) * (0.3 + 0.7 * openness)
     return np.asarray(np.clip(0.6 * sun + 0.4 * openness, 0.02, 1.05), dtype=np.float32)
@@ -85,8 +111,12 @@ def _detail_tile(rng: np.random.Generator) -> Grid:
     """A tile of fine grain that wraps around, mean 0, about unit spread."""
     white = rng.standard_normal((DETAIL_TILE, DETAIL_TILE)).astype(np.float32)
     spectrum = np.fft.rfft2(white)
-    frequency = np.hypot(np.fft.fftfreq(DETAIL_TILE)[:, None], np.fft.rfftfreq(DETAIL_TILE)[None, :])
-    band = np.where((frequency > 1 / 64) & (frequency < 0.45), 1.0 / np.maximum(frequency, 1 / 64), 0.0)
+    frequency = np.hypot(
+        np.fft.fftfreq(DETAIL_TILE)[:, None], np.fft.rfftfreq(DETAIL_TILE)[None, :]
+    )
+    band = np.where(
+        (frequency > 1 / 64) & (frequency < 0.45), 1.0 / np.maximum(frequency, 1 / 64), 0.0
+    )
     tile = np.fft.irfft2(spectrum * band, s=white.shape)
     return np.asarray(np.clip(tile / tile.std(), -2.5, 2.5), dtype=np.float32)
 
@@ -97,7 +127,9 @@ def mips(image: Grid) -> tuple[Grid, ...]:
     for _ in range(7):
         height, width = levels[-1].shape[:2]
         halved = cv2.resize(
-            levels[-1][: height // 2 * 2, : width // 2 * 2], (width // 2, height // 2), interpolation=cv2.INTER_AREA
+            levels[-1][: height // 2 * 2, : width // 2 * 2],
+            (width // 2, height // 2),
+            interpolation=cv2.INTER_AREA,
         )
         levels.append(np.ascontiguousarray(halved))
     return tuple(levels)
@@ -112,7 +144,9 @@ BLEACHED = (0.72, 0.70, 0.64)
 
 @dataclass(frozen=True)
 class Change:
-    """A change within ``radius_m`` of (x_m, y_m). amount_m: the largest rise; for ``removed`` what is left above the ground."""
+    """A change within ``radius_m`` of (x_m, y_m). amount_m: the largest rise; for ``removed`` what
+    is left above the ground.
+    """
 
     kind: Literal["grown", "removed", "bleached", "sand"]
     x_m: float
@@ -155,7 +189,9 @@ def _apply(
         _paint(color, 0.9 * inside, BLEACHED)
 
 
-def _paint(color: NDArray[np.float32], share: NDArray[np.float32], paint: tuple[float, float, float]) -> None:
+def _paint(
+    color: NDArray[np.float32], share: NDArray[np.float32], paint: tuple[float, float, float]
+) -> None:
     """Cover the lit color (..., 4) with a paint that is as light and dark as what it covers."""
     brightness = color[..., :3].mean(axis=-1, keepdims=True)
     shade = np.clip(brightness / max(float(np.median(brightness)), 1e-6), 0.5, 1.3)

@@ -17,17 +17,24 @@ SPEED_M_S = 0.5
 class SurveySpec:
     """A synthetic dive, whole: the same specification gives the same pictures.
 
-    pairs, lines: stereo pairs in all, and lines of the lawn mower over which they are spread; every second line flies back.
+    pairs, lines: stereo pairs in all, and lines of the lawn mower over which they are spread; every
+    second line flies back.
     line_spacing_m, pair_spacing_m: between lines, and between pairs on a line.
-    altitude_m: the cameras' height above the mean bottom, at the start and at the end; it changes half way.
+    altitude_m: the cameras' height above the mean bottom, at the start and at the end; it changes
+    half way.
     tilt_deg: how far forward of straight down the cameras look.
-    bottom_depth_m: depth of the mean bottom below the surface. relief_m: height of the coarse relief.
+    bottom_depth_m: depth of the mean bottom below the surface. relief_m: height of the coarse
+    relief.
     full_well_e, read_noise_e: electrons of a full and of an empty pixel; they set the noise.
-    caustic_contrast: relative strength of the moving light that waves focus on the bottom, 0 for none.
-    lamp_intensity: light of the rig's lamps at 1 m against the sun's at the bottom, 0 for none; 200 makes it night.
-    lamp_pattern: contrast of rings and spokes in the lamps' beams, which travel with the rig, 0 for none, at most 1.
+    caustic_contrast: relative strength of the moving light that waves focus on the bottom, 0 for
+    none.
+    lamp_intensity: light of the rig's lamps at 1 m against the sun's at the bottom, 0 for none; 200
+    makes it night.
+    lamp_pattern: contrast of rings and spokes in the lamps' beams, which travel with the rig, 0 for
+    none, at most 1.
     strobe_variation: standard deviation of the logarithm of the lamps' energy from pair to pair.
-    vignette: fraction of the light that the lenses lose in the corners, growing with the square of the distance from the middle.
+    vignette: fraction of the light that the lenses lose in the corners, growing with the square of
+    the distance from the middle.
     bits: 8 for sRGB-encoded images, 16 for linear ones.
     """
 
@@ -60,16 +67,24 @@ class SurveySpec:
 
     @property
     def exposure_range_m(self) -> float:
-        """The range that the exposure is set for: the nearest the cameras come to the mean bottom."""
+        """The range that the exposure is set for: the nearest the cameras come to the mean
+        bottom.
+        """
         return min(self.altitude_m)
 
 
 def rig(spec: SurveySpec) -> StereoRig:
-    """The rig: 62 degrees wide, 12 cm apart, with lens distortion and a slight rotation, so rectification has work to do."""
+    """The rig: 62 degrees wide, 12 cm apart, with lens distortion and a slight rotation, so
+    rectification has work to do.
+    """
     width, height = spec.image_size
     focal_px = 0.83 * width
-    K_left = np.array([[focal_px, 0, 0.503 * width], [0, focal_px * 1.001, 0.491 * height], [0, 0, 1]])
-    K_right = np.array([[focal_px * 1.004, 0, 0.494 * width], [0, focal_px * 1.003, 0.507 * height], [0, 0, 1]])
+    K_left = np.array(
+        [[focal_px, 0, 0.503 * width], [0, focal_px * 1.001, 0.491 * height], [0, 0, 1]]
+    )
+    K_right = np.array(
+        [[focal_px * 1.004, 0, 0.494 * width], [0, focal_px * 1.003, 0.507 * height], [0, 0, 1]]
+    )
     T_right_left = np.eye(4)
     T_right_left[:3, :3] = _rotation(roll_rad=0.006, pitch_rad=-0.004, yaw_rad=0.012)
     T_right_left[:3, 3] = T_right_left[:3, :3] @ [-0.12, 0.0006, -0.0011]
@@ -79,9 +94,11 @@ def rig(spec: SurveySpec) -> StereoRig:
 
 
 def track(spec: SurveySpec) -> Trajectory:
-    """Poses of the rectified left camera, world axes east, north, up; origin on the mean bottom at the start of the first line.
+    """Poses of the rectified left camera, world axes east, north, up; origin on the mean bottom at
+    the start of the first line.
 
-    The vehicle rolls, pitches, yaws and heaves by a degree or two and a few centimeters, slowly enough for neighbors to agree.
+    The vehicle rolls, pitches, yaws and heaves by a degree or two and a few centimeters, slowly
+    enough for neighbors to agree.
     """
     per_line = -(-spec.pairs // spec.lines)
     index = np.arange(spec.pairs)
@@ -101,7 +118,9 @@ def track(spec: SurveySpec) -> Trajectory:
     poses = np.tile(np.eye(4), (spec.pairs, 1, 1))
     for i in range(spec.pairs):
         heading = np.pi if returning[i] else 0.0
-        attitude = _rotation(roll_rad=0.025 * sway[0, i], pitch_rad=0.025 * sway[1, i], yaw_rad=0.03 * sway[2, i])
+        attitude = _rotation(
+            roll_rad=0.025 * sway[0, i], pitch_rad=0.025 * sway[1, i], yaw_rad=0.03 * sway[2, i]
+        )
         poses[i, :3, :3] = _looking_down(heading, tilt_rad) @ attitude @ R_left.T
         poses[i, :3, 3] = x_m[i], y_m[i], z_m[i]
     return Trajectory(frame_names(spec, time_s), time_s, poses)
@@ -113,7 +132,9 @@ def frame_names(spec: SurveySpec, time_s: NDArray[np.float64]) -> tuple[str, ...
 
 
 def _looking_down(heading_rad: float, tilt_rad: float) -> NDArray[np.float64]:
-    """Camera axes in the world: image up is ahead, image right is starboard, the axis ``tilt_rad`` ahead of straight down."""
+    """Camera axes in the world: image up is ahead, image right is starboard, the axis ``tilt_rad``
+    ahead of straight down.
+    """
     ahead = np.array([np.cos(heading_rad), np.sin(heading_rad), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     forward = np.sin(tilt_rad) * ahead - np.cos(tilt_rad) * up
@@ -123,7 +144,9 @@ def _looking_down(heading_rad: float, tilt_rad: float) -> NDArray[np.float64]:
 
 def _rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> NDArray[np.float64]:
     """Small turns about the camera's x (pitch), y (yaw) and z (roll) axes."""
-    cx, sx, cy, sy, cz, sz = (f(a) for a in (pitch_rad, yaw_rad, roll_rad) for f in (np.cos, np.sin))
+    cx, sx, cy, sy, cz, sz = (
+        f(a) for a in (pitch_rad, yaw_rad, roll_rad) for f in (np.cos, np.sin)
+    )
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
@@ -135,4 +158,6 @@ def _slow_noise(spec: SurveySpec, time_s: NDArray[np.float64]) -> NDArray[np.flo
     rng = np.random.default_rng([spec.seed, 1])
     periods_s = rng.uniform(7.0, 30.0, (5, 4, 1))
     phases = rng.uniform(0.0, 2 * np.pi, (5, 4, 1))
-    return np.asarray(np.sin(2 * np.pi * (time_s - START_S) / periods_s + phases).sum(axis=1) / np.sqrt(2.0))
+    return np.asarray(
+        np.sin(2 * np.pi * (time_s - START_S) / periods_s + phases).sum(axis=1) / np.sqrt(2.0)
+    )

@@ -1,11 +1,14 @@
 """Named waters: wide-band attenuation, backscatter and sunlight by depth, from published spectra.
 
-Diffuse attenuation Kd by wavelength: Jerlov, Marine Optics (1976), table XXVII, with Austin and Petzold's revision (1984) for
-types I to 1C. Beam attenuation c along the line of sight: Kd(535 nm) = 0.2 c(535 nm) + 0.04 (Shannon, Proc. SPIE 64, 1975); the
-difference c - Kd is scattering and taken as flat in wavelength. Most of it goes forward by less than a degree and still lands
-near its pixel, so what an image loses lies between Kd and c (Akkaynak et al., CVPR 2017): Kd and a fifth of the scattering
-here. Wide-band coefficients are what a camera's channel sees of the
-spectrum, so they fall with range (same paper). Veiling light at infinity is b E / c (Akkaynak and Treibitz, CVPR 2018, eq. 9).
+Diffuse attenuation Kd by wavelength: Jerlov, Marine Optics (1976), table XXVII, with Austin and
+Petzold's revision (1984) for
+types I to 1C. Beam attenuation c along the line of sight: Kd(535 nm) = 0.2 c(535 nm) + 0.04
+(Shannon, Proc. SPIE 64, 1975); the difference c - Kd is scattering and taken as flat in wavelength.
+Most of it goes forward by less than a degree and still lands near its pixel, so what an image loses
+lies between Kd and c (Akkaynak et al., CVPR 2017): Kd and a fifth of the scattering here. Wide-band
+coefficients are what a camera's channel sees of the
+spectrum, so they fall with range (same paper). Veiling light at infinity is b E / c (Akkaynak and
+Treibitz, CVPR 2018, eq. 9).
 """
 
 from dataclasses import dataclass
@@ -27,10 +30,19 @@ _KD: dict[WaterName, Spectrum] = {
 WATER_NAMES: tuple[WaterName, ...] = tuple(_KD)
 
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 5.0)
-# Peaks and widths of a machine-vision sensor's R, G, B filters, about the mean of the 28 cameras of Jiang et al. (WACV 2013).
-_CHANNELS = np.exp(-0.5 * ((_WAVELENGTH_NM - np.array([[610.0], [535.0], [460.0]])) / np.array([[26.0], [36.0], [28.0]])) ** 2)
+# Peaks and widths of a machine-vision sensor's R, G, B filters, about the mean of the 28 cameras of
+# Jiang et al. (WACV 2013).
+_CHANNELS = np.exp(
+    -0.5
+    * (
+        (_WAVELENGTH_NM - np.array([[610.0], [535.0], [460.0]]))
+        / np.array([[26.0], [36.0], [28.0]])
+    )
+    ** 2
+)
 _LOST_FRACTION_OF_SCATTERING = 0.2
-_VEILING_FRACTION = 0.06  # of the scattered sunlight, what reaches a camera as veiling light; sets its level, not its color
+# of the scattered sunlight, what reaches a camera as veiling light; sets its level, not its color
+_VEILING_FRACTION = 0.06
 _FITTED_RANGE_M = np.linspace(0.5, 6.0, 23)
 
 
@@ -38,7 +50,8 @@ _FITTED_RANGE_M = np.linspace(0.5, 6.0, 23)
 class LitWater:
     """A water and the sunlight in it.
 
-    water: COLOR.md's model; its white point is the light at ``depth_m``. depth_m: depth below the surface that ``water`` is for.
+    water: COLOR.md's model; its white point is the light at ``depth_m``. depth_m: depth below the
+    surface that ``water`` is for.
     sun_attenuation: (3,) 1/m, how the light that arrives falls off with depth around ``depth_m``.
     """
 
@@ -57,9 +70,9 @@ def lit_water(
 ) -> LitWater:
     """The named water over a bottom at ``depth_m``, seen from ``camera_depth_m``.
 
-    Exposure is set as a camera would: a white patch at ``exposure_range_m`` just fits its brightest channel, with ``lamps`` times
-    the sun's light added, and the veil before it does not take it beyond full scale. encoding: of the images; the water itself acts
-    in linear light.
+    Exposure is set as a camera would: a white patch at ``exposure_range_m`` just fits its brightest
+    channel, with ``lamps`` times the sun's light added, and the veil before it does not take it
+    beyond full scale. encoding: of the images; the water itself acts in linear light.
     """
     kd = np.interp(_WAVELENGTH_NM, TABLE_NM, _KD[name])
     scattering = scattering_per_m(_KD[name])
@@ -135,18 +148,24 @@ Kind = Literal["ocean", "coast", "harbor"]
 WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 # fmt: off
 WATER_ABSORPTION = np.array([
-    0.00663, 0.00473, 0.00454, 0.00495, 0.00635, 0.00922, 0.00979, 0.0106, 0.0127, 0.0150, 0.0204, 0.0325, 0.0409, 0.0434, 0.0474,
-    0.0565, 0.0619, 0.0695, 0.0896, 0.1351, 0.2224, 0.2644, 0.2755, 0.2916, 0.3108, 0.340, 0.410, 0.439, 0.465, 0.516, 0.624,
+    0.00663, 0.00473, 0.00454, 0.00495, 0.00635, 0.00922, 0.00979, 0.0106, 0.0127, 0.0150, 0.0204,
+    0.0325, 0.0409, 0.0434, 0.0474,
+    0.0565, 0.0619, 0.0695, 0.0896, 0.1351, 0.2224, 0.2644, 0.2755, 0.2916, 0.3108, 0.340, 0.410,
+    0.439, 0.465, 0.516, 0.624,
 ])
 """1/m, pure water: Pope and Fry 1997."""
 PHYTOPLANKTON_FACTOR = np.array([
-    0.0241, 0.0287, 0.0328, 0.0359, 0.0378, 0.0350, 0.0328, 0.0309, 0.0281, 0.0254, 0.0210, 0.0162, 0.0126, 0.0103, 0.0085, 0.0070,
-    0.0057, 0.0050, 0.0051, 0.0054, 0.0052, 0.0055, 0.0061, 0.0066, 0.0071, 0.0078, 0.0108, 0.0174, 0.0161, 0.0069, 0.0025,
+    0.0241, 0.0287, 0.0328, 0.0359, 0.0378, 0.0350, 0.0328, 0.0309, 0.0281, 0.0254, 0.0210, 0.0162,
+    0.0126, 0.0103, 0.0085, 0.0070,
+    0.0057, 0.0050, 0.0051, 0.0054, 0.0052, 0.0055, 0.0061, 0.0066, 0.0071, 0.0078, 0.0108, 0.0174,
+    0.0161, 0.0069, 0.0025,
 ])
 """1/m at 1 mg chlorophyll a in a cubic meter: A of a = A Chl^E, Bricaud et al. 1998."""
 PHYTOPLANKTON_EXPONENT = np.array([
-    0.6877, 0.6834, 0.6664, 0.6478, 0.6266, 0.5993, 0.5961, 0.5970, 0.5890, 0.6074, 0.6529, 0.7212, 0.7939, 0.8500, 0.9036, 0.9312,
-    0.9345, 0.9298, 0.8933, 0.8589, 0.8410, 0.8548, 0.8704, 0.8638, 0.8524, 0.8155, 0.8233, 0.8138, 0.8284, 0.9255, 1.0286,
+    0.6877, 0.6834, 0.6664, 0.6478, 0.6266, 0.5993, 0.5961, 0.5970, 0.5890, 0.6074, 0.6529, 0.7212,
+    0.7939, 0.8500, 0.9036, 0.9312,
+    0.9345, 0.9298, 0.8933, 0.8589, 0.8410, 0.8548, 0.8704, 0.8638, 0.8524, 0.8155, 0.8233, 0.8138,
+    0.8284, 0.9255, 1.0286,
 ])
 """E of the same."""
 # fmt: on
@@ -160,13 +179,21 @@ class OpticalConstants:
 
     dissolved_slope: float = 0.0176  # 1/nm, mean of European coasts; Babin et al. 2003
     sediment_slope: float = 0.0123  # 1/nm, non-algal particles; the same
-    sediment_scattering: float = 0.5  # m^2/g at 555 nm, mean of coastal waters, nearly flat in wavelength; Babin et al. 2003
+    sediment_scattering: float = (
+        0.5  # m^2/g at 555 nm, mean of coastal waters, nearly flat in wavelength; Babin et al. 2003
+    )
     water_scattering: float = 0.00288  # 1/m at 500 nm, seawater; Morel 1974
     water_scattering_exponent: float = -4.32  # the same
-    algae_scattering: float = 0.416  # 1/m at 550 nm and 1 mg/m^3, falling with wavelength; Loisel and Morel 1998
+    algae_scattering: float = (
+        0.416  # 1/m at 550 nm and 1 mg/m^3, falling with wavelength; Loisel and Morel 1998
+    )
     algae_scattering_exponent: float = 0.766  # of chlorophyll; the same
-    water_back: float = 0.5  # backscattered fraction of molecules, which scatter forward and back alike
-    particle_back: float = 0.0183  # of particles, mean of Petzold's waters; Mobley 1994, Light and Water
+    water_back: float = (
+        0.5  # backscattered fraction of molecules, which scatter forward and back alike
+    )
+    particle_back: float = (
+        0.0183  # of particles, mean of Petzold's waters; Mobley 1994, Light and Water
+    )
     diffuse: float = 1.0395  # Kd cos(angle) / (a + b_b); Gordon 1989
     refractive_index: float = 1.34  # seawater
 
@@ -178,8 +205,8 @@ CONSTANTS = OpticalConstants()
 class Contents:
     """The constituents of a water.
 
-    chlorophyll: mg/m^3. dissolved: absorption of dissolved matter at 440 nm, 1/m. sediment: g/m^3. sediment_absorption: m^2/g at
-    440 nm.
+    chlorophyll: mg/m^3. dissolved: absorption of dissolved matter at 440 nm, 1/m. sediment: g/m^3.
+    sediment_absorption: m^2/g at 440 nm.
     """
 
     chlorophyll: float
@@ -192,7 +219,9 @@ class Contents:
         """a, 1/m."""
         beyond_nm = WAVELENGTH_NM - WAVELENGTH_NM[AT_440]
         dissolved = self.dissolved * np.exp(-CONSTANTS.dissolved_slope * beyond_nm)
-        sediment = self.sediment * self.sediment_absorption * np.exp(-CONSTANTS.sediment_slope * beyond_nm)
+        sediment = (
+            self.sediment * self.sediment_absorption * np.exp(-CONSTANTS.sediment_slope * beyond_nm)
+        )
         return np.asarray(WATER_ABSORPTION + phytoplankton(self.chlorophyll) + dissolved + sediment)
 
     @property
@@ -200,7 +229,12 @@ class Contents:
         """b of the water's molecules and of particles, 1/m."""
         of = CONSTANTS
         water = of.water_scattering * (WAVELENGTH_NM / 500.0) ** of.water_scattering_exponent
-        algae = of.algae_scattering * self.chlorophyll**of.algae_scattering_exponent * 550.0 / WAVELENGTH_NM
+        algae = (
+            of.algae_scattering
+            * self.chlorophyll**of.algae_scattering_exponent
+            * 550.0
+            / WAVELENGTH_NM
+        )
         return water, algae + of.sediment_scattering * self.sediment
 
     @property
@@ -212,7 +246,9 @@ class Contents:
     def diffuse_attenuation(self, sun_zenith_deg: float) -> MeasuredWatersSpectrum:
         """K_d of daylight from a sun at that angle above the water, 1/m."""
         sine = np.sin(np.radians(sun_zenith_deg)) / CONSTANTS.refractive_index
-        return np.asarray(CONSTANTS.diffuse * (self.absorption + self.backscattering) / np.sqrt(1 - sine**2))
+        return np.asarray(
+            CONSTANTS.diffuse * (self.absorption + self.backscattering) / np.sqrt(1 - sine**2)
+        )
 
 
 def phytoplankton(chlorophyll: float) -> MeasuredWatersSpectrum:
@@ -222,10 +258,13 @@ def phytoplankton(chlorophyll: float) -> MeasuredWatersSpectrum:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredWater:
-    """A water, the daylight in it and a camera; what the camera sees, without any model of a channel's light over range.
+    """A water, the daylight in it and a camera; what the camera sees, without any model of a
+    channel's light over range.
 
-    bands: (3, 31) the camera's sensitivities, each with sum 1; balanced for daylight at the surface, which is taken as flat.
-    light: (31,) the daylight that the scene gets. beam: (31,) 1/m, what is lost on the way from the scene to the camera.
+    bands: (3, 31) the camera's sensitivities, each with sum 1; balanced for daylight at the
+    surface, which is taken as flat.
+    light: (31,) the daylight that the scene gets. beam: (31,) 1/m, what is lost on the way from the
+    scene to the camera.
     veil: (31,) the water's own light, before a camera that looks into the distance.
     """
 
@@ -240,7 +279,9 @@ class MeasuredWater:
         return np.asarray(self.bands @ self.light)
 
     def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Compute the fraction of a channel's light that is left after a range, meters: (..., 3)."""
+        """Compute the fraction of a channel's light that is left after a range, meters: (...,
+        3).
+        """
         left = np.exp(-np.asarray(range_m, np.float64)[..., None] * self.beam)
         return np.asarray(left @ (self.bands * self.light / self.white[:, None]).T)
 
@@ -251,21 +292,35 @@ class MeasuredWater:
 
 
 def draw_contents(kind: Kind, rng: np.random.Generator) -> Contents:
-    """A water of a kind. In the open ocean, dissolved matter follows chlorophyll (Morel and Maritorena 2001)."""
+    """A water of a kind. In the open ocean, dissolved matter follows chlorophyll (Morel and
+    Maritorena 2001).
+    """
     if kind == "ocean":
         chlorophyll = _between(0.03, 0.5, rng)
         algae = float(phytoplankton(chlorophyll)[AT_440])
         return Contents(chlorophyll, 0.2 * (float(WATER_ABSORPTION[AT_440]) + algae))
     if kind == "coast":
-        return Contents(_between(0.3, 3.0, rng), _between(0.02, 0.2, rng), _between(0.05, 1.0, rng), _between(0.02, 0.06, rng))
-    return Contents(_between(2.0, 10.0, rng), _between(0.15, 0.6, rng), _between(0.5, 4.0, rng), _between(0.02, 0.06, rng))
+        return Contents(
+            _between(0.3, 3.0, rng),
+            _between(0.02, 0.2, rng),
+            _between(0.05, 1.0, rng),
+            _between(0.02, 0.06, rng),
+        )
+    return Contents(
+        _between(2.0, 10.0, rng),
+        _between(0.15, 0.6, rng),
+        _between(0.5, 4.0, rng),
+        _between(0.02, 0.06, rng),
+    )
 
 
 def draw_water(contents: Contents, rng: np.random.Generator) -> MeasuredWater:
-    """Daylight at some depth and sun, seen by some camera; at most 12 m deep, or where a twentieth of the best light is left.
+    """Daylight at some depth and sun, seen by some camera; at most 12 m deep, or where a twentieth
+    of the best light is left.
 
-    Of the light that particles scatter most goes forward and still lands near its pixel: a fifth to all of it counts as lost. The
-    veil has the color of the daylight that is scattered back, and a level of 3 to 30 % of a white scene's brightest channel.
+    Of the light that particles scatter most goes forward and still lands near its pixel: a fifth to
+    all of it counts as lost. The veil has the color of the daylight that is scattered back, and a
+    level of 3 to 30 % of a white scene's brightest channel.
     """
     diffuse = contents.diffuse_attenuation(rng.uniform(0.0, 60.0))
     light = np.exp(-diffuse * rng.uniform(0.5, min(12.0, 3.0 / diffuse.min())))
@@ -278,7 +333,9 @@ def draw_water(contents: Contents, rng: np.random.Generator) -> MeasuredWater:
 
 
 def camera_bands(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draw sensitivities of R, G, B, (3, 31), each with sum 1: Gaussians around the cameras of Jiang et al., WACV 2013."""
+    """Draw sensitivities of R, G, B, (3, 31), each with sum 1: Gaussians around the cameras of
+    Jiang et al., WACV 2013.
+    """
     peaks_nm = np.array([602.0, 535.0, 460.0]) + rng.normal(0, 8.0, 3)
     widths_nm = np.array([30.0, 36.0, 29.0]) + rng.normal(0, 4.0, 3)
     bands = np.exp(-0.5 * ((WAVELENGTH_NM - peaks_nm[:, None]) / widths_nm[:, None]) ** 2)

@@ -1,4 +1,6 @@
-"""Trajectories in the formats of vehicles and other programs: ``read_trajectory`` recognizes the format; each is a module."""
+"""Trajectories in the formats of vehicles and other programs: ``read_trajectory`` recognizes the
+format; each is a module.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,16 +11,25 @@ import numpy as np
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.name_keys import side_of, without_side
-from stereo_seecolor.inputs.trajectories import column_map, foreign, models, poses, receivers, vehicles
+from stereo_seecolor.inputs.trajectories import (
+    column_map,
+    foreign,
+    models,
+    poses,
+    receivers,
+    vehicles,
+)
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.records import Trajectory
 
 FORMATS = (
-    "TUM, KITTI, TartanAir, transforms.json (NeRF), reconstruction.json (OpenSfM), COLMAP images.txt, "
+    "TUM, KITTI, TartanAir, transforms.json (NeRF), reconstruction.json (OpenSfM), COLMAP "
+    "images.txt, "
     "Metashape cameras (XML) and reference (text), oplab, "
     "ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2), NMEA, GPX, KML tracks, ROS bags, "
-    "tables of poses or navigation whose header names the columns; or any table with a map of its columns, "
+    "tables of poses or navigation whose header names the columns; or any table with a map of its "
+    "columns, "
     " nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
 )
 
@@ -43,10 +54,13 @@ _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
 
 
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
-    """Read the poses of the left camera from any known format; the result's ``camera`` says of the raw or the rectified one.
+    """Read the poses of the left camera from any known format; the result's ``camera`` says of the
+    raw or the rectified one.
 
-    path: the file, a ROS bag, or a table with a map of its columns: ``nav.csv:time=UTC,lat=Latitude,...`` (column_map.ROLES).
-    mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse, bags).
+    path: the file, a ROS bag, or a table with a map of its columns:
+    ``nav.csv:time=UTC,lat=Latitude,...`` (column_map.ROLES).
+    mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude
+    (oplab, ORCA, Matisse, bags).
     A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
 
     Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
@@ -64,15 +78,21 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
 
 
 def trajectory_format(path: Path) -> str | None:
-    """The name of the format that a text file is read as; None where it is no trajectory, by its first lines. Raises InputError."""
+    """The name of the format that a text file is read as; None where it is no trajectory, by its
+    first lines. Raises InputError.
+    """
     lines = read_lines(path)
     return next((name for name, recognizes, _ in _FORMATS if recognizes(lines)), None)
 
 
-def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np.ndarray) -> Trajectory:
-    """Read the trajectory of the rectified left camera, whatever camera or vehicle the file's poses are of.
+def rectified_trajectory(
+    path: Path, config: MappingConfig, T_rectified_left: np.ndarray
+) -> Trajectory:
+    """Read the trajectory of the rectified left camera, whatever camera or vehicle the file's poses
+    are of.
 
-    T_rectified_left: (4, 4), from the axes of the left camera as calibrated; a run's own is in its run.json.
+    T_rectified_left: (4, 4), from the axes of the left camera as calibrated; a run's own is in its
+    run.json.
     """
     trajectory = read_trajectory(path, config.mount)
     if config.poses_of != "format":
@@ -80,28 +100,49 @@ def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np
     return trajectory.of_rectified(T_rectified_left)
 
 
-def given_trajectory(poses: Path | None, config: MappingConfig, T_rectified_left: np.ndarray) -> Trajectory | None:
-    """Poses with the fixes of the configuration beside them, or either alone; None without any. Raises InputError."""
-    track, fixes = (rectified_trajectory(path, config, T_rectified_left) if path else None for path in (poses, config.fixes))
+def given_trajectory(
+    poses: Path | None, config: MappingConfig, T_rectified_left: np.ndarray
+) -> Trajectory | None:
+    """Poses with the fixes of the configuration beside them, or either alone; None without any.
+    Raises InputError.
+    """
+    track, fixes = (
+        rectified_trajectory(path, config, T_rectified_left) if path else None
+        for path in (poses, config.fixes)
+    )
     return replace(track, absolute=fixes) if track and fixes else track or fixes
 
 
 def trajectory_file(path: Path) -> Path:
-    """The file that is read for ``path``, which may have a map of columns after it. Raises InputError for a bad map."""
+    """The file that is read for ``path``, which may have a map of columns after it. Raises
+    InputError for a bad map.
+    """
     return column_map.split_spec(path)[0]
 
 
 def _of_left(trajectory: Trajectory) -> Trajectory:
-    """Without the poses of the right camera where the file names both sides' images (``left/0001.png``, ``right/0001.png``)."""
+    """Without the poses of the right camera where the file names both sides' images
+    (``left/0001.png``, ``right/0001.png``).
+    """
     sides = [side_of(name) for name in trajectory.names]
-    lefts = {without_side(name, "left") for name, side in zip(trajectory.names, sides, strict=True) if side == "left"}
-    of_right = [side == "right" and without_side(name, side) in lefts for name, side in zip(trajectory.names, sides, strict=True)]
+    lefts = {
+        without_side(name, "left")
+        for name, side in zip(trajectory.names, sides, strict=True)
+        if side == "left"
+    }
+    of_right = [
+        side == "right" and without_side(name, side) in lefts
+        for name, side in zip(trajectory.names, sides, strict=True)
+    ]
     if not any(of_right):
         return trajectory
     kept = np.flatnonzero(~np.array(of_right))
     names = tuple(trajectory.names[i] for i in kept)
     return replace(
-        trajectory, names=names, timestamps_s=trajectory.timestamps_s[kept], T_world_camera=trajectory.T_world_camera[kept]
+        trajectory,
+        names=names,
+        timestamps_s=trajectory.timestamps_s[kept],
+        T_world_camera=trajectory.T_world_camera[kept],
     )
 
 
@@ -111,4 +152,7 @@ def _reader(lines: Lines) -> _Reader:
             return read
     if kind := foreign.named("\n".join(lines.all[:50])):
         raise InputError(f"{lines.path}: is {kind}")
-    raise InputError(f"{lines.path}: is no trajectory that is known here ({FORMATS}); first line: {lines.first[:60]!r}")
+    raise InputError(
+        f"{lines.path}: is no trajectory that is known here ({FORMATS}); first line: "
+        f"{lines.first[:60]!r}"
+    )

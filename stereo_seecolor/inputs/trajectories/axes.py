@@ -16,14 +16,18 @@ R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 
 
 def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:
-    """Rz(yaw) Ry(pitch) Rx(roll), radians, shape (..., 3, 3): body axes to the axes the angles are measured in."""
+    """Rz(yaw) Ry(pitch) Rx(roll), radians, shape (..., 3, 3): body axes to the axes the angles are
+    measured in.
+    """
     from scipy.spatial.transform import Rotation  # see geometry.py
 
     angles = np.stack(np.broadcast_arrays(yaw, pitch, roll), axis=-1).astype(np.float64)
     return np.asarray(Rotation.from_euler("ZYX", angles).as_matrix())
 
 
-def poses_from_ned(R_ned_camera: NDArray[np.float64], position_ned_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def poses_from_ned(
+    R_ned_camera: NDArray[np.float64], position_ned_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Camera poses in north-east-down to camera poses in east-north-up, (N, 4, 4)."""
     return pose(R_ENU_NED @ R_ned_camera, position_ned_m @ R_ENU_NED.T)
 
@@ -48,8 +52,10 @@ Column = NDArray[np.float64]
 class VehicleTrack:
     """Navigation of a vehicle, N rows; what is NaN gives a NaN pose.
 
-    names: of the images, "" where none is named. timestamps_s: (N,) seconds since 1970. north_east_m: (N, 2) from the origin.
-    depth_m: (N,) below the surface. attitude_deg: (N, 3) roll, pitch, heading. origin: None for a local map.
+    names: of the images, "" where none is named. timestamps_s: (N,) seconds since 1970.
+    north_east_m: (N, 2) from the origin.
+    depth_m: (N,) below the surface. attitude_deg: (N, 3) roll, pitch, heading. origin: None for a
+    local map.
     """
 
     names: tuple[str, ...]
@@ -62,12 +68,16 @@ class VehicleTrack:
     def camera(self, mount: MountConfig) -> Trajectory:
         """The raw camera's poses in east-north-up, z zero at the water's surface."""
         R_ned_vehicle = rotation_from_euler(*np.radians(self.attitude_deg.T))
-        position = np.column_stack([self.north_east_m, self.depth_m]) + R_ned_vehicle @ mount_offset_m(mount)
+        position = np.column_stack(
+            [self.north_east_m, self.depth_m]
+        ) + R_ned_vehicle @ mount_offset_m(mount)
         T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
         return Trajectory(self.names, self.timestamps_s, T, origin=self.origin, camera="raw")
 
 
-def from_degrees(latitude_deg: Column, longitude_deg: Column) -> tuple[NDArray[np.float64], GeoOrigin]:
+def from_degrees(
+    latitude_deg: Column, longitude_deg: Column
+) -> tuple[NDArray[np.float64], GeoOrigin]:
     """Convert to meters north and east of the first known position, (N, 2); and that position."""
     known = np.flatnonzero(np.isfinite(latitude_deg) & np.isfinite(longitude_deg))
     first = int(known[0]) if known.size else 0

@@ -1,4 +1,6 @@
-"""Any table of navigation, with a map of its columns: ``nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Hdg``."""
+"""Any table of navigation, with a map of its columns:
+``nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Hdg``.
+"""
 
 import difflib
 import re
@@ -64,7 +66,9 @@ _NAMES = {
     "roll": "roll",
     "valid": "(position|pos|fix)_?valid|valid|(fix_?)?quality",
 }
-"""Role -> usual names of its column, before a unit. Altitude is none of them: vehicles measure it above the bottom."""
+"""Role -> usual names of its column, before a unit. Altitude is none of them: vehicles measure it
+above the bottom.
+"""
 _OWNER = re.compile(r"^(gps\d?|vehicle|nav|ugps|attitude|vfr_hud|global_position(_int)?)\.")
 """What QGroundControl and others put before a name: ``gps.lat``."""
 _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
@@ -75,7 +79,9 @@ _DEGREES = re.compile(
     r"([NSEWO])?\s*([+-]?\d+(?:\.\d+)?)\s*(?:[°º\ufffd:\s]\s*(?:(\d+(?:\.\d+)?)\s*['’′:\s]*\s*(?:(\d+(?:\.\d+)?)\s*(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
     re.IGNORECASE,
 )
-"""Degrees, minutes and seconds, as far as there are, and the hemisphere before or after: ``14°41'6.0"S``, ``14.685 S``."""
+"""Degrees, minutes and seconds, as far as there are, and the hemisphere before or after:
+``14°41'6.0"S``, ``14.685 S``.
+"""
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _SEPARATORS = (",", ";", "\t")
@@ -94,7 +100,10 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
         role, _, column = (text.strip() for text in part.partition("="))
         if role not in ROLES or not column or role in columns:
             known = ", ".join(ROLES)
-            raise InputError(f"{spec}: {part!r} is no role=column with a role of its own ({known}): write {_EXAMPLE}")
+            raise InputError(
+                f"{spec}: {part!r} is no role=column with a role of its own ({known}): write "
+                f"{_EXAMPLE}"
+            )
         columns[role] = column
     return Path(match["file"]), columns
 
@@ -102,7 +111,9 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
 def recognizes(lines: Lines) -> bool:
     """A header whose names tell a time or an image, and a place, a depth or an attitude."""
     columns = _guessed(lines)
-    of_navigation = columns.keys() - _FIXES or {"lat", "lon", "north", "east", "valid"} & columns.keys()
+    of_navigation = (
+        columns.keys() - _FIXES or {"lat", "lon", "north", "east", "valid"} & columns.keys()
+    )
     return bool({"time", "name"} & columns.keys() and of_navigation)
 
 
@@ -112,17 +123,27 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     if missing := _missing(columns):
         names = ", ".join(_header(lines)[1])
         raise InputError(
-            f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name its columns as in {_EXAMPLE}"
+            f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name "
+            f"its columns as in {_EXAMPLE}"
         )
     return read(lines, columns, mount, by_names=True)
 
 
 def _guessed(lines: Lines) -> dict[str, str]:
-    """Role -> the first column of a usual name for it. A date beside a time that holds one is left out."""
+    """Role -> the first column of a usual name for it. A date beside a time that holds one is left
+    out.
+    """
     found: dict[str, str] = {}
     for name in _header(lines)[1]:
         bare = _OWNER.sub("", _UNIT.sub("", name))
-        role = next((role for role, names in _NAMES.items() if role not in found and re.fullmatch(names, bare)), None)
+        role = next(
+            (
+                role
+                for role, names in _NAMES.items()
+                if role not in found and re.fullmatch(names, bare)
+            ),
+            None,
+        )
         if role:
             found[role] = name
     if "date" in found and "time" in found:
@@ -134,47 +155,75 @@ def _guessed(lines: Lines) -> dict[str, str]:
     return found
 
 
-def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig, by_names: bool = False) -> Trajectory:
-    """The camera's poses from the vehicle's; places alone are ``fixes``. columns: role (see ROLES) -> column.
+def read(
+    lines: Lines, columns: Mapping[str, str], mount: MountConfig, by_names: bool = False
+) -> Trajectory:
+    """The camera's poses from the vehicle's; places alone are ``fixes``. columns: role (see ROLES)
+    -> column.
     by_names: nobody says that ``date`` has the day first.
 
     Raises InputError for what is missing.
     """
     if missing := _missing(columns):
-        raise InputError(f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}")
+        raise InputError(
+            f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}"
+        )
     table = _table(lines, columns)
     origin: GeoOrigin | None = None
-    north_east_m = np.column_stack([_numbers(table, columns, "north"), _numbers(table, columns, "east")])
+    north_east_m = np.column_stack(
+        [_numbers(table, columns, "north"), _numbers(table, columns, "east")]
+    )
     north_east_m[_not_valid(table, columns)] = np.nan
     if "lat" in columns:
         north_east_m, origin = _from_degrees(table, columns)
-    depth_m = _numbers(table, columns, "depth") if "depth" in columns else -_numbers(table, columns, "up")
+    depth_m = (
+        _numbers(table, columns, "depth") if "depth" in columns else -_numbers(table, columns, "up")
+    )
     if (depth_m <= 0).any() and not (depth_m > 0).any():
         depth_m = -depth_m
     mount = MountConfig() if columns.keys() <= _FIXES else mount
-    attitude_deg = np.column_stack([_numbers(table, columns, role) for role in ("roll", "pitch", "heading")])
-    names = tuple(table.text(columns["name"].lower()) if "name" in columns else [""] * len(table.rows))
-    track = VehicleTrack(names, _times(table, columns, by_names), north_east_m, depth_m, attitude_deg, origin).camera(mount)
+    attitude_deg = np.column_stack(
+        [_numbers(table, columns, role) for role in ("roll", "pitch", "heading")]
+    )
+    names = tuple(
+        table.text(columns["name"].lower()) if "name" in columns else [""] * len(table.rows)
+    )
+    track = VehicleTrack(
+        names, _times(table, columns, by_names), north_east_m, depth_m, attitude_deg, origin
+    ).camera(mount)
     return replace(track, fixes=columns.keys() <= _FIXES)
 
 
 def _missing(columns: Mapping[str, str]) -> list[str]:
     """What the roles lack, in words; nothing where they are those of fixes."""
-    missing = [what for what, choices in _NEEDED.items() if not any(choice <= columns.keys() for choice in choices)]
-    return [] if columns.keys() <= _FIXES and "time" in columns and _PLACE not in missing else missing
+    missing = [
+        what
+        for what, choices in _NEEDED.items()
+        if not any(choice <= columns.keys() for choice in choices)
+    ]
+    return (
+        [] if columns.keys() <= _FIXES and "time" in columns and _PLACE not in missing else missing
+    )
 
 
-def _from_degrees(table: Table, columns: Mapping[str, str]) -> tuple[NDArray[np.float64], GeoOrigin]:
+def _from_degrees(
+    table: Table, columns: Mapping[str, str]
+) -> tuple[NDArray[np.float64], GeoOrigin]:
     latitude_deg, longitude_deg = _numbers(table, columns, "lat"), _numbers(table, columns, "lon")
     if (np.abs(latitude_deg) > 90).any():
         most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
-        raise InputError(f"{table.lines.path}: {most}: are latitude and longitude exchanged, or meters or minutes in that column?")
+        raise InputError(
+            f"{table.lines.path}: {most}: are latitude and longitude exchanged, or meters or "
+            "minutes in that column?"
+        )
     latitude_deg[_not_valid(table, columns) | ((latitude_deg == 0) & (longitude_deg == 0))] = np.nan
     return from_degrees(latitude_deg, longitude_deg)
 
 
 def _not_valid(table: Table, columns: Mapping[str, str]) -> NDArray[np.bool_]:
-    """Rows that say of their position that it is not known, also in a column that the map does not name."""
+    """Rows that say of their position that it is not known, also in a column that the map does not
+    name.
+    """
     column = columns.get("valid") or _guessed(table.lines).get("valid", "")
     return np.array([text.lower() in _NOT_VALID for text in table.text(column.lower())], dtype=bool)
 
@@ -198,7 +247,9 @@ def _header(lines: Lines) -> tuple[str, list[str]]:
 
 
 def _numbers(table: Table, columns: Mapping[str, str], role: str) -> Column:
-    """A role's column, of angles in degrees, also where its name says radians; zeros where the map does not name one."""
+    """A role's column, of angles in degrees, also where its name says radians; zeros where the map
+    does not name one.
+    """
     if role not in columns:
         return np.zeros(len(table.rows))
     column = columns[role].lower()
@@ -226,13 +277,18 @@ def _times(table: Table, columns: Mapping[str, str], by_names: bool) -> Column:
     day = next((columns[role] for role in ("date", "us_date") if role in columns), "")
     times = table.text(columns["time"].lower())
     if day and day != columns["time"]:
-        times = [f"{date} {time}" for date, time in zip(table.text(day.lower()), times, strict=True)]
+        times = [
+            f"{date} {time}" for date, time in zip(table.text(day.lower()), times, strict=True)
+        ]
     day_first = None if by_names or not day else "date" in columns
     try:
         return np.array(column_seconds(times, day_first))
     except AmbiguousDateError as error:
         raise InputError(
-            f"{table.lines.path}: {error}: name the columns with date= (d/m/Y) or us_date= (m/d/Y), as in {_EXAMPLE}"
+            f"{table.lines.path}: {error}: name the columns with date= (d/m/Y) or us_date= "
+            f"(m/d/Y), as in {_EXAMPLE}"
         ) from error
     except TimeError as error:
-        raise table.lines.error(table.rows[error.row][0], f"no time in {str(error)!r}: {ROLES['time']}") from error
+        raise table.lines.error(
+            table.rows[error.row][0], f"no time in {str(error)!r}: {ROLES['time']}"
+        ) from error

@@ -1,4 +1,6 @@
-"""Logs and models that hold a track and are not read here, recognized so that the error says what the file is and what to do."""
+"""Logs and models that hold a track and are not read here, recognized so that the error says what
+the file is and what to do.
+"""
 
 import re
 
@@ -6,19 +8,36 @@ _BINARY = (
     (rb"PK\x03\x04", "a spreadsheet or an archive: save the table as CSV, or unpack it"),
     (
         rb"ULog\x01\x12\x35",
-        "a log of PX4 (ULog): convert it with ulog2csv, and give a table with time, lat, lon, depth and heading",
+        "a log of PX4 (ULog): convert it with ulog2csv, and give a table with time, lat, lon, "
+        "depth and heading",
     ),
     (rb"\xa3\x95", "a log of ArduPilot (DataFlash): convert it with mavlogdump.py --format csv"),
-    (rb".{8}[\xfd\xfe].{5}", "a telemetry log of MAVLink (tlog): convert it with mavlogdump.py --format csv, or export it as CSV"),
+    (
+        rb".{8}[\xfd\xfe].{5}",
+        "a telemetry log of MAVLink (tlog): convert it with mavlogdump.py --format csv, or "
+        "export it as CSV",
+    ),
     (rb"\x00\x00\x27\x0a", "a Shapefile: export the track as CSV, with time, lat and lon"),
 )
 _TEXT = (
-    (r"\A# Bundle file", "a model of Bundler, without names or times of images: export it as images.txt of COLMAP"),
+    (
+        r"\A# Bundle file",
+        "a model of Bundler, without names or times of images: export it as images.txt of COLMAP",
+    ),
     (r"\ANVM_V3", "a model of VisualSFM: export it as images.txt of COLMAP"),
-    (r'"img_name"\s*:', "the cameras of a splatting model: give the images.txt of COLMAP that it was made from"),
-    (r'"type"\s*:\s*"FeatureCollection"', "a GeoJSON file: export the track as CSV, with time, lat and lon"),
+    (
+        r'"img_name"\s*:',
+        "the cameras of a splatting model: give the images.txt of COLMAP that it was made from",
+    ),
+    (
+        r'"type"\s*:\s*"FeatureCollection"',
+        "a GeoJSON file: export the track as CSV, with time, lat and lon",
+    ),
     (r"<kml", "a KML file without times: give GPX, or CSV with time, lat and lon"),
-    (r"\A(\s|#.*\n|version\s*:.*\n)*(origin|mission|vehicle)\s*:", "a mission file of oplab: give the csv/ekf table of the camera"),
+    (
+        r"\A(\s|#.*\n|version\s*:.*\n)*(origin|mission|vehicle)\s*:",
+        "a mission file of oplab: give the csv/ekf table of the camera",
+    ),
 )
 
 

@@ -23,13 +23,17 @@ from stereo_seecolor.records import GeoOrigin, Trajectory
 def is_colmap(lines: Lines) -> bool:
     """The comment COLMAP writes, or ten fields of which the last is a name."""
     fields = lines.first.split()
-    return any("QW, QX, QY, QZ" in line for line in lines.all[:6]) or (len(fields) == 10 and not is_number(fields[9]))
+    return any("QW, QX, QY, QZ" in line for line in lines.all[:6]) or (
+        len(fields) == 10 and not is_number(fields[9])
+    )
 
 
 def read_colmap(lines: Lines, mount: MountConfig) -> Trajectory:
-    """COLMAP's world is arbitrary: up is unknown, and so is the scale unless the model was made metric.
+    """COLMAP's world is arbitrary: up is unknown, and so is the scale unless the model was made
+    metric.
 
-    The pictures it was given are taken to be the raw left ones (as they are, or undistorted, which does not turn them).
+    The pictures it was given are taken to be the raw left ones (as they are, or undistorted, which
+    does not turn them).
     """
     rows, names = [], []
     for number, line in _image_lines(lines):
@@ -47,7 +51,9 @@ def read_colmap(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def _image_lines(lines: Lines) -> list[tuple[int, str]]:
-    """Every second line that is no comment; the lines of points may be empty, so empty lines count."""
+    """Every second line that is no comment; the lines of points may be empty, so empty lines
+    count.
+    """
     text = lines.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     uncommented = [(i, line) for i, line in enumerate(text, start=1) if not line.startswith("#")]
     return [(i, line) for i, line in uncommented[::2] if line.strip()]
@@ -65,18 +71,25 @@ _UNIT = np.array([1.0, *np.eye(3).ravel(), 0, 0, 0])
 def is_metashape_xml(lines: Lines) -> bool:
     """XML with a document that holds a chunk."""
     head = "".join(lines.all[:4])
-    return head.startswith("<?xml") and "<document" in head and any(line.startswith("<chunk") for line in lines.all[:10])
+    return (
+        head.startswith("<?xml")
+        and "<document" in head
+        and any(line.startswith("<chunk") for line in lines.all[:10])
+    )
 
 
 def read_metashape_xml(lines: Lines, mount: MountConfig) -> Trajectory:
     """Cameras that were aligned, by their labels. Axes as here: x right, y down, z forward.
 
-    With a reference on Earth the chunk's transform leads to geocentric meters, which become east-north-up at the first camera.
+    With a reference on Earth the chunk's transform leads to geocentric meters, which become
+    east-north-up at the first camera.
     With local coordinates z is up. Without a transform neither scale nor up is known.
     """
     root = _parse(lines)
     names, matrices, placed = [], [], []
-    components = {node.get("id"): _similarity(node.find("transform")) for node in root.iter("component")}
+    components = {
+        node.get("id"): _similarity(node.find("transform")) for node in root.iter("component")
+    }
     chunk = _similarity(root.find("chunk/transform"))
     for camera, matrix in _aligned(lines, root):
         component = components.get(camera.get("component_id"))
@@ -85,7 +98,10 @@ def read_metashape_xml(lines: Lines, mount: MountConfig) -> Trajectory:
         placed.append(similarity is not None)
         matrices.append(_moved(_UNIT if similarity is None else similarity, matrix))
     if not names:
-        raise InputError(f"{lines.path}: holds no aligned camera: align the photos in Metashape and export the cameras again")
+        raise InputError(
+            f"{lines.path}: holds no aligned camera: align the photos in Metashape and export the "
+            "cameras again"
+        )
     T, times = np.array(matrices), np.full(len(names), np.nan)
     if not all(placed):
         return Trajectory(tuple(names), times, T, up="unknown", camera="raw")
@@ -111,12 +127,16 @@ def _aligned(lines: Lines, root: ET.Element) -> Iterator[tuple[ET.Element, Array
         if transform is not None:
             values = _numbers(transform)
             if len(values) != _CAMERA_IN_CHUNK:
-                raise InputError(f"{lines.path}: camera {camera.get('label')!r}: its transform needs 16 numbers")
+                raise InputError(
+                    f"{lines.path}: camera {camera.get('label')!r}: its transform needs 16 numbers"
+                )
             yield camera, values.reshape(4, 4)
 
 
 def _similarity(node: ET.Element | None) -> Array | None:
-    """(13,) scale, rotation (9), translation (3); None where there is none, or one that cannot be read."""
+    """(13,) scale, rotation (9), translation (3); None where there is none, or one that cannot be
+    read.
+    """
     if node is None:
         return None
     parts = [_numbers(node.find(name)) for name in ("scale", "rotation", "translation")]
@@ -126,7 +146,11 @@ def _similarity(node: ET.Element | None) -> Array | None:
 
 def _numbers(node: ET.Element | None) -> Array:
     try:
-        return np.array([float(word) for word in (node.text or "").split()]) if node is not None else np.zeros(0)
+        return (
+            np.array([float(word) for word in (node.text or "").split()])
+            if node is not None
+            else np.zeros(0)
+        )
     except ValueError:
         return np.zeros(0)
 
@@ -140,13 +164,17 @@ def _moved(similarity: Array, T_chunk_camera: Array) -> Array:
 
 
 def _is_on_earth(root: ET.Element) -> bool:
-    """A coordinate system that is geographic, geocentric or projected; a local one has none, or is called LOCAL_CS."""
+    """A coordinate system that is geographic, geocentric or projected; a local one has none, or is
+    called LOCAL_CS.
+    """
     reference = root.findtext("chunk/reference") or root.findtext("reference") or ""
     return bool(reference.strip()) and not reference.strip().startswith("LOCAL_CS")
 
 
 def _east_north_up(T: Array) -> tuple[Array, GeoOrigin]:
-    """Geocentric poses as east-north-up about the first finite camera; z is the height above the ellipsoid."""
+    """Geocentric poses as east-north-up about the first finite camera; z is the height above the
+    ellipsoid.
+    """
     known = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
     first = T[known[0] if known.size else 0, :3, 3]
     latitude_deg, longitude_deg, height_m = geodetic_from_geocentric(first)
@@ -171,8 +199,9 @@ def is_metashape_reference(lines: Lines) -> bool:
 def read_metashape_reference(lines: Lines, mount: MountConfig) -> Trajectory:
     """Estimated values where the file has them, else the given ones.
 
-    The angles are the camera's own, whatever the mount: all zero looks down with the top of the image to the north, yaw turns
-    clockwise, pitch up, roll to starboard, as a vehicle's with a camera mounted the usual way (MountConfig's defaults).
+    The angles are the camera's own, whatever the mount: all zero looks down with the top of the
+    image to the north, yaw turns clockwise, pitch up, roll to starboard, as a vehicle's with a
+    camera mounted the usual way (MountConfig's defaults).
     """
     header = _header(lines)
     table = Table.read(lines, _separator(lines), header, lines.content)
@@ -183,11 +212,20 @@ def read_metashape_reference(lines: Lines, mount: MountConfig) -> Trajectory:
     if _is_geographic(lines):
         north_east_m, origin = from_degrees(columns["y"], columns["x"])
     times = np.full(len(table.rows), np.nan)
-    return VehicleTrack(tuple(table.text("label")), times, north_east_m, -columns["z"], attitude_deg, origin).camera(MountConfig())
+    return VehicleTrack(
+        tuple(table.text("label")), times, north_east_m, -columns["z"], attitude_deg, origin
+    ).camera(MountConfig())
 
 
 def _header_line(lines: Lines) -> str:
-    return next((line.lstrip("# ") for line in lines.all[:5] if line.lstrip("# ").lower().startswith("label")), "")
+    return next(
+        (
+            line.lstrip("# ")
+            for line in lines.all[:5]
+            if line.lstrip("# ").lower().startswith("label")
+        ),
+        "",
+    )
 
 
 def _separator(lines: Lines) -> str:
@@ -219,20 +257,32 @@ def is_nerf(lines: Lines) -> bool:
 
 
 def read_nerf(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Matched to the frames by the names of their images; up and the scale are unknown. The images are taken to be the raw ones."""
+    """Matched to the frames by the names of their images; up and the scale are unknown. The images
+    are taken to be the raw ones.
+    """
     try:
         frames = load_json("\n".join(lines.all))["frames"]
         names = tuple(str(frame["file_path"]) for frame in frames)
         T = np.array([frame["transform_matrix"] for frame in frames], dtype=np.float64)[:, :3]
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-        raise InputError(f"{lines.path}: no frames with a file_path and a 4x4 transform_matrix each ({error!r:.80})") from error
+        raise InputError(
+            f"{lines.path}: no frames with a file_path and a 4x4 transform_matrix each "
+            f"({error!r:.80})"
+        ) from error
     if T.shape[1:] != (3, 4) or (np.abs(T) > LARGEST).any():
-        raise InputError(f"{lines.path}: transform_matrix: expected 4x4 numbers of meters a frame, got shape {T.shape}")
-    return Trajectory(names, np.full(len(T), np.nan), _rigid(T) @ OPENGL_OPENCV, up="unknown", camera="raw")
+        raise InputError(
+            f"{lines.path}: transform_matrix: expected 4x4 numbers of meters a frame, got shape "
+            f"{T.shape}"
+        )
+    return Trajectory(
+        names, np.full(len(T), np.nan), _rigid(T) @ OPENGL_OPENCV, up="unknown", camera="raw"
+    )
 
 
 def _rigid(T: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) of (N, 3, 4), the axes of length one: Blender leaves an object's scale in them; NaN where one has none."""
+    """(N, 4, 4) of (N, 3, 4), the axes of length one: Blender leaves an object's scale in them; NaN
+    where one has none.
+    """
     whole = np.tile(np.eye(4), (len(T), 1, 1))
     whole[:, :3] = T
     lengths = np.linalg.norm(T[:, :, :3], axis=1, keepdims=True)
@@ -250,22 +300,45 @@ def is_opensfm(lines: Lines) -> bool:
 
 
 def read_opensfm(lines: Lines, mount: MountConfig) -> Trajectory:
-    """The largest reconstruction: east, north, up about its reference; z counts from the sea where that has an altitude."""
+    """The largest reconstruction: east, north, up about its reference; z counts from the sea where
+    that has an altitude.
+    """
     try:
         whole = max(load_json("\n".join(lines.all)), key=lambda one: len(one["shots"]))
         shots = whole["shots"]
         vectors, shifts = (
-            np.array([shot[key] for shot in shots.values()], dtype=np.float64) for key in ("rotation", "translation")
+            np.array([shot[key] for shot in shots.values()], dtype=np.float64)
+            for key in ("rotation", "translation")
         )
-        times = np.array([shot.get("capture_time") or np.nan for shot in shots.values()], dtype=np.float64)
+        times = np.array(
+            [shot.get("capture_time") or np.nan for shot in shots.values()], dtype=np.float64
+        )
         place = whole.get("reference_lla")
         origin = GeoOrigin(float(place["latitude"]), float(place["longitude"])) if place else None
         height_m = float(place.get("altitude", 0.0)) if place else 0.0
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{lines.path}: no shots with a rotation and a translation each ({error!r:.80})") from error
-    if vectors.shape != shifts.shape or vectors.shape[1:] != (3,) or (np.abs(shifts) > LARGEST).any():
-        raise InputError(f"{lines.path}: rotation and translation: expected three numbers a shot, got shape {shifts.shape}")
-    R_world_camera = np.array([rotation_from_vector(vector).T for vector in vectors]).reshape(-1, 3, 3)
+        raise InputError(
+            f"{lines.path}: no shots with a rotation and a translation each ({error!r:.80})"
+        ) from error
+    if (
+        vectors.shape != shifts.shape
+        or vectors.shape[1:] != (3,)
+        or (np.abs(shifts) > LARGEST).any()
+    ):
+        raise InputError(
+            f"{lines.path}: rotation and translation: expected three numbers a shot, got shape "
+            f"{shifts.shape}"
+        )
+    R_world_camera = np.array([rotation_from_vector(vector).T for vector in vectors]).reshape(
+        -1, 3, 3
+    )
     centers = -np.einsum("nij,nj->ni", R_world_camera, shifts) + [0, 0, height_m]
     up: Literal["z", "unknown"] = "z" if place else "unknown"
-    return Trajectory(tuple(map(str, shots)), times, pose(R_world_camera, centers), up=up, origin=origin, camera="raw")
+    return Trajectory(
+        tuple(map(str, shots)),
+        times,
+        pose(R_world_camera, centers),
+        up=up,
+        origin=origin,
+        camera="raw",
+    )

@@ -26,7 +26,10 @@ def read_tum(lines: Lines, mount: MountConfig) -> Trajectory:
     for number, line in lines.content:
         fields = _fields(line)
         if len(fields) != 8:
-            raise lines.error(number, f"a TUM pose has 8 numbers (timestamp tx ty tz qx qy qz qw), got {len(fields)}")
+            raise lines.error(
+                number,
+                f"a TUM pose has 8 numbers (timestamp tx ty tz qx qy qz qw), got {len(fields)}",
+            )
         rows.append(lines.numbers(number, fields[1:]))
         try:
             times.append(seconds(fields[0]))
@@ -38,7 +41,8 @@ def read_tum(lines: Lines, mount: MountConfig) -> Trajectory:
 def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> Trajectory:
     """Make a trajectory of (N, 7) x y z qx qy qz qw.
 
-    World z is up unless the first pose is the identity: then the world is the first camera, and up is unknown.
+    World z is up unless the first pose is the identity: then the world is the first camera, and up
+    is unknown.
     """
     T = pose(rotation_from_quaternion(values[:, 3:]), values[:, :3])
     starts_at_identity = np.allclose(T[0], np.eye(4), atol=1e-6)
@@ -59,7 +63,9 @@ def is_kitti(lines: Lines) -> bool:
 
 
 def read_kitti(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Matched to the frames in order, or by time where times.txt has as many lines; up is unknown."""
+    """Matched to the frames in order, or by time where times.txt has as many lines; up is
+    unknown.
+    """
     rows = []
     for number, line in lines.content:
         values = lines.numbers(number, line.split())
@@ -78,7 +84,9 @@ def _times(lines: Lines, count: int) -> np.ndarray:
     times = read_lines(path)
     values = [times.numbers(number, [line])[0] for number, line in times.content]
     if len(values) != count:
-        raise times.error(len(values), f"{len(values)} times for the {count} poses of {lines.path.name}")
+        raise times.error(
+            len(values), f"{len(values)} times for the {count} poses of {lines.path.name}"
+        )
     return np.array(values)
 
 
@@ -106,10 +114,14 @@ def read_tartanair(lines: Lines, mount: MountConfig) -> Trajectory:
     for number, line in lines.content:
         values = lines.numbers(number, line.split())
         if len(values) != 7:
-            raise lines.error(number, f"a pose of TartanAir has 7 numbers (x y z qx qy qz qw), got {len(values)}")
+            raise lines.error(
+                number, f"a pose of TartanAir has 7 numbers (x y z qx qy qz qw), got {len(values)}"
+            )
         rows.append(values)
     table = np.array(rows)
-    T = poses_from_ned(rotation_from_quaternion(table[:, 3:]) @ R_FORWARD_RIGHT_DOWN_CAMERA, table[:, :3])
+    T = poses_from_ned(
+        rotation_from_quaternion(table[:, 3:]) @ R_FORWARD_RIGHT_DOWN_CAMERA, table[:, :3]
+    )
     return Trajectory(("",) * len(T), np.full(len(T), np.nan), T)
 
 
@@ -137,7 +149,9 @@ def read_pose_table(lines: Lines, mount: MountConfig) -> Trajectory:
         times = [seconds(text) for text in table.text(columns[0])]
     except ValueError as error:
         raise lines.error(rows[0][0], f"no time in column {columns[0]!r}: {error}") from error
-    return trajectory_of(np.array(times), np.column_stack([table.column(name) for name in columns[1:]]))
+    return trajectory_of(
+        np.array(times), np.column_stack([table.column(name) for name in columns[1:]])
+    )
 
 
 def _columns(lines: Lines) -> list[str] | None:
@@ -146,7 +160,11 @@ def _columns(lines: Lines) -> list[str] | None:
     bare = [re.sub(r"\s*[\[(][^\[\]()]*[\])]", "", name) for name in names]
     found: list[str] = []
     for pattern in (_TIME, *map(_POSITION.format, "xyz"), *map(_ROTATION.format, "xyzw")):
-        fitting = (name for name, plain in zip(names, bare, strict=True) if name not in found and re.fullmatch(pattern, plain))
+        fitting = (
+            name
+            for name, plain in zip(names, bare, strict=True)
+            if name not in found and re.fullmatch(pattern, plain)
+        )
         if (first := next(fitting, None)) is None:
             return None
         found.append(first)

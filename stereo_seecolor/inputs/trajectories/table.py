@@ -14,7 +14,9 @@ from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
 # Times of day and of the epoch, as tables of navigation write them.
 
 _EPOCH_UNITS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
-"""Numbers from here on are in nanoseconds, microseconds, milliseconds: in seconds they would be past the year 5000."""
+"""Numbers from here on are in nanoseconds, microseconds, milliseconds: in seconds they would be
+past the year 5000.
+"""
 _MOMENT = re.compile(
     r"(\d{1,4})([/.-])(\d{1,2})[/.-](\d{1,4})[ ,T]+"
     r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*([AP])?\.?(?:M\.?)?\s*(?:Z|UTC|GMT)?",
@@ -42,7 +44,8 @@ def is_unknown(text: str) -> bool:
 
 
 def seconds(text: str) -> float:
-    """Seconds since 1970 from a number (seconds, ms, us or ns, by its size) or an ISO 8601 time; UTC unless it says otherwise.
+    """Seconds since 1970 from a number (seconds, ms, us or ns, by its size) or an ISO 8601 time;
+    UTC unless it says otherwise.
 
     Raises ValueError for anything else.
     """
@@ -56,21 +59,28 @@ def seconds(text: str) -> float:
 
 
 def column_seconds(texts: Sequence[str], day_first: bool | None = None) -> list[float]:
-    """Seconds since 1970 of a whole column, UTC: as ``seconds``, or a date of three numbers and h:m:s, also with AM and PM.
+    """Seconds since 1970 of a whole column, UTC: as ``seconds``, or a date of three numbers and
+    h:m:s, also with AM and PM.
 
-    day_first: whether 3/4/2026 is the third of April where no date of the column tells; None: not known. A cell without a value is
-    NaN. Raises AmbiguousDateError where that is needed, and TimeError for a cell that is no time.
+    day_first: whether 3/4/2026 is the third of April where no date of the column tells; None: not
+    known. A cell without a value is NaN. Raises AmbiguousDateError where that is needed, and
+    TimeError for a cell that is no time.
     """
     found = [_parsed(row, text) for row, text in enumerate(texts)]
     dates = [(int(m[1]), int(m[3])) for m in found if isinstance(m, re.Match) and len(m[1]) < 4]
-    if any(first > 12 for first, _ in dates) or any(isinstance(m, re.Match) and m[2] == "." for m in found):
+    if any(first > 12 for first, _ in dates) or any(
+        isinstance(m, re.Match) and m[2] == "." for m in found
+    ):
         day_first = True
     elif any(second > 12 for _, second in dates):
         day_first = False
     if dates and day_first is None:
         first = next(text for text, m in zip(texts, found, strict=True) if isinstance(m, re.Match))
         raise AmbiguousDateError(f"{first!r} may be day/month or month/day")
-    return [m if isinstance(m, float) else _of_match(row, m, day_first is not False) for row, m in enumerate(found)]
+    return [
+        m if isinstance(m, float) else _of_match(row, m, day_first is not False)
+        for row, m in enumerate(found)
+    ]
 
 
 def _parsed(row: int, text: str) -> float | re.Match[str]:
@@ -86,7 +96,13 @@ def _parsed(row: int, text: str) -> float | re.Match[str]:
 
 def _of_match(row: int, match: re.Match[str], day_first: bool) -> float:
     one, two, three, hour, minute = (int(match[i]) for i in (1, 3, 4, 5, 6))
-    year, month, day = (one, two, three) if len(match[1]) == 4 else (three, two, one) if day_first else (three, one, two)
+    year, month, day = (
+        (one, two, three)
+        if len(match[1]) == 4
+        else (three, two, one)
+        if day_first
+        else (three, one, two)
+    )
     if half := match[8]:
         hour = hour % 12 + 12 * (half.upper() == "P")
     try:
@@ -116,7 +132,9 @@ def is_number(field: str) -> bool:
 
 @dataclass(frozen=True)
 class Lines:
-    """The lines of a file that are not empty; content: those that are no comment either, each with its line number in the file."""
+    """The lines of a file that are not empty; content: those that are no comment either, each with
+    its line number in the file.
+    """
 
     path: Path
     all: tuple[str, ...]
@@ -137,7 +155,9 @@ class Lines:
         return InputError(f"{self.path}: line {number}: {what}")
 
     def numbers(self, number: int, fields: list[str]) -> list[float]:
-        """Fields as floats ("nan" is one). Raises InputError naming the line, also for what no position or time can be."""
+        """Fields as floats ("nan" is one). Raises InputError naming the line, also for what no
+        position or time can be.
+        """
         try:
             values = [float(field) for field in fields]
         except ValueError as error:
@@ -148,7 +168,9 @@ class Lines:
 
 
 def read_lines(path: Path) -> Lines:
-    """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails, and names what is no text."""
+    """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails, and names
+    what is no text.
+    """
     raw = read_bytes(path)
     if kind := named_by_begin(raw):
         raise InputError(f"{path}: is {kind}")
@@ -156,9 +178,13 @@ def read_lines(path: Path) -> Lines:
         text = raw.decode("utf-16" if raw[:2] == b"\xff\xfe" and len(raw) % 2 == 0 else "utf-8-sig")
     except UnicodeDecodeError as error:
         if b"\0" in raw:
-            raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
+            raise InputError(
+                f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})"
+            ) from error
         text = raw.decode("cp1252", errors="replace")  # a spreadsheet's CSV with a degree sign
-    numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    numbered = [
+        (i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if line.strip()
+    ]
     content = tuple((i, line) for i, line in numbered if not line.startswith(("#", "%")))
     if not numbered:
         raise InputError(f"{path}: the trajectory is empty")
@@ -173,20 +199,28 @@ class Table:
     rows: tuple[tuple[int, dict[str, str]], ...]
 
     @classmethod
-    def read(cls, lines: Lines, separator: str, header: list[str], rows: tuple[tuple[int, str], ...]) -> "Table":
-        """Split the rows. Raises InputError where there are none, and for a row that is shorter than the header."""
+    def read(
+        cls, lines: Lines, separator: str, header: list[str], rows: tuple[tuple[int, str], ...]
+    ) -> "Table":
+        """Split the rows. Raises InputError where there are none, and for a row that is shorter
+        than the header.
+        """
         if not rows:
             raise InputError(f"{lines.path}: holds a header, but no rows")
         split = []
         for number, line in rows:
             fields = _split(lines, number, separator, line)
             if len(fields) < len(header):
-                raise lines.error(number, f"has {len(fields)} columns, the header has {len(header)}")
+                raise lines.error(
+                    number, f"has {len(fields)} columns, the header has {len(header)}"
+                )
             split.append((number, dict(zip(header, fields, strict=False))))
         return cls(lines, tuple(split))
 
     def column(self, name: str, default: float | None = None) -> list[float]:
-        """A column as floats; cells without a value (empty, NA, --.--) are NaN, or ``default`` where the whole column is absent."""
+        """A column as floats; cells without a value (empty, NA, --.--) are NaN, or ``default``
+        where the whole column is absent.
+        """
         if self.rows and name not in self.rows[0][1]:
             if default is None:
                 raise InputError(f"{self.lines.path}: has no column {name!r}")
@@ -203,7 +237,10 @@ class Table:
 
 def _split(lines: Lines, number: int, separator: str, line: str) -> list[str]:
     try:
-        fields = [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+        fields = [
+            field.strip()
+            for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        ]
     except csv.Error as error:
         raise lines.error(number, str(error)) from error
     return fields if separator == "," else [_DECIMAL_COMMA.sub(r"\1.\2", field) for field in fields]

@@ -1,4 +1,6 @@
-"""Rigid alignment of the map to surveyed places of markers; the scale is the rig's, and is checked, not fitted."""
+"""Rigid alignment of the map to surveyed places of markers; the scale is the rig's, and is checked,
+not fitted.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,9 +24,11 @@ EXPLAINED = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ControlFit:
-    """T: (4, 4) from the map's world to that of the control points. residuals_m: by marker. rms_m: of them.
+    """T: (4, 4) from the map's world to that of the control points. residuals_m: by marker. rms_m:
+    of them.
 
-    doubt: which places the map contradicts by more than their standard errors, in a line; "" for none.
+    doubt: which places the map contradicts by more than their standard errors, in a line; "" for
+    none.
     """
 
     T: Array
@@ -33,36 +37,63 @@ class ControlFit:
     doubt: str = ""
 
     def is_upside_down(self, markers: Sequence[PlacedMarker], T_world_camera: Array) -> bool:
-        """Tell whether the surveyed places put the markers above the cameras (N, 4, 4) that look down at them."""
+        """Tell whether the surveyed places put the markers above the cameras (N, 4, 4) that look
+        down at them.
+        """
         cameras = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, 3].mean(axis=0)
-        bottom = np.array([marker.place_m for marker in markers if marker.number in self.residuals_m]).mean(axis=0)
+        bottom = np.array(
+            [marker.place_m for marker in markers if marker.number in self.residuals_m]
+        ).mean(axis=0)
         return bool((self.T[:3, :3] @ (cameras - bottom))[2] < 0)
 
 
 UPSIDE_DOWN = (
-    "the surveyed places put the bottom above the cameras: are x and y (east and north) exchanged, or two markers, or is z "
+    "the surveyed places put the bottom above the cameras: are x and y (east and north) "
+    "exchanged, or two markers, or is z "
     "positive downward?"
 )
 
 
 def control_fit(
-    markers: Sequence[PlacedMarker], points: Mapping[int, Array], stds_m: Mapping[int, float] | None = None
+    markers: Sequence[PlacedMarker],
+    points: Mapping[int, Array],
+    stds_m: Mapping[int, float] | None = None,
 ) -> ControlFit:
-    """Fit the rigid motion of the map to the surveyed points. stds_m: their standard errors, by number.
+    """Fit the rigid motion of the map to the surveyed points. stds_m: their standard errors, by
+    number.
 
     Raises InputError if fewer than three were found, or they lie in line.
     """
     found = [marker for marker in markers if marker.number in points]
     if len(found) < FEWEST:
-        raise InputError(f"control points: {len(found)} of {len(points)} markers were found in two frames; needed: {FEWEST}")
-    here, there = np.array([marker.place_m for marker in found]), np.array([points[marker.number] for marker in found])
-    if np.linalg.svd(there - there.mean(axis=0), compute_uv=False)[1] < 1e-3 * np.ptp(there, axis=0).max():
-        raise InputError("control points: those that were found lie in line, and the map can turn about it: give one beside it")
+        raise InputError(
+            f"control points: {len(found)} of {len(points)} markers were found in two frames; "
+            f"needed: {FEWEST}"
+        )
+    here, there = (
+        np.array([marker.place_m for marker in found]),
+        np.array([points[marker.number] for marker in found]),
+    )
+    if (
+        np.linalg.svd(there - there.mean(axis=0), compute_uv=False)[1]
+        < 1e-3 * np.ptp(there, axis=0).max()
+    ):
+        raise InputError(
+            "control points: those that were found lie in line, and the map can turn about it: "
+            "give one beside it"
+        )
     T = rigid_alignment(here, there)
     off = np.linalg.norm(transformed(T, here) - there, axis=1)
     residuals = {marker.number: float(value) for marker, value in zip(found, off, strict=True)}
-    stds = [np.hypot((stds_m or {}).get(m.number, USUAL_STD_M), m.residual_m / np.sqrt(m.views)) for m in found]
-    doubt = _doubt(here, there, found, np.array(stds)) if (off > BEYOND_SIGMAS * np.array(stds)).any() else ""
+    stds = [
+        np.hypot((stds_m or {}).get(m.number, USUAL_STD_M), m.residual_m / np.sqrt(m.views))
+        for m in found
+    ]
+    doubt = (
+        _doubt(here, there, found, np.array(stds))
+        if (off > BEYOND_SIGMAS * np.array(stds)).any()
+        else ""
+    )
     return ControlFit(T, residuals, float(np.sqrt((off**2).mean())), doubt)
 
 
@@ -73,8 +104,14 @@ def _doubt(here: Array, there: Array, found: Sequence[PlacedMarker], stds_m: Arr
         others = np.arange(len(found)) != i
         T = rigid_alignment(here[others], there[others])
         left = np.linalg.norm(transformed(T, here) - there, axis=1)
-        if left[others].max() < max(EXPLAINED * off.max(), BEYOND_SIGMAS * stds_m.max()) and left[i] > BEYOND_SIGMAS * stds_m[i]:
-            return f"marker {found[i].number} lies {left[i]:.3f} m from where the others put it: is its place right?"
+        if (
+            left[others].max() < max(EXPLAINED * off.max(), BEYOND_SIGMAS * stds_m.max())
+            and left[i] > BEYOND_SIGMAS * stds_m[i]
+        ):
+            return (
+                f"marker {found[i].number} lies {left[i]:.3f} m from where the others put it: "
+                "is its place right?"
+            )
     worst = int(np.argmax(off / stds_m))
     beyond = f"{off[worst]:.3f} m off, {off[worst] / stds_m[worst]:.0f} standard errors"
     return f"marker {found[worst].number} lies {beyond}: are all places right?"

@@ -24,7 +24,9 @@ class EdgeSettings:
     samples: int = 32  # along a side
     kept: tuple[float, float] = (0.1, 0.9)  # of it: nearer to the corners blur rounds it
     reach_px: float = 3.0  # to both sides, and
-    reach_side: float = 0.07  # at most this fraction of it: the first squares of the code are an eighth away
+    reach_side: float = (
+        0.07  # at most this fraction of it: the first squares of the code are an eighth away
+    )
     step_px: float = 0.25
 
 
@@ -32,7 +34,9 @@ SETTINGS = EdgeSettings()
 
 
 def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
-    """Refine rough corners (4, 2) of a dark square; they are returned unchanged where a side cannot be seen."""
+    """Refine rough corners (4, 2) of a dark square; they are returned unchanged where a side cannot
+    be seen.
+    """
     sides = [_side(gray, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
     if any(side is None for side in sides):
         return corners_px
@@ -42,7 +46,9 @@ def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
 
 
 def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
-    """(3,) the line a x + b y + c = 0 along a side, through the steepest place of each profile across it."""
+    """(3,) the line a x + b y + c = 0 along a side, through the steepest place of each profile
+    across it.
+    """
     along = end - start
     length = float(np.linalg.norm(along))
     across = np.array([-along[1], along[0]]) / length
@@ -77,8 +83,8 @@ FAMILIES = {
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A marker in an image. number: of the marker. corners_px: (4, 2) of its black border, clockwise from its own top left, (0, 0)
-    a pixel's center.
+    """A marker in an image. number: of the marker. corners_px: (4, 2) of its black border,
+    clockwise from its own top left, (0, 0) a pixel's center.
     """
 
     number: int

@@ -1,6 +1,8 @@
-"""Tables of what is known of markers: scale bars and surveyed places, in this program's columns, ReefShape's or Metashape's.
+"""Tables of what is known of markers: scale bars and surveyed places, in this program's columns,
+ReefShape's or Metashape's.
 
-Columns are found by words. Without a header, bars are first, second, length in meters, and places are marker, x, y, z in meters.
+Columns are found by words. Without a header, bars are first, second, length in meters, and places
+are marker, x, y, z in meters.
 """
 
 import csv
@@ -19,7 +21,9 @@ from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]
 USUAL_STD_M = 0.01
-"""Standard error of a surveyed place where the table states none, meters: tape and level by divers."""
+"""Standard error of a surveyed place where the table states none, meters: tape and level by
+divers.
+"""
 LONGEST_BAR_M = 20.0
 """Lengths without a unit that are longer are in centimeters or millimeters."""
 LEAST_APART_M = 0.05
@@ -32,10 +36,12 @@ BAR = {
 }
 PLACE = {
     "marker": r"(gis )?(marker|label|target|tag|name|id|point)",
-    "x": r"x|x/easting|easting|east", "y": r"y|y/northing|northing|north", "z": r"z|z/altitude|altitude|height|elevation|up",
+    "x": r"x|x/easting|easting|east", "y": r"y|y/northing|northing|north",
+    "z": r"z|z/altitude|altitude|height|elevation|up",
     "depth": r"(marker )?depth",
     "lat": r"(gis )?lat(itude)?", "lon": r"(gis )?lo?ng?(itude)?",
-    "std": r"std|accuracy|acc", "xy_std": r"xy ?acc(uracy)?|xy std", "z_std": r"z ?acc(uracy)?|z std",
+    "std": r"std|accuracy|acc", "xy_std": r"xy ?acc(uracy)?|xy std",
+    "z_std": r"z ?acc(uracy)?|z std",
 }  # fmt: skip
 
 
@@ -43,7 +49,8 @@ PLACE = {
 class Places:
     """Surveyed places of markers by number: (3,) meters, z up, and standard errors.
 
-    origin: where (0, 0) lies, for places that were given as latitude and longitude; x is east and y north of it.
+    origin: where (0, 0) lies, for places that were given as latitude and longitude; x is east and y
+    north of it.
     """
 
     points: dict[int, Array]
@@ -52,31 +59,44 @@ class Places:
 
 
 def read_bars(path: Path) -> dict[tuple[int, int], float]:
-    """Scale bars: numbers of the markers at both ends -> length, meters. Raises InputError, naming the line."""
+    """Scale bars: numbers of the markers at both ends -> length, meters. Raises InputError, naming
+    the line.
+    """
     rows, columns, units = _table(path, BAR, ("first", "second", "length"))
     bars = {}
     for where, cells in rows:
-        ends = [cells[columns["first"]], cells[columns["second"]]] if "second" in columns else cells[columns["first"]].split("_")
+        ends = (
+            [cells[columns["first"]], cells[columns["second"]]]
+            if "second" in columns
+            else cells[columns["first"]].split("_")
+        )
         if len(ends) != 2:
-            raise InputError(f"{where}: {cells[columns['first']]!r} names no two markers: write first, second, length_m")
+            raise InputError(
+                f"{where}: {cells[columns['first']]!r} names no two markers: write first, second, "
+                "length_m"
+            )
         length_m = _number(where, cells[columns["length"]]) * units.get("length", 1.0)
         if not 0 < length_m <= LONGEST_BAR_M:
             raise InputError(
-                f"{where}: a scale bar of {length_m:g} m: name its unit in the header, as length_m, length_cm or length_mm"
+                f"{where}: a scale bar of {length_m:g} m: name its unit in the header, as "
+                "length_m, length_cm or length_mm"
             )
         bars[_marker(where, ends[0]), _marker(where, ends[1])] = length_m
     return bars
 
 
 def read_places(path: Path, origin: GeoOrigin | None = None) -> Places:
-    """Surveyed places. origin: for latitudes and longitudes; that of the first marker where it is None.
+    """Surveyed places. origin: for latitudes and longitudes; that of the first marker where it is
+    None.
 
     Raises InputError, naming the line, also for degrees in the columns of meters.
     """
     rows, columns, units = _table(path, PLACE, ("marker", "x", "y", "z"))
     numbers = [_marker(where, cells[columns["marker"]]) for where, cells in rows]
     values = {
-        role: np.array([_number(where, cells[column]) * units.get(role, 1.0) for where, cells in rows])
+        role: np.array(
+            [_number(where, cells[column]) * units.get(role, 1.0) for where, cells in rows]
+        )
         for role, column in columns.items()
         if role != "marker"
     }
@@ -87,33 +107,57 @@ def read_places(path: Path, origin: GeoOrigin | None = None) -> Places:
         points = np.column_stack([north_east[:, ::-1], z])
     else:
         points, origin = np.column_stack([values["x"], values["y"], z]), None
-        if len(points) > 1 and np.ptp(points[:, :2], axis=0).max() < LEAST_APART_M and (np.abs(points[:, :2]) <= [180, 90]).all():
+        if (
+            len(points) > 1
+            and np.ptp(points[:, :2], axis=0).max() < LEAST_APART_M
+            and (np.abs(points[:, :2]) <= [180, 90]).all()
+        ):
             raise InputError(
-                f"{path}: its markers lie within {LEAST_APART_M:g} m: if x and y are degrees, name the columns lon and lat"
+                f"{path}: its markers lie within {LEAST_APART_M:g} m: if x and y are degrees, "
+                "name the columns lon and lat"
             )
-    stds = values.get("std", np.maximum(values.get("xy_std", np.zeros(1)), values.get("z_std", np.zeros(1))))
+    stds = values.get(
+        "std", np.maximum(values.get("xy_std", np.zeros(1)), values.get("z_std", np.zeros(1)))
+    )
     stds = np.broadcast_to(np.where(stds > 0, stds, USUAL_STD_M), len(points))
-    return Places(dict(zip(numbers, points, strict=True)), dict(zip(numbers, map(float, stds), strict=True)), origin)
+    return Places(
+        dict(zip(numbers, points, strict=True)),
+        dict(zip(numbers, map(float, stds), strict=True)),
+        origin,
+    )
 
 
 def _table(
     path: Path, names: dict[str, str], in_order: Sequence[str]
 ) -> tuple[list[tuple[str, list[str]]], dict[str, int], dict[str, float]]:
-    """Rows with their place, role -> column, and role -> unit in meters, of a header or of the usual order without one."""
+    """Rows with their place, role -> column, and role -> unit in meters, of a header or of the
+    usual order without one.
+    """
     text = read_bytes(path).decode("utf-8-sig", errors="replace")
-    lines = [(number, line.lstrip("#")) for number, line in enumerate(text.splitlines(), start=1) if line.strip("#;,\t ")]
+    lines = [
+        (number, line.lstrip("#"))
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip("#;,\t ")
+    ]
     if not lines:
         raise InputError(f"{path}: holds no rows")
     separator = max((";", "\t", ","), key=lines[0][1].count)
-    cells = [(f"{path}: line {number}", _cells(f"{path}: line {number}", line, separator)) for number, line in lines]
+    cells = [
+        (f"{path}: line {number}", _cells(f"{path}: line {number}", line, separator))
+        for number, line in lines
+    ]
     first, units = cells[0][1], dict[str, float]()
-    if len(first) >= len(in_order) and all(_is_number(cell) for cell in first[len(in_order) - 1 : len(in_order)]):
+    if len(first) >= len(in_order) and all(
+        _is_number(cell) for cell in first[len(in_order) - 1 : len(in_order)]
+    ):
         columns, rows = {role: i for i, role in enumerate(in_order)}, cells
     else:
         columns, units = _roles(first, names)
         _check(path, columns, first, names)
         rows = cells[1:]
-    rows = [(where, row) for where, row in rows if not row[0].startswith("[")]  # a template's own words
+    rows = [
+        (where, row) for where, row in rows if not row[0].startswith("[")
+    ]  # a template's own words
     if short := next((where for where, row in rows if len(row) <= max(columns.values())), None):
         raise InputError(f"{short}: has too few columns for {', '.join(first)}")
     return rows, columns, units
@@ -123,10 +167,21 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
     columns: dict[str, int] = {}
     units: dict[str, float] = {}
     for i, cell in enumerate(header):
-        said = re.sub(r"[_\s]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", cell.lstrip("["))).strip().lower()
+        said = (
+            re.sub(r"[_\s]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", cell.lstrip("[")))
+            .strip()
+            .lower()
+        )
         unit = re.search(r"[ (\[]*\b(m|cm|mm|meters?|metres)[)\]]*$", said)
         bare = re.sub(r"\s*[(\[].*$", "", said[: unit.start()] if unit else said).strip(" ]")
-        role = next((role for role, pattern in names.items() if role not in columns and re.fullmatch(pattern, bare)), None)
+        role = next(
+            (
+                role
+                for role, pattern in names.items()
+                if role not in columns and re.fullmatch(pattern, bare)
+            ),
+            None,
+        )
         if role:
             columns[role] = i
             units[role] = UNITS_M[unit[1]] if unit else 1.0
@@ -134,10 +189,16 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
 
 
 def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[str, str]) -> None:
-    """Raise InputError for a header that lacks what is needed, by the names that documentation gives."""
+    """Raise InputError for a header that lacks what is needed, by the names that documentation
+    gives.
+    """
     if names is BAR:
         one_label = header[0].strip(" #").lower() == "label"  # of both ends, as Metashape writes it
-        missing = [role for role in ("first", "second", "length") if role not in columns and not (one_label and role == "second")]
+        missing = [
+            role
+            for role in ("first", "second", "length")
+            if role not in columns and not (one_label and role == "second")
+        ]
         wanted = "first, second, length_m"
     else:
         plan = ("lat", "lon") if {"lat", "lon"} & columns.keys() else ("x", "y")
@@ -145,16 +206,28 @@ def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[s
         missing += [] if {"z", "depth"} & columns.keys() else ["z"]
         wanted = "marker, x_m, y_m, z_m, or marker, lat, lon, depth_m"
     if missing:
-        named = {"x": "x_m", "y": "y_m", "z": "z_m", "length": "length_m"}.get(missing[0], missing[0])
-        raise InputError(f"{path}: has no column {named!r} (it has {', '.join(header)[:100]}): give the columns {wanted}")
+        named = {"x": "x_m", "y": "y_m", "z": "z_m", "length": "length_m"}.get(
+            missing[0], missing[0]
+        )
+        raise InputError(
+            f"{path}: has no column {named!r} (it has {', '.join(header)[:100]}): give the "
+            f"columns {wanted}"
+        )
 
 
 def _cells(where: str, line: str, separator: str) -> list[str]:
     try:
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+        cells = [
+            cell.strip()
+            for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        ]
     except csv.Error as error:  # a cell of more than 131,072 characters
         raise InputError(f"{where}: {error}: is it a table of markers?") from error
-    return [re.sub(r"^([+-]?\d+),(\d+)$", r"\1.\2", cell) for cell in cells] if separator != "," else cells
+    return (
+        [re.sub(r"^([+-]?\d+),(\d+)$", r"\1.\2", cell) for cell in cells]
+        if separator != ","
+        else cells
+    )
 
 
 def _is_number(text: str) -> bool:
@@ -175,5 +248,7 @@ def _marker(where: str, label: str) -> int:
     """Of ``7``, ``target 7`` or ``tag36h11_7``."""
     found = re.search(r"(\d+)\D*$", label)
     if found is None:
-        raise InputError(f"{where}: {label!r} is no number of a marker, nor a label that ends in one")
+        raise InputError(
+            f"{where}: {label!r} is no number of a marker, nor a label that ends in one"
+        )
     return int(found[1])

@@ -1,4 +1,6 @@
-"""Comparison of navigation with the pictures: its residuals, its standard errors, and whether it was read rightly."""
+"""Comparison of navigation with the pictures: its residuals, its standard errors, and whether it
+was read rightly.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +10,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
-from stereo_seecolor.mapping.navigation.deviations import Motions, by_frame, depth_difference_m, deviations
+from stereo_seecolor.mapping.navigation.deviations import (
+    Motions,
+    by_frame,
+    depth_difference_m,
+    deviations,
+)
 from stereo_seecolor.mapping.navigation.interpretations import (
     Turn,
     better_reading,
@@ -31,18 +38,22 @@ TURN_HELPS = 0.9
 MAX_TURN_RAD = np.radians(20.0)
 """No compass or gyroscope is off by this much between neighbors."""
 MOVES_M, STILL = 0.05, 0.01
-"""Where the pictures move by so much across the vertical, positions that move by so small a fraction are none: a degree of latitude
-is 111 km."""
+"""Where the pictures move by so much across the vertical, positions that move by so small a
+fraction are none: a degree of latitude is 111 km.
+"""
 STILL_RAD = 1e-6
 """Attitudes that differ by less are one number."""
 ALIKE = (
-    "the given attitudes are all the same, and not those of the pictures: where only positions are known, give them alone, as a "
+    "the given attitudes are all the same, and not those of the pictures: where only positions "
+    "are known, give them alone, as a "
     "table with a map of its columns (nav.csv:time=...,lat=...,lon=...)"
 )
 MIN_FRAMES = 5
 """Fewer do not tell standard errors: the configuration's, or these, are taken."""
 UNKNOWN_STD = (0.5, 0.05, np.radians(1.0))
-"""Position east and north, depth (meters) and attitude (radians): a vehicle with USBL, a pressure sensor and a compass."""
+"""Position east and north, depth (meters) and attitude (radians): a vehicle with USBL, a pressure
+sensor and a compass.
+"""
 LEAST_STD = (0.005, 0.005, np.radians(0.05))
 """The same: better than this, voxels cannot tell."""
 DEPTH_EDGES = 500
@@ -51,11 +62,13 @@ DEPTH_EDGES = 500
 
 @dataclass(frozen=True)
 class Navigation:
-    """The outcome of given poses. All residuals are medians over the relative poses that the pictures show.
+    """The outcome of given poses. All residuals are medians over the relative poses that the
+    pictures show.
 
-    relative_poses: how many there are. position_residual_m, attitude_residual_deg: given against measured. depth_residual_m:
-    between what overlapping frames saw, by the given poses; depth_noise_m: by the measured ones. position_std_m, depth_std_m,
-    attitude_std_deg: how far a pose was trusted, NaN where it was not used or taken as it is. fits: False where the poses
+    relative_poses: how many there are. position_residual_m, attitude_residual_deg: given against
+    measured. depth_residual_m: between what overlapping frames saw, by the given poses;
+    depth_noise_m: by the measured ones. position_std_m, depth_std_m, attitude_std_deg: how far a
+    pose was trusted, NaN where it was not used or taken as it is. fits: False where the poses
     contradict the pictures. advice: how they would fit, or what is off in them, "" where
     nothing is.
     """
@@ -73,21 +86,31 @@ class Navigation:
 
     def __str__(self) -> str:
         if not self.relative_poses:
-            return "the given poses could not be held against the pictures: no two frames with poses show the same things"
+            return (
+                "the given poses could not be held against the pictures: no two frames with "
+                "poses show the same things"
+            )
         text = (
-            f"given poses against the pictures: {self.position_residual_m:.3f} m and {self.attitude_residual_deg:.2f} degrees "
-            f"a relative pose, medians of {self.relative_poses}; depths of overlapping frames differ by "
+            f"given poses against the pictures: {self.position_residual_m:.3f} m and "
+            f"{self.attitude_residual_deg:.2f} degrees "
+            f"a relative pose, medians of {self.relative_poses}; depths of overlapping frames "
+            "differ by "
             f"{self.depth_residual_m:.3f} m, by the pictures' poses {self.depth_noise_m:.3f} m"
         )
         if np.isfinite(self.position_std_m):
-            text += f"; standard errors {self.position_std_m:.3f} m, in depth {self.depth_std_m:.3f} m, "
+            text += (
+                f"; standard errors {self.position_std_m:.3f} m, in depth "
+                f"{self.depth_std_m:.3f} m, "
+            )
             text += f"{self.attitude_std_deg:.2f} degrees"
         return text
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Navigation, the placement to go on with (turned by a mount that was forgotten), and the residuals of each frame (N,)."""
+    """Navigation, the placement to go on with (turned by a mount that was forgotten), and the
+    residuals of each frame (N,).
+    """
 
     navigation: Navigation
     placement: Placement
@@ -95,14 +118,25 @@ class Verdict:
     attitude_residual_deg: Array
 
 
-def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory: Trajectory, config: MappingConfig) -> Verdict:
-    """Hold given poses against measured edges; find the reading, or the mount's angle, that would fit where they do not."""
+def examine(
+    given: Placement,
+    survey: Survey,
+    edges: Sequence[Edge],
+    trajectory: Trajectory,
+    config: MappingConfig,
+) -> Verdict:
+    """Hold given poses against measured edges; find the reading, or the mount's angle, that would
+    fit where they do not.
+    """
     T = given.T_world_camera
     posed = [e for e in edges if np.isfinite(T[[e.i, e.j]]).all()]
     motions = Motions.of(T, posed)
     navigation = _residuals(motions, posed, survey)
     count = len(T)
-    position_m, attitude_deg = by_frame(motions.position_m, posed, count), by_frame(np.degrees(motions.attitude_rad), posed, count)
+    position_m, attitude_deg = (
+        by_frame(motions.position_m, posed, count),
+        by_frame(np.degrees(motions.attitude_rad), posed, count),
+    )
     verdict = Verdict(navigation, given, position_m, attitude_deg)
     plain = misfit(T, posed)
     if not np.isfinite(plain):
@@ -114,12 +148,16 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
     left = misfit(turned, posed)
     helps = turn.believed and left < TURN_HELPS * plain
-    reading = better_reading(left if helps else plain, posed, readings(T, posed, survey.index, trajectory, config))
+    reading = better_reading(
+        left if helps else plain, posed, readings(T, posed, survey.index, trajectory, config)
+    )
     if reading:
         advice = f"the given poses contradict the pictures; they would fit with {reading}"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
     if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
-        advice = "the given poses contradict the pictures, however they are read: are they of this dive?"
+        advice = (
+            "the given poses contradict the pictures, however they are read: are they of this dive?"
+        )
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
     advice_lines = [_turn_advice(turn, config)] if helps else []
     straight = turned if helps else T
@@ -129,14 +167,17 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
         advice_lines.append(_lever_advice(arm_m))
     advice_lines += deviations(straight, posed, survey.index)
     used = replace(given, T_world_camera=straight)
-    return replace(verdict, navigation=replace(navigation, advice="; ".join(advice_lines)), placement=used)
+    return replace(
+        verdict, navigation=replace(navigation, advice="; ".join(advice_lines)), placement=used
+    )
 
 
 def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prior]:
-    """The given poses as priors, with the configuration's standard errors, or those that the dive itself shows.
+    """The given poses as priors, with the configuration's standard errors, or those that the dive
+    itself shows.
 
-    own: placed by the pictures alone. Each of its components is brought to the given poses by one rigid motion; what is left is
-    their error, the own track's drift included.
+    own: placed by the pictures alone. Each of its components is brought to the given poses by one
+    rigid motion; what is left is their error, the own track's drift included.
     """
     offsets, turns = [], []
     for component in range(len(own.sizes)):
@@ -146,20 +187,40 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
         moved = moved_to_given(own.T_world_camera, given.T_world_camera, frames)[frames]
         scale = np.sqrt(len(frames) / (len(frames) - 2))  # six of the numbers are fitted
         offsets.append(scale * (given.T_world_camera[frames, :3, 3] - moved[:, :3, 3]))
-        turns.append(scale * rotation_vector(np.swapaxes(moved[:, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]))
+        turns.append(
+            scale
+            * rotation_vector(
+                np.swapaxes(moved[:, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]
+            )
+        )
     estimated = np.array(UNKNOWN_STD)
     if offsets:
         off, turn = np.concatenate(offsets), np.concatenate(turns)
-        estimated = np.array([deviation_about_zero(off[:, :2]), deviation_about_zero(off[:, 2:]), deviation_about_zero(turn)])
+        estimated = np.array(
+            [
+                deviation_about_zero(off[:, :2]),
+                deviation_about_zero(off[:, 2:]),
+                deviation_about_zero(turn),
+            ]
+        )
     position, depth, attitude = np.maximum(estimated, LEAST_STD)
     position, depth = config.prior_position_std_m or position, config.prior_depth_std_m or depth
-    attitude = np.radians(config.prior_attitude_std_deg) if config.prior_attitude_std_deg else attitude
+    attitude = (
+        np.radians(config.prior_attitude_std_deg) if config.prior_attitude_std_deg else attitude
+    )
     placed = np.flatnonzero(given.components >= 0)
-    return [Prior(int(i), given.T_world_camera[i], np.array([position, position, depth]), float(attitude)) for i in placed]
+    return [
+        Prior(
+            int(i), given.T_world_camera[i], np.array([position, position, depth]), float(attitude)
+        )
+        for i in placed
+    ]
 
 
 def moved_to_given(T: Array, given: Array, frames: Sequence[int]) -> Array:
-    """T (N, 4, 4) as a whole brought to the given poses of some frames: mean turn, then mean position."""
+    """T (N, 4, 4) as a whole brought to the given poses of some frames: mean turn, then mean
+    position.
+    """
     R = nearest_rotation((given[frames] @ inverse(T[frames]))[:, :3, :3].mean(axis=0))
     shift = given[frames, :3, 3].mean(axis=0) - R @ T[frames, :3, 3].mean(axis=0)
     return np.asarray(pose(R, shift) @ T)
@@ -176,7 +237,11 @@ def _residuals(motions: Motions, edges: Sequence[Edge], survey: Survey) -> Navig
     ).reshape(-1, 2)
     given_m, measured_m = (_median(column[np.isfinite(column)]) for column in depths.T)
     return Navigation(
-        len(edges), _median(motions.position_m), float(np.degrees(_median(motions.attitude_rad))), given_m, measured_m
+        len(edges),
+        _median(motions.position_m),
+        float(np.degrees(_median(motions.attitude_rad))),
+        given_m,
+        measured_m,
     )
 
 
@@ -185,20 +250,27 @@ def _median(values: Array) -> float:
 
 
 def _still(T_world_camera: Array, edges: Sequence[Edge], motions: Motions) -> str:
-    """What to say of poses that stay while the pictures move: numbers that are no positions, or no attitudes; "" for others."""
+    """What to say of poses that stay while the pictures move: numbers that are no positions, or no
+    attitudes; "" for others.
+    """
     start = T_world_camera[[e.i for e in edges], :3, :3]
     given_m, measured_m = (
         _median(np.linalg.norm(np.einsum("nij,nj->ni", start, shift[:, :3, 3])[:, :2], axis=1))
         for shift in (motions.given, motions.measured)
     )
     if measured_m > MOVES_M and given_m < STILL * measured_m:
-        return "the given positions hardly move while the pictures do: are they latitudes and longitudes, taken for meters?"
+        return (
+            "the given positions hardly move while the pictures do: are they latitudes and "
+            "longitudes, taken for meters?"
+        )
     turns_rad = np.linalg.norm(rotation_vector(motions.measured[:, :3, :3]), axis=1)
     return ALIKE if turns_rad.max() > MAX_TURN_RAD and attitudes_alike(T_world_camera) else ""
 
 
 def attitudes_alike(T_world_camera: Array) -> bool:
-    """Tell whether all known attitudes are the same to the digit, as no vehicle holds them: they were not measured."""
+    """Tell whether all known attitudes are the same to the digit, as no vehicle holds them: they
+    were not measured.
+    """
     R = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, :3]
     return len(R) > 1 and float(np.abs(R - R[0]).max()) < STILL_RAD
 
@@ -206,14 +278,17 @@ def attitudes_alike(T_world_camera: Array) -> bool:
 def _lever_advice(arm_m: Array) -> str:
     right, down, forward = arm_m
     return (
-        f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera ({right:+.2f} right, {down:+.2f} down, "
-        f"{forward:+.2f} forward), which was taken into account: where they are a vehicle's, set surge_m, sway_m and heave_m of "
+        f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera "
+        f"({right:+.2f} right, {down:+.2f} down, "
+        f"{forward:+.2f} forward), which was taken into account: where they are a vehicle's, set "
+        "surge_m, sway_m and heave_m of "
         "mapping.mount"
     )
 
 
 def _turn_advice(turn: Turn, config: MappingConfig) -> str:
     return (
-        f"the camera is turned by {turn.angle_deg:.1f} degrees against the given poses, which was taken into account: where they "
+        f"the camera is turned by {turn.angle_deg:.1f} degrees against the given poses, which was "
+        "taken into account: where they "
         f"are a vehicle's, set {mount_with(turn, config.mount)}"
     )

@@ -1,4 +1,6 @@
-"""Deviations in given positions that are read rightly: their scale, and places where they jump against the pictures."""
+"""Deviations in given positions that are read rightly: their scale, and places where they jump
+against the pictures.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +26,9 @@ from stereo_seecolor.mapping.track.track_work import Relating
 Array = NDArray[np.float64]
 
 SAME_PIXEL = 0.02
-"""Two points lie in the same direction if their normalized image coordinates differ by less: about a coarse point's spacing."""
+"""Two points lie in the same direction if their normalized image coordinates differ by less: about
+a coarse point's spacing.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +62,17 @@ class Motions:
     @property
     def step_m(self) -> float:
         """Median measured shift."""
-        return float(np.median(np.linalg.norm(self.measured[:, :3, 3], axis=1))) if len(self.measured) else float("nan")
+        return (
+            float(np.median(np.linalg.norm(self.measured[:, :3, 3], axis=1)))
+            if len(self.measured)
+            else float("nan")
+        )
 
 
 def by_frame(values: Array, edges: Sequence[Edge], count: int) -> Array:
-    """Compute the median of values (E,) over each frame's edges: (count,), NaN for a frame without edges."""
+    """Compute the median of values (E,) over each frame's edges: (count,), NaN for a frame without
+    edges.
+    """
     ends = np.array([[e.i, e.j] for e in edges], np.int64).reshape(-1, 2)
     result = np.full(count, np.nan)
     for frame in np.unique(ends):
@@ -70,8 +80,11 @@ def by_frame(values: Array, edges: Sequence[Edge], count: int) -> Array:
     return result
 
 
-def depth_difference_m(points_i: NDArray[np.floating], points_j: NDArray[np.floating], T_i_j: Array) -> float:
-    """Median distance along the rays of frame i between what it saw and what frame j saw in the same directions.
+def depth_difference_m(
+    points_i: NDArray[np.floating], points_j: NDArray[np.floating], T_i_j: Array
+) -> float:
+    """Median distance along the rays of frame i between what it saw and what frame j saw in the
+    same directions.
 
     points_i, points_j: (n, 3) in each camera. NaN where the two do not overlap by this pose.
     """
@@ -79,7 +92,9 @@ def depth_difference_m(points_i: NDArray[np.floating], points_j: NDArray[np.floa
     seen = seen[seen[:, 2] > 0]
     if not len(points_i) or not len(seen):
         return float("nan")
-    apart, nearest = cKDTree(points_i[:, :2] / points_i[:, 2:]).query(seen[:, :2] / seen[:, 2:], distance_upper_bound=SAME_PIXEL)
+    apart, nearest = cKDTree(points_i[:, :2] / points_i[:, 2:]).query(
+        seen[:, :2] / seen[:, 2:], distance_upper_bound=SAME_PIXEL
+    )
     both = np.isfinite(apart)
     off_m = points_i[np.asarray(nearest)[both], 2] - seen[both, 2]
     return float(np.median(np.abs(off_m))) if both.any() else float("nan")
@@ -89,8 +104,9 @@ def depth_difference_m(points_i: NDArray[np.floating], points_j: NDArray[np.floa
 class DeviationSettings:
     """When a deviation is reported.
 
-    On a real dive of 20 pairs (steps of 0.13 m) noise of 20 cm gives at most 2.6 times the median between two frames, and a scale
-    0.6 standard errors off; a drift of half a meter looks like a scale 2.8 standard errors off.
+    On a real dive of 20 pairs (steps of 0.13 m) noise of 20 cm gives at most 2.6 times the median
+    between two frames, and a scale 0.6 standard errors off; a drift of half a meter looks like a
+    scale 2.8 standard errors off.
     """
 
     min_edges: int = 8  # fewer do not tell their scatter
@@ -98,7 +114,9 @@ class DeviationSettings:
     sigmas: float = 4.0
     least_jump_m: float = 0.05  # less is no more than navigation's noise
     times_median: float = 6.0  # of what frames that follow each other are off
-    alike: float = 0.5  # of what a single position is off: frames before and after it tell the same to so much
+    alike: float = (
+        0.5  # of what a single position is off: frames before and after it tell the same to so much
+    )
     most_frames: int = 3  # an edge over more frames does not tell between which of them
 
 
@@ -106,32 +124,45 @@ DEVIATIONS_SETTINGS = DeviationSettings()
 
 
 def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
-    """A line for the scale of given positions, T (N, 4, 4), and one for their jumps, where the edges of the pictures show them."""
+    """A line for the scale of given positions, T (N, 4, 4), and one for their jumps, where the
+    edges of the pictures show them.
+    """
     posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
     if len(posed) < DEVIATIONS_SETTINGS.min_edges:
         return []
-    return [*_scale(Motions.of(T_world_camera, posed), posed), *_jumps(T_world_camera, posed, index)]
+    return [
+        *_scale(Motions.of(T_world_camera, posed), posed),
+        *_jumps(T_world_camera, posed, index),
+    ]
 
 
 def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
-    """Long steps count most. Noise of positions lengthens steps, noise of attitudes shortens what lies along the measured one: the
-    scale is what both show.
+    """Long steps count most. Noise of positions lengthens steps, noise of attitudes shortens what
+    lies along the measured one: the scale is what both show.
     """
     given, measured = motions.given[:, :3, 3], motions.measured[:, :3, 3]
     squared = (measured**2).sum(axis=1)
-    along, length = (given * measured).sum(axis=1) / squared, np.sqrt((given**2).sum(axis=1) / squared)
+    along, length = (
+        (given * measured).sum(axis=1) / squared,
+        np.sqrt((given**2).sum(axis=1) / squared),
+    )
     frames = len({frame for e in edges for frame in (e.i, e.j)})
     found = []
     for ratios in (along, length):
         middle = _weighted_median(ratios, squared)
-        scatter = 1.4826 * _weighted_median(np.abs(ratios - middle), squared)  # a normal's standard deviation
+        scatter = 1.4826 * _weighted_median(
+            np.abs(ratios - middle), squared
+        )  # a normal's standard deviation
         found.append((middle, 1.2533 * scatter / np.sqrt(frames)))  # the standard error of a median
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
-    if not one_way or abs(scale - 1) < max(DEVIATIONS_SETTINGS.least_scale, DEVIATIONS_SETTINGS.sigmas * std):
+    if not one_way or abs(scale - 1) < max(
+        DEVIATIONS_SETTINGS.least_scale, DEVIATIONS_SETTINGS.sigmas * std
+    ):
         return []
     return [
-        f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the pictures: their scale is off, or the "
+        f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the pictures: "
+        "their scale is off, or the "
         "calibration's (square size, baseline, calibrated in air)"
     ]
 
@@ -143,10 +174,16 @@ def _weighted_median(values: Array, weights: Array) -> float:
 
 
 def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
-    """Between frames that follow each other: how far given positions are off, by all edges over that place."""
+    """Between frames that follow each other: how far given positions are off, by all edges over
+    that place.
+    """
     motions = Motions.of(T, edges)
     rank = index.rank[[[e.i, e.j] for e in edges]]
-    off_m = np.einsum("nij,nj->ni", T[[e.i for e in edges], :3, :3], motions.given[:, :3, 3] - motions.measured[:, :3, 3])
+    off_m = np.einsum(
+        "nij,nj->ni",
+        T[[e.i for e in edges], :3, :3],
+        motions.given[:, :3, 3] - motions.measured[:, :3, 3],
+    )
     off_m *= np.sign(rank[:, 1] - rank[:, 0])[:, None]
     first, last = rank.min(axis=1), rank.max(axis=1)
     if (last - first > DEVIATIONS_SETTINGS.most_frames).all():
@@ -155,12 +192,23 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
         np.flatnonzero((last - first > step) & (last - first <= DEVIATIONS_SETTINGS.most_frames))
         for step in range(DEVIATIONS_SETTINGS.most_frames)
     ]
-    edge, place = np.concatenate(steps), np.concatenate([first[over] + step for step, over in enumerate(steps)])
+    edge, place = (
+        np.concatenate(steps),
+        np.concatenate([first[over] + step for step, over in enumerate(steps)]),
+    )
     by_place = np.argsort(place, kind="stable")
     places, starts = np.unique(place[by_place], return_index=True)
-    jump_m = np.zeros(len(index.order) + 1)  # at 1 + the rank of the frame before, between neighbors that are never off
-    jump_m[1 + places] = [np.linalg.norm(np.median(off_m[own], axis=0)) for own in np.split(edge[by_place], starts[1:])]
-    limit_m = max(DEVIATIONS_SETTINGS.least_jump_m, DEVIATIONS_SETTINGS.times_median * float(np.median(jump_m[1 + places])))
+    jump_m = np.zeros(
+        len(index.order) + 1
+    )  # at 1 + the rank of the frame before, between neighbors that are never off
+    jump_m[1 + places] = [
+        np.linalg.norm(np.median(off_m[own], axis=0))
+        for own in np.split(edge[by_place], starts[1:])
+    ]
+    limit_m = max(
+        DEVIATIONS_SETTINGS.least_jump_m,
+        DEVIATIONS_SETTINGS.times_median * float(np.median(jump_m[1 + places])),
+    )
     peak = (jump_m[1:-1] > limit_m) & (jump_m[1:-1] >= jump_m[:-2]) & (jump_m[1:-1] > jump_m[2:])
     if not peak.any():
         return []
@@ -168,15 +216,26 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
     for frame in (worst, worst + 1):
         if (alone_m := _alone_m(off_m[last == frame], -off_m[first == frame])) > limit_m:
             peak[max(frame - 1, 0) : frame + 1] = False
-            line = f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m off against the pictures"
-            return [line + (f", and more jump at {counted(int(peak.sum()), 'place')}" if peak.any() else "")]
+            line = (
+                f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m "
+                "off against the pictures"
+            )
+            return [
+                line
+                + (f", and more jump at {counted(int(peak.sum()), 'place')}" if peak.any() else "")
+            ]
     a, b = (index.names[index.order[place]] for place in (worst, worst + 1))
     more = f", and at {peak.sum() - 1} more places" if peak.sum() > 1 else ""
-    return [f"the given positions jump by {jump_m[worst + 1]:.2f} m against the pictures between {a} and {b}{more}"]
+    return [
+        f"the given positions jump by {jump_m[worst + 1]:.2f} m against the pictures between {a} "
+        f"and {b}{more}"
+    ]
 
 
 def _alone_m(before: Array, after: Array) -> float:
-    """How far a single position is off, by the edges (n, 3) to frames before it and after it; 0 where they do not tell the same."""
+    """How far a single position is off, by the edges (n, 3) to frames before it and after it; 0
+    where they do not tell the same.
+    """
     if not len(before) or not len(after):
         return 0.0
     both = np.median(before, axis=0), np.median(after, axis=0)
@@ -196,11 +255,14 @@ class SpotSettings:
     """How poses are checked, and when they are exact."""
 
     neighbors: int = 12  # pairs of neighbors, spread over the dive
-    crossings: int = 6  # pairs that overlap by the given poses and are no neighbors: lines that lie side by side
+    crossings: int = (
+        6  # pairs that overlap by the given poses and are no neighbors: lines that lie side by side
+    )
     point_step: int = 16  # every so many of a frame's coarse points is enough to say where it looks
     min_edges: int = 5  # fewer prove nothing
     found: float = 0.5  # of the pairs of neighbors must have been measured
-    voxels: float = 0.5  # nine of ten pairs must agree to so many voxels at the surface: less does not show in the map
+    # nine of ten pairs must agree to so many voxels at the surface: less does not show in the map
+    voxels: float = 0.5
     worst_voxels: float = 1.0  # and all of them to so many
 
 
@@ -209,7 +271,9 @@ SPOT_CHECK_SETTINGS = SpotSettings()
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """Edges measured here and there; exact: True where the given poses agree with them to half a voxel."""
+    """Edges measured here and there; exact: True where the given poses agree with them to half a
+    voxel.
+    """
 
     edges: list[Edge]
     exact: bool
@@ -221,11 +285,17 @@ def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
     placed = [rank for rank in range(len(order)) if given.components[order[rank]] >= 0]
     neighbors = [(a, b) for a, b in pairwise(placed) if _joined(given, order[[a, b]])]
     neighbors = _thinned(neighbors, SPOT_CHECK_SETTINGS.neighbors)
-    points = ((a, transformed(given.T_world_camera[order[a]], _points(survey, order[a]))) for a in placed)
+    points = (
+        (a, transformed(given.T_world_camera[order[a]], _points(survey, order[a]))) for a in placed
+    )
     crossings = [pair for pair in by_overlap(points, 1) if _joined(given, order[list(pair)])]
-    edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SPOT_CHECK_SETTINGS.crossings)}))
+    edges = _measured(
+        survey, sorted({*neighbors, *_thinned(crossings, SPOT_CHECK_SETTINGS.crossings)})
+    )
     found = sum(abs(survey.index.rank[e.i] - survey.index.rank[e.j]) == 1 for e in edges)
-    if len(edges) < SPOT_CHECK_SETTINGS.min_edges or found < SPOT_CHECK_SETTINGS.found * len(neighbors):
+    if len(edges) < SPOT_CHECK_SETTINGS.min_edges or found < SPOT_CHECK_SETTINGS.found * len(
+        neighbors
+    ):
         return Spots(edges, False)
     off_m = np.array([_off_m(edge, given, _points(survey, edge.j)) for edge in edges])
     limits_m = SPOT_CHECK_SETTINGS.voxels * voxel_m, SPOT_CHECK_SETTINGS.worst_voxels * voxel_m
@@ -236,25 +306,35 @@ def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
     order = survey.index.order
     ranks = sorted({rank for pair in pairs for rank in pair})
     features: list[Features] = []
-    for found in survey.compute.each(_QuickDetection(survey.frames, survey.geometry), [int(order[rank]) for rank in ranks]):
+    for found in survey.compute.each(
+        _QuickDetection(survey.frames, survey.geometry), [int(order[rank]) for rank in ranks]
+    ):
         features.append(found)
         survey.progress("looking at the given poses", len(features), len(ranks))
     place = {rank: i for i, rank in enumerate(ranks)}
     relating = Relating(features, survey.geometry)
     relations = ((a, b, relating(((place[a], place[b]), None))) for a, b in pairs)
-    return [Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a)) for a, b, r in relations if r]
+    return [
+        Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a))
+        for a, b, r in relations
+        if r
+    ]
 
 
 @dataclass(frozen=True, eq=False)
 class _QuickDetection:
-    """Finds the features of the frame of a number, as an object that can be sent to another process."""
+    """Finds the features of the frame of a number, as an object that can be sent to another
+    process.
+    """
 
     frames: Frames
     geometry: RectifiedPair
 
     def __call__(self, number: int) -> Features:
         frame = self.frames[number]
-        return Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry, QUICK)
+        return (
+            Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry, QUICK)
+        )
 
 
 def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> float:
@@ -262,7 +342,11 @@ def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> floa
     T = inverse(given.T_world_camera[edge.i]) @ given.T_world_camera[edge.j]
     if not len(points_m):
         return float("inf")
-    return float(np.median(np.linalg.norm(transformed(T, points_m) - transformed(edge.T_i_j, points_m), axis=1)))
+    return float(
+        np.median(
+            np.linalg.norm(transformed(T, points_m) - transformed(edge.T_i_j, points_m), axis=1)
+        )
+    )
 
 
 def _points(survey: Survey, frame: int) -> NDArray[np.float32]:

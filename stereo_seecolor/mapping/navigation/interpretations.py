@@ -30,27 +30,40 @@ class ReadingSettings:
     clock_steps: int = 12  # clocks may differ by so many times between frames,
     clock_parts: int = 4  # searched in so many parts of it
     edges: int = 200  # that a reading is judged by
-    estimated_misfit: float = 0.5  # steps that a scale or a turn estimated from the edges may leave: noise estimates them too
+    # steps that a scale or a turn estimated from the edges may leave: noise estimates them too
+    estimated_misfit: float = 0.5
     same_unit: float = 0.05  # a scale this near to that of a unit is its
     least_scale: float = 1.25  # a calibration is nearer than that
-    least_turn_rad: float = 0.15  # magnetic declination and the convergence of grids are named as turns from 9 degrees on
+    # magnetic declination and the convergence of grids are named as turns from 9 degrees on
+    least_turn_rad: float = 0.15
 
 
 READINGS_SETTINGS = ReadingSettings()
 
 
 def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
-    """Compute how badly poses fit the edges: the median, shifts in steps and turns in SETTINGS.attitude_rad; infinite for too
-    few.
+    """Compute how badly poses fit the edges: the median, shifts in steps and turns in
+    SETTINGS.attitude_rad; infinite for too few.
     """
     motions = Motions.of(T_world_camera, edges)
     if len(motions.given) < READINGS_SETTINGS.min_edges:
         return float("inf")
-    return float(np.median(np.hypot(motions.position_m / motions.step_m, motions.attitude_rad / READINGS_SETTINGS.attitude_rad)))
+    return float(
+        np.median(
+            np.hypot(
+                motions.position_m / motions.step_m,
+                motions.attitude_rad / READINGS_SETTINGS.attitude_rad,
+            )
+        )
+    )
 
 
-def better_reading(plain: float, edges: Sequence[Edge], others: Iterator[tuple[str, Array]]) -> str | None:
-    """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is ``plain``; else None."""
+def better_reading(
+    plain: float, edges: Sequence[Edge], others: Iterator[tuple[str, Array]]
+) -> str | None:
+    """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is
+    ``plain``; else None.
+    """
     if not np.isfinite(plain) or plain < READINGS_SETTINGS.misfit:
         return None
     chosen = edges[:: max(1, len(edges) // READINGS_SETTINGS.edges)]
@@ -59,20 +72,31 @@ def better_reading(plain: float, edges: Sequence[Edge], others: Iterator[tuple[s
 
 
 def readings(
-    T: Array, edges: Sequence[Edge], index: FrameIndex, trajectory: Trajectory, config: MappingConfig
+    T: Array,
+    edges: Sequence[Edge],
+    index: FrameIndex,
+    trajectory: Trajectory,
+    config: MappingConfig,
 ) -> Iterator[tuple[str, Array]]:
-    """List all other readings of the poses. T: (N, 4, 4) as read. edges: as the pictures show them."""
+    """List all other readings of the poses. T: (N, 4, 4) as read. edges: as the pictures show
+    them.
+    """
     if not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all():
         yield from _at_other_times(index, trajectory, config)
     for turned, start in (("", T), ("the quaternion's w first", w_first(T))):
         for name, positions in _POSITIONS.items():
             if turned or name:
-                yield " and ".join(text for text in (turned, name) if text), _with_positions(start, positions)
+                yield (
+                    " and ".join(text for text in (turned, name) if text),
+                    _with_positions(start, positions),
+                )
         names = [text for text in (turned, "world-to-camera poses") if text]
         yield " and ".join(names), inverse(start)
     yield from _on_other_frames(T, index)
     yield from (
-        reading for reading in _of_other_units_or_north(T, edges) if misfit(reading[1], edges) < READINGS_SETTINGS.estimated_misfit
+        reading
+        for reading in _of_other_units_or_north(T, edges)
+        if misfit(reading[1], edges) < READINGS_SETTINGS.estimated_misfit
     )
 
 
@@ -81,7 +105,9 @@ def w_first(T: Array) -> Array:
     result = np.full_like(T, np.nan)
     known = np.isfinite(T).all(axis=(1, 2))
     result[known] = T[known]
-    result[known, :3, :3] = Rotation.from_quat(np.roll(quaternion(T[known, :3, :3]), -1, axis=1)).as_matrix()
+    result[known, :3, :3] = Rotation.from_quat(
+        np.roll(quaternion(T[known, :3, :3]), -1, axis=1)
+    ).as_matrix()
     return result
 
 
@@ -104,7 +130,9 @@ def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:
 
 
 def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Array]]:
-    """Positions times a number, and turned about the vertical against the attitudes: both estimated by least squares."""
+    """Positions times a number, and turned about the vertical against the attitudes: both estimated
+    by least squares.
+    """
     posed = [edge for edge in edges if np.isfinite(T[[edge.i, edge.j]]).all()]
     if not posed:
         return
@@ -112,7 +140,11 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
     measured_m = np.array([T[edge.i, :3, :3] @ edge.T_i_j[:3, 3] for edge in posed])
     scale = float((given_m * measured_m).sum() / max((measured_m**2).sum(), 1e-12))
     if scale > READINGS_SETTINGS.least_scale or 0 < scale < 1 / READINGS_SETTINGS.least_scale:
-        units = (unit for unit, per_m in _PER_METER.items() if abs(scale / per_m - 1) < READINGS_SETTINGS.same_unit)
+        units = (
+            unit
+            for unit, per_m in _PER_METER.items()
+            if abs(scale / per_m - 1) < READINGS_SETTINGS.same_unit
+        )
         yield (
             next((f"positions in {unit}" for unit in units), f"positions divided by {scale:.3g}"),
             _with_positions(T, lambda p: p / scale),
@@ -121,7 +153,10 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
     turn_rad = float(np.angle(across.sum()))
     if abs(turn_rad) > READINGS_SETTINGS.least_turn_rad:
         back = Rotation.from_euler("z", -turn_rad).as_matrix()
-        name = f"positions turned by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or headings by as much the other way"
+        name = (
+            f"positions turned by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or "
+            "headings by as much the other way"
+        )
         yield name, _with_positions(T, lambda p: p @ back.T)
 
 
@@ -136,9 +171,13 @@ def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]
     yield "the poses in the opposite order", result
 
 
-def _at_other_times(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Iterator[tuple[str, Array]]:
+def _at_other_times(
+    index: FrameIndex, trajectory: Trajectory, config: MappingConfig
+) -> Iterator[tuple[str, Array]]:
     times = np.sort(index.timestamps_s[np.isfinite(index.timestamps_s)])
-    step_s = float(np.median(np.diff(times))) / READINGS_SETTINGS.clock_parts if len(times) > 1 else 0.0
+    step_s = (
+        float(np.median(np.diff(times))) / READINGS_SETTINGS.clock_parts if len(times) > 1 else 0.0
+    )
     for number in range(
         -READINGS_SETTINGS.clock_steps * READINGS_SETTINGS.clock_parts,
         READINGS_SETTINGS.clock_steps * READINGS_SETTINGS.clock_parts + 1,
@@ -146,7 +185,10 @@ def _at_other_times(index: FrameIndex, trajectory: Trajectory, config: MappingCo
         shift_s = number * step_s
         if shift_s:
             moved = replace(trajectory, timestamps_s=trajectory.timestamps_s + shift_s)
-            yield f"{shift_s:+.2f} s added to the times of the poses", assign(index, moved, config).T_world_camera
+            yield (
+                f"{shift_s:+.2f} s added to the times of the poses",
+                assign(index, moved, config).T_world_camera,
+            )
 
 
 # A constant rotation between the camera and the poses' axes: a mount angle that was forgotten, or
@@ -157,9 +199,11 @@ def _at_other_times(index: FrameIndex, trajectory: Trajectory, config: MappingCo
 class MountSettings:
     """When a rotation is used."""
 
-    prior_rad: float = 0.17  # standard error before anything is measured, 10 degrees: decides what the motion leaves open
+    # standard error before anything is measured, 10 degrees: decides what the motion leaves open
+    prior_rad: float = 0.17
     min_rad: float = 0.026  # 1.5 degrees: less is an installation's tolerance
-    min_sigmas: float = 6.0  # of its own standard error, which neighbors' common noise makes up to two times too small
+    # of its own standard error, which neighbors' common noise makes up to two times too small
+    min_sigmas: float = 6.0
     rounds: int = 5  # of weighting by the residuals
     floor_m: float = 0.002  # least standard error of a shift and
     floor_rad: float = 0.001  # of a turn: what the pictures can tell
@@ -170,7 +214,9 @@ MOUNT_SETTINGS = MountSettings()
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) standard errors about the camera's axes."""
+    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) standard errors about the camera's
+    axes.
+    """
 
     R: Array
     std_rad: Array
@@ -185,24 +231,32 @@ class Turn:
         """Tell whether the rotation is large and significant."""
         vector = rotation_vector(self.R)
         return bool(
-            np.linalg.norm(vector) > MOUNT_SETTINGS.min_rad and (np.abs(vector) / self.std_rad).max() > MOUNT_SETTINGS.min_sigmas
+            np.linalg.norm(vector) > MOUNT_SETTINGS.min_rad
+            and (np.abs(vector) / self.std_rad).max() > MOUNT_SETTINGS.min_sigmas
         )
 
 
 def constant_turn(motions: Motions) -> Turn:
-    """The turn X with given X = X measured for all motions, by their shifts and their turns (hand-eye calibration).
+    """The turn X with given X = X measured for all motions, by their shifts and their turns
+    (hand-eye calibration).
 
-    Tsai and Lenz (1989), IEEE Trans. Robotics and Automation 5(3), for a pure turn: both the shift and the rotation vector of a
-    motion are turned by X, so that X is the solution of Wahba's problem; what the motion leaves open stays as it is.
+    Tsai and Lenz (1989), IEEE Trans. Robotics and Automation 5(3), for a pure turn: both the shift
+    and the rotation vector of a motion are turned by X, so that X is the solution of Wahba's
+    problem; what the motion leaves open stays as it is.
     """
     shifts = motions.given[:, :3, 3], motions.measured[:, :3, 3]
     turns = rotation_vector(motions.given[:, :3, :3]), rotation_vector(motions.measured[:, :3, :3])
     R, prior = np.eye(3), np.eye(3) / MOUNT_SETTINGS.prior_rad**2
     for _ in range(MOUNT_SETTINGS.rounds):
         correlation, information = prior.copy(), prior.copy()
-        for (given, measured), floor in ((shifts, MOUNT_SETTINGS.floor_m), (turns, MOUNT_SETTINGS.floor_rad)):
+        for (given, measured), floor in (
+            (shifts, MOUNT_SETTINGS.floor_m),
+            (turns, MOUNT_SETTINGS.floor_rad),
+        ):
             off = np.linalg.norm(given - measured @ R.T, axis=1)
-            sigma = max(floor, float(np.median(off)) / 1.54)  # median of the length of a 3-D Gaussian
+            sigma = max(
+                floor, float(np.median(off)) / 1.54
+            )  # median of the length of a 3-D Gaussian
             weight = 1 / (sigma**2 * (1 + (off / (3 * sigma)) ** 2))
             correlation += np.einsum("n,ni,nj->ij", weight, given, measured)
             outer = np.einsum("n,ni,nj->ij", weight, measured, measured)
@@ -228,18 +282,22 @@ class LeverSettings:
 
     least_m: float = 0.1  # less is no more than navigation's noise
     sigmas: float = 6.0  # of its own standard error, in the direction that the turns show best
-    left: float = 0.5  # of the shifts' residuals, rms and median, it must leave at most this fraction: noise of positions stays
+    # of the shifts' residuals, rms and median, it must leave at most this fraction: noise of
+    # positions stays
+    left: float = 0.5
     rounds: int = 5  # of weighting by the residuals
     floor_m: float = 0.002  # least standard error of a shift: what the pictures can tell
-    prior_m: float = 1.0  # standard error before anything is measured: decides what the motion leaves open
+    prior_m: float = (
+        1.0  # standard error before anything is measured: decides what the motion leaves open
+    )
 
 
 LEVER_SETTINGS = LeverSettings()
 
 
 def lever_arm(motions: Motions) -> Array | None:
-    """Estimate the vector from the camera to the point whose positions are given, (3,) in the camera's axes, meters; None where it
-    is not significant.
+    """Estimate the vector from the camera to the point whose positions are given, (3,) in the
+    camera's axes, meters; None where it is not significant.
 
     A point at l moves by t + (R - I) l where the camera moves by R, t.
     """
@@ -248,9 +306,13 @@ def lever_arm(motions: Motions) -> Array | None:
     arm_m, covariance = np.zeros(3), np.eye(3)
     for _ in range(LEVER_SETTINGS.rounds):
         left_m = np.linalg.norm(off_m - turns @ arm_m, axis=1)
-        sigma_m = max(LEVER_SETTINGS.floor_m, float(np.median(left_m)) / 1.54)  # median of the length of a 3-D Gaussian
+        sigma_m = max(
+            LEVER_SETTINGS.floor_m, float(np.median(left_m)) / 1.54
+        )  # median of the length of a 3-D Gaussian
         weight = 1 / (sigma_m**2 * (1 + (left_m / (3 * sigma_m)) ** 2))
-        covariance = np.linalg.inv(np.einsum("n,nki,nkj->ij", weight, turns, turns) + np.eye(3) / LEVER_SETTINGS.prior_m**2)
+        covariance = np.linalg.inv(
+            np.einsum("n,nki,nkj->ij", weight, turns, turns) + np.eye(3) / LEVER_SETTINGS.prior_m**2
+        )
         arm_m = covariance @ np.einsum("n,nki,nk->i", weight, turns, off_m)
     before_m, after_m = np.linalg.norm(off_m, axis=1), np.linalg.norm(off_m - turns @ arm_m, axis=1)
     explains = np.median(after_m) < LEVER_SETTINGS.left * np.median(before_m)

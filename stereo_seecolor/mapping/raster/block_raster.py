@@ -1,4 +1,6 @@
-"""A raster on disk of which only the blocks that hold something exist: the bounding box of a long track is mostly empty."""
+"""A raster on disk of which only the blocks that hold something exist: the bounding box of a long
+track is mostly empty.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +18,8 @@ from stereo_seecolor.files.raw_arrays import load_array
 
 @dataclass(frozen=True)
 class Grid:
-    """North-up cells. west_m, north_m: outer edges of the first cell; its center lies on whole multiples of cell_m.
+    """North-up cells. west_m, north_m: outer edges of the first cell; its center lies on whole
+    multiples of cell_m.
 
     shape: (rows, columns).
     """
@@ -27,17 +30,28 @@ class Grid:
     shape: tuple[int, int]
 
     @classmethod
-    def around(cls, low_m: NDArray[np.floating], high_m: NDArray[np.floating], cell_m: float) -> "Grid":
-        """Cover a box with cells that are centered on multiples of cell_m, so that repeated surveys share their cells.
+    def around(
+        cls, low_m: NDArray[np.floating], high_m: NDArray[np.floating], cell_m: float
+    ) -> "Grid":
+        """Cover a box with cells that are centered on multiples of cell_m, so that repeated surveys
+        share their cells.
 
-        Voxels lie on multiples of their size too: over each of their columns the surface is measured, between them interpolated.
+        Voxels lie on multiples of their size too: over each of their columns the surface is
+        measured, between them interpolated.
         """
         west, south = np.floor(np.asarray(low_m[:2], np.float64) / cell_m + 0.5) - 0.5
         east, north = np.ceil(np.asarray(high_m[:2], np.float64) / cell_m - 0.5) + 0.5
-        return cls(float(west * cell_m), float(north * cell_m), cell_m, (round(north - south), round(east - west)))
+        return cls(
+            float(west * cell_m),
+            float(north * cell_m),
+            cell_m,
+            (round(north - south), round(east - west)),
+        )
 
     def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Convert points (N, 2 or more) to column and row (N, 2); the center of the first cell is (0, 0)."""
+        """Convert points (N, 2 or more) to column and row (N, 2); the center of the first cell is
+        (0, 0).
+        """
         points = np.asarray(points_m, np.float64)
         return np.stack([self.columns(points[:, 0]), self.rows(points[:, 1])], axis=-1)
 
@@ -55,7 +69,9 @@ class Grid:
         y_m = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
         return x_m, y_m
 
-    def centers(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def centers(
+        self, rows: slice, columns: slice
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The x and y of the cells' centers in a window, (h, w) each."""
         x_m, y_m = self.axes(rows, columns)
         grid_x, grid_y = np.meshgrid(x_m, y_m)
@@ -67,16 +83,24 @@ BLOCK_PX = 512
 
 
 class BlockRaster:
-    """A raster (bands, H, W) in blocks of 512 x 512 cells, each a file of ``folder``; cells never written are ``fill``."""
+    """A raster (bands, H, W) in blocks of 512 x 512 cells, each a file of ``folder``; cells never
+    written are ``fill``.
+    """
 
-    def __init__(self, folder: Path, grid: Grid, bands: int, dtype: type[np.generic], fill: float) -> None:
+    def __init__(
+        self, folder: Path, grid: Grid, bands: int, dtype: type[np.generic], fill: float
+    ) -> None:
         self.grid, self.bands, self.dtype, self.fill = grid, bands, dtype, fill
         self._folder = folder
         self._blocks: set[tuple[int, int]] = set()
 
     def read(self, rows: slice, columns: slice) -> NDArray[Any]:
         """Read a window (bands, h, w), which may reach beyond the raster."""
-        result = np.full((self.bands, rows.stop - rows.start, columns.stop - columns.start), self.fill, self.dtype)
+        result = np.full(
+            (self.bands, rows.stop - rows.start, columns.stop - columns.start),
+            self.fill,
+            self.dtype,
+        )
         for block, here, there in self._overlaps(rows, columns):
             if block in self._blocks:
                 result[:, here[0], here[1]] = load_array(self._path(block))[:, there[0], there[1]]
@@ -103,10 +127,19 @@ class BlockRaster:
                 slice(column * BLOCK_PX, min((column + 1) * BLOCK_PX, self.grid.shape[1])),
             )
 
-    def _overlaps(self, rows: slice, columns: slice) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
-        """Each block that a window meets: its number, the part of the window, the part of the block."""
-        for row in range(max(rows.start, 0) // BLOCK_PX, -(-min(rows.stop, self.grid.shape[0]) // BLOCK_PX)):
-            for column in range(max(columns.start, 0) // BLOCK_PX, -(-min(columns.stop, self.grid.shape[1]) // BLOCK_PX)):
+    def _overlaps(
+        self, rows: slice, columns: slice
+    ) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
+        """Each block that a window meets: its number, the part of the window, the part of the
+        block.
+        """
+        for row in range(
+            max(rows.start, 0) // BLOCK_PX, -(-min(rows.stop, self.grid.shape[0]) // BLOCK_PX)
+        ):
+            for column in range(
+                max(columns.start, 0) // BLOCK_PX,
+                -(-min(columns.stop, self.grid.shape[1]) // BLOCK_PX),
+            ):
                 parts = [_overlap(rows, row), _overlap(columns, column)]
                 yield (row, column), (parts[0][0], parts[1][0]), (parts[0][1], parts[1][1])
 
@@ -116,4 +149,6 @@ class BlockRaster:
 
 def _overlap(window: slice, block: int) -> tuple[slice, slice]:
     first, last = max(window.start, block * BLOCK_PX), min(window.stop, (block + 1) * BLOCK_PX)
-    return slice(first - window.start, last - window.start), slice(first - block * BLOCK_PX, last - block * BLOCK_PX)
+    return slice(first - window.start, last - window.start), slice(
+        first - block * BLOCK_PX, last - block * BLOCK_PX
+    )

@@ -17,17 +17,24 @@ NORTH, SOUTH = 32600, 32700
 CHUNK = 1_000_000
 """Points at a time: 27 MB."""
 SPARSE_FROM_PIXELS = 2**30
-"""More than OpenCV and Pillow open. They do not open sparse files at all, and blocks without a surface take 16 MB up to here."""
+"""More than OpenCV and Pillow open. They do not open sparse files at all, and blocks without a
+surface take 16 MB up to here.
+"""
 
 
-LOCAL_WKT = 'LOCAL_CS["local meters",UNIT["metre",1,AUTHORITY["EPSG","9001"]],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
-"""Of a map without a place on Earth: programs that draw on it need a system that is in meters, whatever it is."""
+LOCAL_WKT = (
+    'LOCAL_CS["local '
+    'meters",UNIT["metre",1,AUTHORITY["EPSG","9001"]],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+)
+"""Of a map without a place on Earth: programs that draw on it need a system that is in meters,
+whatever it is.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """The place of a map's local coordinates: their offset in the world, offset_m (3,), and the world's origin on Earth, None if
-    unknown.
+    """The place of a map's local coordinates: their offset in the world, offset_m (3,), and the
+    world's origin on Earth, None if unknown.
     """
 
     offset_m: NDArray[np.float64]
@@ -39,8 +46,14 @@ def crs_name(origin: GeoOrigin | None) -> str:
     if origin is None:
         return "local meters, no place on Earth"
     if origin.utm_epsg:
-        return f"EPSG:{origin.utm_epsg} (WGS84, UTM zone {origin.utm_epsg % 100}{'N' if origin.utm_epsg < SOUTH else 'S'})"
-    return f"transverse Mercator around latitude {origin.latitude_deg:.9f}, longitude {origin.longitude_deg:.9f} (WGS84), scale 1"
+        return (
+            f"EPSG:{origin.utm_epsg} (WGS84, UTM zone "
+            f"{origin.utm_epsg % 100}{'N' if origin.utm_epsg < SOUTH else 'S'})"
+        )
+    return (
+        f"transverse Mercator around latitude {origin.latitude_deg:.9f}, longitude "
+        f"{origin.longitude_deg:.9f} (WGS84), scale 1"
+    )
 
 
 def available() -> bool:
@@ -55,16 +68,20 @@ def available() -> bool:
 
 
 def crs_wkt(origin: GeoOrigin) -> str:
-    """Give the WKT of the map's UTM zone, or of transverse Mercator around the map's origin at scale 1: its own meters, north up.
+    """Give the WKT of the map's UTM zone, or of transverse Mercator around the map's origin at
+    scale 1: its own meters, north up.
 
-    The latter is the convention of ACFR's stereo_pose_est.data. UTM shrinks lengths by up to 0.04 % and turns north by up to 3
-    degrees.
+    The latter is the convention of ACFR's stereo_pose_est.data. UTM shrinks lengths by up to 0.04 %
+    and turns north by up to 3 degrees.
     """
     import pyproj
 
     if origin.utm_epsg:
         return str(pyproj.CRS.from_epsg(origin.utm_epsg).to_wkt())
-    projection = f"+proj=tmerc +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} +k=1 +x_0=0 +y_0=0 +datum=WGS84"
+    projection = (
+        f"+proj=tmerc +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} "
+        "+k=1 +x_0=0 +y_0=0 +datum=WGS84"
+    )
     return str(pyproj.CRS.from_proj4(f"{projection} +units=m +no_defs +type=crs").to_wkt())
 
 
@@ -75,27 +92,34 @@ def utm_of(origin: GeoOrigin) -> GeoOrigin:
 
 
 def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.float64]:
-    """Transform poses (N, 4, 4) in meters around the origin into its UTM zone, each turned by the meridian convergence at its
-    place.
+    """Transform poses (N, 4, 4) in meters around the origin into its UTM zone, each turned by the
+    meridian convergence at its place.
 
-    What a frame saw keeps its true size: between frames UTM is up to 0.04 % shorter, a millimeter over two meters.
+    What a frame saw keeps its true size: between frames UTM is up to 0.04 % shorter, a millimeter
+    over two meters.
     """
     import pyproj
 
-    turn = pyproj.Transformer.from_crs(crs_wkt(origin), utm_of(origin).utm_epsg, always_xy=True).transform
+    turn = pyproj.Transformer.from_crs(
+        crs_wkt(origin), utm_of(origin).utm_epsg, always_xy=True
+    ).transform
     known = np.isfinite(T_world_camera[:, 0, 3])
     position = T_world_camera[known, :3, 3]
     (east, north), beside = turn(*position[:, :2].T), turn(position[:, 0] + 1, position[:, 1])
     convergence = np.arctan2(np.asarray(beside[1]) - north, np.asarray(beside[0]) - east)
     T = T_world_camera.copy()
-    T[known, :3, :3] = rotation_from_vector(convergence[:, None] * [0.0, 0.0, 1.0]) @ T[known, :3, :3]
+    T[known, :3, :3] = (
+        rotation_from_vector(convergence[:, None] * [0.0, 0.0, 1.0]) @ T[known, :3, :3]
+    )
     T[known, 0, 3], T[known, 1, 3] = east, north
     return T
 
 
-def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> Path:
-    """Write a raster as a tiled, compressed GeoTIFF with overviews: float32 with NaN as nodata, or uint8 RGBA with alpha; return
-    the path.
+def write_geotiff(
+    path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()
+) -> Path:
+    """Write a raster as a tiled, compressed GeoTIFF with overviews: float32 with NaN as nodata, or
+    uint8 RGBA with alpha; return the path.
 
     Coordinates are the world's; without an origin on Earth they are its meters, in a local system.
     """
@@ -103,9 +127,13 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
     from rasterio.enums import ColorInterp, Resampling
 
     grid, floating = raster.grid, raster.dtype == np.float32
-    west_m, north_m = grid.west_m + float(place.offset_m[0]), grid.north_m + float(place.offset_m[1])
+    west_m, north_m = (
+        grid.west_m + float(place.offset_m[0]),
+        grid.north_m + float(place.offset_m[1]),
+    )
     profile = {
-        "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0], "width": grid.shape[1],
+        "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0],
+        "width": grid.shape[1],
         "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate",
         "predictor": 2,  # that of floating point needs imagecodecs in tifffile
         "zlevel": 1,  # a quarter of the time of the usual 6, files 2 to 4 % larger
@@ -117,9 +145,17 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
     with atomic_path(path) as temporary:
         with rasterio.open(temporary, "w", **profile) as file:
             for rows, columns in raster.windows():
-                file.write(raster.read(rows, columns), window=((rows.start, rows.stop), (columns.start, columns.stop)))
+                file.write(
+                    raster.read(rows, columns),
+                    window=((rows.start, rows.stop), (columns.start, columns.stop)),
+                )
             if not floating:
-                file.colorinterp = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
+                file.colorinterp = [
+                    ColorInterp.red,
+                    ColorInterp.green,
+                    ColorInterp.blue,
+                    ColorInterp.alpha,
+                ]
             for band, description in enumerate(descriptions, start=1):
                 file.set_band_description(band, description)
                 if description.endswith("_m"):
@@ -132,7 +168,8 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
 
 
 def write_laz(path: Path, cloud: Path, place: Georeference) -> Path:
-    """Write the cloud as LAZ in the coordinate system of the GeoTIFFs, in millimeters with an offset near the map; return the path.
+    """Write the cloud as LAZ in the coordinate system of the GeoTIFFs, in millimeters with an
+    offset near the map; return the path.
 
     cloud: the PLY file, read in pieces.
     """
@@ -155,6 +192,8 @@ def write_laz(path: Path, cloud: Path, place: Georeference) -> Path:
             points = laspy.ScaleAwarePointRecord.zeros(len(part), header=header)
             position = np.asarray(part["position"], np.float64) + place.offset_m
             points.x, points.y, points.z = position.T
-            points.red, points.green, points.blue = (part["color"][:, c].astype(np.uint16) * 257 for c in range(3))
+            points.red, points.green, points.blue = (
+                part["color"][:, c].astype(np.uint16) * 257 for c in range(3)
+            )
             file.write_points(points)
     return path

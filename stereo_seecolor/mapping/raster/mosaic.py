@@ -1,4 +1,5 @@
-"""The orthomosaic: each cell's detail comes from its best view, its coarse color from the mean of all views that see it.
+"""The orthomosaic: each cell's detail comes from its best view, its coarse color from the mean of
+all views that see it.
 
 Seams between views are placed where neighboring views agree.
 """
@@ -31,16 +32,31 @@ Array = NDArray[np.float64]
 class MosaicSettings:
     """How views are chosen."""
 
-    views_a_meter: int = 12  # frames that a block is painted from, for each meter of its edge: more never win
-    repaints: int = 3  # rounds of painting: each chooses views for what those before it did not see,
+    views_a_meter: int = (
+        12  # frames that a block is painted from, for each meter of its edge: more never win
+    )
+    repaints: int = (
+        3  # rounds of painting: each chooses views for what those before it did not see,
+    )
     unpainted: float = 0.01  # as long as that is more than this fraction of the cells
-    windows_at_once: int = 2  # one is blended while the cells of the other are looked up on all cores
-    cached_frames: int = 16  # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
-    disagreement: float = 4.0  # cost of a color a tenth of full scale off the median of all views, in tangents of the angle
-    outlier: float = 25.5  # of 255: a color so far off the median of all views, a tenth of full scale, weighs half in their mean
-    closed: float = 0.5  # fraction of a cell of the terrain and its eight neighbors that must be known for it to be painted
+    windows_at_once: int = (
+        2  # one is blended while the cells of the other are looked up on all cores
+    )
+    cached_frames: int = (
+        16  # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
+    )
+    # cost of a color a tenth of full scale off the median of all views, in tangents of the angle
+    disagreement: float = 4.0
+    # of 255: a color so far off the median of all views, a tenth of full scale, weighs half in
+    # their mean
+    outlier: float = 25.5
+    # fraction of a cell of the terrain and its eight neighbors that must be known for it to be
+    # painted
+    closed: float = 0.5
     hidden_m: float = 0.05  # a view whose range is off by more than this,
-    hidden_fraction: float = 0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
+    hidden_fraction: float = (
+        0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
+    )
     doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
 
 
@@ -49,9 +65,11 @@ MOSAIC_SETTINGS = MosaicSettings()
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) centers. z_m: (h, w) heights, NaN where unknown.
+    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) centers. z_m: (h, w) heights,
+    NaN where unknown.
 
-    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, NaN for all others.
+    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, NaN for all
+    others.
     """
 
     edge_m: float
@@ -61,14 +79,21 @@ class Cells:
     other_m: Array
 
 
-def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder: Path) -> BlockRaster:
-    """Paint the mosaic of a component on ``grid``: RGBA (4, H, W) uint8, alpha 0 where no view sees the ground.
+def render_mosaic(
+    component: Component, terrain: BlockRaster, grid: Grid, folder: Path
+) -> BlockRaster:
+    """Paint the mosaic of a component on ``grid``: RGBA (4, H, W) uint8, alpha 0 where no view sees
+    the ground.
 
     folder: where its blocks are written. Raises OutputError if the disk is full.
     """
     survey = component.survey
     mosaic = BlockRaster(folder, grid, 4, np.uint8, 0)
-    boxes = {int(i): _box(component.points_m(int(i))) for i in component.frames if len(survey.index.points_m[i])}
+    boxes = {
+        int(i): _box(component.points_m(int(i)))
+        for i in component.frames
+        if len(survey.index.points_m[i])
+    }
     cache = _Cache(survey.frames)
     windows = _windows(terrain, grid)
 
@@ -82,13 +107,21 @@ def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder
     return mosaic
 
 
-def _painted(cells: Cells, boxes: dict[int, tuple[Array, Array]], component: Component, cache: "_Cache") -> NDArray[np.uint8]:
-    """Paint a window, (4, h, w): by the views nearest to its middle, then what those do not see by the views nearest to that."""
+def _painted(
+    cells: Cells, boxes: dict[int, tuple[Array, Array]], component: Component, cache: "_Cache"
+) -> NDArray[np.uint8]:
+    """Paint a window, (4, h, w): by the views nearest to its middle, then what those do not see by
+    the views nearest to that.
+    """
     known = np.isfinite(cells.z_m)
     painted, left = np.zeros((4, *known.shape), np.uint8), known
     for _ in range(MOSAIC_SETTINGS.repaints):
         reaching = _reaching(cells, left, boxes, component.T_local_camera)
-        views = [(sight, component.T_local_camera[i]) for i, sight in zip(reaching, cache.read(reaching), strict=True) if sight]
+        views = [
+            (sight, component.T_local_camera[i])
+            for i, sight in zip(reaching, cache.read(reaching), strict=True)
+            if sight
+        ]
         painted[:, left] = _paint(cells, views, component.survey.geometry)[:, left]
         boxes = {i: box for i, box in boxes.items() if i not in reaching}
         left = known & (painted[3] == 0)
@@ -115,7 +148,9 @@ class _Cache:
         self._reading = Lock()
 
     def read(self, wanted: list[int]) -> list[_Sight | None]:
-        """Read these frames, on all cores, and keep the latest in memory; None for one that is lost."""
+        """Read these frames, on all cores, and keep the latest in memory; None for one that is
+        lost.
+        """
         with self._reading:
             missing = [i for i in wanted if i not in self._held]
             self._held.update(zip(missing, core_pool().map(self._sight, missing), strict=True))
@@ -128,7 +163,11 @@ class _Cache:
 
     def _sight(self, number: int) -> _Sight | None:
         frame = self._frames[number]
-        return None if isinstance(frame, Unplaced) else _Sight(frame.color, frame.range_m, frame.color_is_doubtful)
+        return (
+            None
+            if isinstance(frame, Unplaced)
+            else _Sight(frame.color, frame.range_m, frame.color_is_doubtful)
+        )
 
 
 def _box(points_m: Array) -> tuple[Array, Array]:
@@ -141,10 +180,16 @@ def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
     for rows, columns in terrain.windows():
         x, y = terrain.grid.centers(rows, columns)
         corners = grid.pixels(np.array([[x[0, 0], y[0, 0]], [x[-1, -1], y[-1, -1]]]))
-        first, last = np.floor((corners - 1) / BLOCK_PX).astype(int), np.floor((corners + 1) / BLOCK_PX).astype(int)
+        first, last = (
+            np.floor((corners - 1) / BLOCK_PX).astype(int),
+            np.floor((corners + 1) / BLOCK_PX).astype(int),
+        )
         for row in range(max(first[0, 1], 0), last[1, 1] + 1):
             blocks |= {(row, column) for column in range(max(first[0, 0], 0), last[1, 0] + 1)}
-    sides = [(slice(r * BLOCK_PX, (r + 1) * BLOCK_PX), slice(c * BLOCK_PX, (c + 1) * BLOCK_PX)) for r, c in sorted(blocks)]
+    sides = [
+        (slice(r * BLOCK_PX, (r + 1) * BLOCK_PX), slice(c * BLOCK_PX, (c + 1) * BLOCK_PX))
+        for r, c in sorted(blocks)
+    ]
     height, width = grid.shape
     return [
         (slice(rows.start, min(rows.stop, height)), slice(columns.start, min(columns.stop, width)))
@@ -158,11 +203,17 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     x_m, y_m = grid.axes(rows, columns)
     across, down = terrain.grid.columns(x_m), terrain.grid.rows(y_m)
     left, top = int(np.floor(across[0])) - 2, int(np.floor(down[0])) - 2
-    part = _closed(terrain.read(slice(top, int(np.ceil(down[-1])) + 3), slice(left, int(np.ceil(across[-1])) + 3))[0])
+    part = _closed(
+        terrain.read(
+            slice(top, int(np.ceil(down[-1])) + 3), slice(left, int(np.ceil(across[-1])) + 3)
+        )[0]
+    )
     u, v = np.meshgrid((across - left).astype(np.float32), (down - top).astype(np.float32))
     weight = cv2.remap(np.isfinite(part).astype(np.float32), u, v, cv2.INTER_LINEAR)
     z = cv2.remap(np.nan_to_num(part), u, v, cv2.INTER_LINEAR)
-    lowest, highest = (cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _around_each(part))
+    lowest, highest = (
+        cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _around_each(part)
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         z_m = np.where(weight > 0.5, z / weight, np.nan).astype(np.float64)
         at_step = (weight > 0.5) & (highest - lowest > MOSAIC_SETTINGS.hidden_m)
@@ -172,15 +223,18 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
 
 
 def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
-    """Interpolate heights, (n,), at columns u and rows v of the terrain, bilinearly, from cells on one side of a step only.
+    """Interpolate heights, (n,), at columns u and rows v of the terrain, bilinearly, from cells on
+    one side of a step only.
 
-    Between cells on both sides of a step, those of the side that weighs more are taken. So the step's edge crosses the terrain's
-    cells, and does not run along their borders.
+    Between cells on both sides of a step, those of the side that weighs more are taken. So the
+    step's edge crosses the terrain's cells, and does not run along their borders.
     """
     column, row = u.astype(int), v.astype(int)
     corners = np.stack([terrain_m[row + j, column + i] for j in (0, 1) for i in (0, 1)])
     right, below = u - column, v - row
-    weights = np.stack([(1 - right) * (1 - below), right * (1 - below), (1 - right) * below, right * below])
+    weights = np.stack(
+        [(1 - right) * (1 - below), right * (1 - below), (1 - right) * below, right * below]
+    )
     weights *= np.isfinite(corners)
     highest, lowest = np.fmax.reduce(corners), np.fmin.reduce(corners)
     upper = weights * (corners > (highest + lowest) / 2)
@@ -190,22 +244,32 @@ def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
 
 
 def _closed(heights_m: Float) -> Float:
-    """Fill unknown cells of which most neighbors are known, at their mean height: a view that measured that range paints them."""
+    """Fill unknown cells of which most neighbors are known, at their mean height: a view that
+    measured that range paints them.
+    """
     known, window = np.isfinite(heights_m), (3, 3)
     fraction = cv2.blur(known.astype(np.float32), window)
     mean = cv2.blur(np.nan_to_num(heights_m), window) / np.maximum(fraction, np.float32(1e-6))
-    return np.asarray(np.where(known | (fraction < MOSAIC_SETTINGS.closed), heights_m, mean), np.float32)
+    return np.asarray(
+        np.where(known | (fraction < MOSAIC_SETTINGS.closed), heights_m, mean), np.float32
+    )
 
 
 def _around_each(heights_m: Float) -> tuple[Float, Float]:
-    """The lowest and the highest height of each cell and its eight neighbors; infinite where none is known."""
+    """The lowest and the highest height of each cell and its eight neighbors; infinite where none
+    is known.
+    """
     known, around = np.isfinite(heights_m), np.ones((3, 3), np.uint8)
     lowest = cv2.erode(np.where(known, heights_m, np.inf).astype(np.float32), around)
     return lowest, cv2.dilate(np.where(known, heights_m, -np.inf).astype(np.float32), around)
 
 
-def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
-    """The frames that see part of the wanted cells, those right above their middle first, no more than are of use."""
+def _reaching(
+    cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Array, Array]], T: Array
+) -> list[int]:
+    """The frames that see part of the wanted cells, those right above their middle first, no more
+    than are of use.
+    """
     x_m, y_m = cells.x_m[wanted.any(axis=0)], cells.y_m[wanted.any(axis=1)]
     low, high = np.array([x_m.min(), y_m.min()]), np.array([x_m.max(), y_m.max()])
     middle = (low + high) / 2
@@ -214,14 +278,23 @@ def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Ar
     return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[:most])
 
 
-def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedPair) -> NDArray[np.uint8]:
-    """Choose for each cell the view of least cost, after smoothing the costs (Rhemann et al. 2011), and soften the seams.
+def _paint(
+    cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedPair
+) -> NDArray[np.uint8]:
+    """Choose for each cell the view of least cost, after smoothing the costs (Rhemann et al. 2011),
+    and soften the seams.
 
-    A view costs the tangent of its angle from the vertical, more where its color is doubtful, and more where its color differs
-    from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
+    A view costs the tangent of its angle from the vertical, more where its color is doubtful, and
+    more where its color differs
+    from the median of all views: fish, shadows and badly placed frames lose there, and seams move
+    to where views agree.
     """
     shape = len(views), *cells.z_m.shape
-    colors, costs, weights = np.zeros((*shape, 3), np.uint8), np.empty(shape, np.float32), np.zeros(shape, np.float32)
+    colors, costs, weights = (
+        np.zeros((*shape, 3), np.uint8),
+        np.empty(shape, np.float32),
+        np.zeros(shape, np.float32),
+    )
 
     def project(k: int) -> bool:
         return _project(cells, views[k], geometry, colors[k], costs[k], weights[k])
@@ -233,22 +306,41 @@ def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedP
         colors, costs, weights = colors[sees_any], costs[sees_any], weights[sees_any]
     mean = np.zeros((*cells.z_m.shape, 3), np.float32)
     cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
-    in_parts(lambda first, last: agree(colors, costs, weights, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last), len(mean))
+    in_parts(
+        lambda first, last: agree(
+            colors, costs, weights, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last
+        ),
+        len(mean),
+    )
     return blend(colors, costs, mean)
 
 
 def _project(
-    cells: Cells, view: tuple[_Sight, Array], geometry: RectifiedPair, color: NDArray[np.uint8], cost: Float, weight: Float
+    cells: Cells,
+    view: tuple[_Sight, Array],
+    geometry: RectifiedPair,
+    color: NDArray[np.uint8],
+    cost: Float,
+    weight: Float,
 ) -> bool:
-    """Write a frame's color (h, w, 3), cost and weight (h, w) of the cells, the cost infinite where the frame does not see a cell.
+    """Write a frame's color (h, w, 3), cost and weight (h, w) of the cells, the cost infinite where
+    the frame does not see a cell.
 
     False where it sees none.
     """
     sight, T_local_camera = view
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
-    limits = np.array([MOSAIC_SETTINGS.hidden_m, MOSAIC_SETTINGS.hidden_fraction, MOSAIC_SETTINGS.doubtful_cost, cells.edge_m])
+    limits = np.array(
+        [
+            MOSAIC_SETTINGS.hidden_m,
+            MOSAIC_SETTINGS.hidden_fraction,
+            MOSAIC_SETTINGS.doubtful_cost,
+            cells.edge_m,
+        ]
+    )
     count = see(
-        cells.x_m, cells.y_m, cells.z_m, cells.other_m, inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3]),
+        cells.x_m, cells.y_m, cells.z_m, cells.other_m, inverse(T_local_camera),
+        np.ascontiguousarray(T_local_camera[:3, 3]),
         camera, sight.color, sight.range_m, sight.doubtful, limits, color, cost, weight,
     )  # fmt: skip
     return count > 0
@@ -261,21 +353,33 @@ def _project(
 class MosaicCellSettings:
     """How the cell size is chosen."""
 
-    cells: float = 16e6  # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
+    cells: float = (
+        16e6  # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
+    )
 
 
 MOSAIC_CELL_SETTINGS = MosaicCellSettings()
 
 
 def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
-    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where the area is large.
+    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where
+    the area is large.
 
     Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
     """
-    points = [component.survey.index.points_m[i] for i in component.frames if len(component.survey.index.points_m[i])]
+    points = [
+        component.survey.index.points_m[i]
+        for i in component.frames
+        if len(component.survey.index.points_m[i])
+    ]
     if config.mosaic_m or not points:
         return config
-    pixel_m = float(np.median([np.median(own[:, 2]) for own in points])) / component.survey.geometry.focal_px
+    pixel_m = (
+        float(np.median([np.median(own[:, 2]) for own in points]))
+        / component.survey.geometry.focal_px
+    )
     area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
-    cell_m = max(pixel_m, min(float(np.sqrt(area_m2 / MOSAIC_CELL_SETTINGS.cells)), config.mosaic_cell_m))
+    cell_m = max(
+        pixel_m, min(float(np.sqrt(area_m2 / MOSAIC_CELL_SETTINGS.cells)), config.mosaic_cell_m)
+    )
     return config.model_copy(update={"mosaic_m": rounded(cell_m)})

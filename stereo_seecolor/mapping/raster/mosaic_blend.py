@@ -1,4 +1,6 @@
-"""Views of an orthomosaic blended: each cell from its best view, in the coarse color of the mean of all views, with soft seams."""
+"""Views of an orthomosaic blended: each cell from its best view, in the coarse color of the mean of
+all views, with soft seams.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,11 +19,18 @@ Float = NDArray[np.float32]
 class BlendSettings:
     """How wide seams and bands are."""
 
-    smooth_px: int = 21  # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
+    # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
+    smooth_px: int = 21
     feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
-    feather_reach: float = 5.0  # standard deviations beyond which nothing is blended: OpenCV's kernels end at four
-    band_px: float = 6.0  # standard deviation, cells: coarser color is that of the mean of all views, finer that of the best view
-    coarser: int = 2  # cells along an axis to one of the image in which the coarse color is computed
+    feather_reach: float = (
+        5.0  # standard deviations beyond which nothing is blended: OpenCV's kernels end at four
+    )
+    # standard deviation, cells: coarser color is that of the mean of all views, finer that of the
+    # best view
+    band_px: float = 6.0
+    coarser: int = (
+        2  # cells along an axis to one of the image in which the coarse color is computed
+    )
     most_change: float = 2.0  # factor, up and down: views that differ by more do not show the same
 
 
@@ -29,9 +38,11 @@ SETTINGS = BlendSettings()
 
 
 def blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.uint8]:
-    """Paint each cell from the view of least smoothed cost, in the color of the mean, with soft seams: (4, h, w) RGBA.
+    """Paint each cell from the view of least smoothed cost, in the color of the mean, with soft
+    seams: (4, h, w) RGBA.
 
-    Alpha is 0 where no view sees the cell. colors: (views, h, w, 3); costs: (views, h, w), infinite where a view does not see it.
+    Alpha is 0 where no view sees the cell. colors: (views, h, w, 3); costs: (views, h, w), infinite
+    where a view does not see it.
     """
     seen = np.isfinite(costs)
     visible, best = seen.any(axis=0), _cheapest(costs, seen)
@@ -41,27 +52,46 @@ def blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.ui
         window = _around(mine)
         if window is None:
             continue
-        weight = cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px) * seen[k][window]
+        weight = (
+            cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px)
+            * seen[k][window]
+        )
         total[window] += weight
         sums[window] += weight[..., None] * _as_the_mean(colors[k], seen[k], mean, window)
     result = np.zeros((4, *best.shape), np.uint8)
-    result[:3] = np.clip(np.rint(sums / np.maximum(total, 1e-6)[..., None]), 0, 255).astype(np.uint8).transpose(2, 0, 1)
+    result[:3] = (
+        np.clip(np.rint(sums / np.maximum(total, 1e-6)[..., None]), 0, 255)
+        .astype(np.uint8)
+        .transpose(2, 0, 1)
+    )
     result[3] = np.where(visible, 255, 0)
     result[:3, ~visible] = 0
     return result
 
 
-def _as_the_mean(color: NDArray[np.uint8], seen: NDArray[np.bool_], mean: Float, window: tuple[slice, slice]) -> Float:
-    """Scale a view's colors in a window so that their coarse band is that of the mean over the cells that the view sees."""
+def _as_the_mean(
+    color: NDArray[np.uint8], seen: NDArray[np.bool_], mean: Float, window: tuple[slice, slice]
+) -> Float:
+    """Scale a view's colors in a window so that their coarse band is that of the mean over the
+    cells that the view sees.
+    """
     reach = int(np.ceil(2 * SETTINGS.band_px))
     rows, columns = window
     top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
-    wide = slice(top, rows.stop + reach), slice(left, columns.stop + reach)  # the blur at the window's edge reaches so far
+    wide = (
+        slice(top, rows.stop + reach),
+        slice(left, columns.stop + reach),
+    )  # the blur at the window's edge reaches so far
     own, is_seen = color[wide].astype(np.float32), seen[wide][..., None]
     own_band, mean_band = _coarse_band(own * is_seen), _coarse_band(mean[wide] * is_seen)
-    factor = np.clip((mean_band + 1e-3) / (own_band + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change)
+    factor = np.clip(
+        (mean_band + 1e-3) / (own_band + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change
+    )
     factor = cv2.resize(factor, own.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    inner = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
+    inner = (
+        slice(rows.start - top, rows.stop - top),
+        slice(columns.start - left, columns.stop - left),
+    )
     return np.asarray(own[inner] * factor[inner], np.float32)
 
 
@@ -70,16 +100,22 @@ def _coarse_band(color: Float) -> Float:
     height, width = color.shape[:2]
     size = max(width // SETTINGS.coarser, 1), max(height // SETTINGS.coarser, 1)
     small = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.GaussianBlur(small, (0, 0), SETTINGS.band_px / SETTINGS.coarser), np.float32)
+    return np.asarray(
+        cv2.GaussianBlur(small, (0, 0), SETTINGS.band_px / SETTINGS.coarser), np.float32
+    )
 
 
 def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int16]:
-    """Find for each cell the view whose cost, averaged over its neighborhood, is least: (h, w), -1 where none sees the cell."""
+    """Find for each cell the view whose cost, averaged over its neighborhood, is least: (h, w), -1
+    where none sees the cell.
+    """
     size, least = (SETTINGS.smooth_px,) * 2, np.full(costs.shape[1:], np.inf, np.float32)
     best = np.full(costs.shape[1:], -1, np.int16)
     for k in range(len(costs)):
         fraction = cv2.blur(seen[k].astype(np.float32), size)
-        mean = cv2.blur(np.where(seen[k], costs[k], np.float32(0)), size) / np.maximum(fraction, 1e-6)
+        mean = cv2.blur(np.where(seen[k], costs[k], np.float32(0)), size) / np.maximum(
+            fraction, 1e-6
+        )
         better = seen[k] & (mean < least)
         least[better], best[better] = mean[better], k
     return best
@@ -91,7 +127,9 @@ def _around(chosen: NDArray[np.bool_]) -> tuple[slice, slice] | None:
     if not len(rows):
         return None
     reach = int(np.ceil(SETTINGS.feather_reach * SETTINGS.feather_px))
-    return slice(max(rows[0] - reach, 0), rows[-1] + 1 + reach), slice(max(columns[0] - reach, 0), columns[-1] + 1 + reach)
+    return slice(max(rows[0] - reach, 0), rows[-1] + 1 + reach), slice(
+        max(columns[0] - reach, 0), columns[-1] + 1 + reach
+    )
 
 
 # Compiled loops of the orthomosaic: a frame's colors of its cells, and how far they are from the
@@ -120,12 +158,12 @@ def see(
     cost: Any,  # (h, w) float32, written: infinite where the frame does not see the cell
     weight: Any,  # (h, w) float32, written where it does: of its color in the mean of all views
 ) -> int:
-    """Write the colors of the cells as one frame sees them, bilinear, with the cost and the weight of each; return how many it
-    sees.
+    """Write the colors of the cells as one frame sees them, bilinear, with the cost and the weight
+    of each; return how many it sees.
 
-    A cell is hidden where the range measured at its pixel is another: something stands before it, or it moved. At a step of the
-    terrain, whose cells are larger, it may lie at the other height. Pixels without a range may be painted black, and must not
-    bleed into their neighbors.
+    A cell is hidden where the range measured at its pixel is another: something stands before it,
+    or it moved. At a step of the terrain, whose cells are larger, it may lie at the other height.
+    Pixels without a range may be painted black, and must not bleed into their neighbors.
     """
     height, width = range_m.shape
     focal_px, cx, cy = camera[0], camera[1], camera[2]
@@ -150,14 +188,20 @@ def see(
                     continue
                 row, column = np.uint64(v + 0.5), np.uint64(u + 0.5)
                 distance = np.sqrt(across * across + down * down + depth * depth)
-                if not np.abs(range_m[row, column] - distance) <= hidden_m + hidden_fraction * distance:
+                if (
+                    not np.abs(range_m[row, column] - distance)
+                    <= hidden_m + hidden_fraction * distance
+                ):
                     continue
                 if not _blended(rgb, range_m, u, v, color, r, c):
                     continue
                 east, north, above = x - center_m[0], y - center_m[1], center_m[2] - z
                 slant = np.sqrt(east * east + north * north) / max(above, NEAREST_M)
                 cost[r, c] = slant + doubtful_cost * doubtful[row, column]
-                weight[r, c] = color_weight(distance * np.sqrt(1 + slant * slant) / (focal_px * cell_m), doubtful[row, column])
+                weight[r, c] = color_weight(
+                    distance * np.sqrt(1 + slant * slant) / (focal_px * cell_m),
+                    doubtful[row, column],
+                )
                 seen += 1
                 break
     return seen
@@ -165,14 +209,20 @@ def see(
 
 @compiled(inline=True)
 def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any, y: int, x: int) -> bool:
-    """Write the color between four pixels to color[y, x]; False where one of them that counts has no range."""
+    """Write the color between four pixels to color[y, x]; False where one of them that counts has
+    no range.
+    """
     column, row = np.uint64(u), np.uint64(v)
     right, below = np.float32(u - np.floor(u)), np.float32(v - np.floor(v))
     next_column, next_row = column + np.uint64(1), row + np.uint64(1)
     left, above = np.float32(1) - right, np.float32(1) - below
     a, b, c, d = left * above, right * above, left * below, right * below
-    known = ((a < NEIGHBOR) | np.isfinite(range_m[row, column])) & ((b < NEIGHBOR) | np.isfinite(range_m[row, next_column]))
-    known &= (c < NEIGHBOR) | np.isfinite(range_m[next_row, column])  # not "or": branches that hang on fractions take twice as long
+    known = ((a < NEIGHBOR) | np.isfinite(range_m[row, column])) & (
+        (b < NEIGHBOR) | np.isfinite(range_m[row, next_column])
+    )
+    known &= (c < NEIGHBOR) | np.isfinite(
+        range_m[next_row, column]
+    )  # not "or": branches that hang on fractions take twice as long
     known &= (d < NEIGHBOR) | np.isfinite(range_m[next_row, next_column])
     if not known:
         return False
@@ -184,13 +234,23 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any, y: int, x: 
 
 
 @compiled
-def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_levels: float, mean: Any, first: int, last: int) -> None:
-    """Write the mean color (h, w, 3) float32 of all views that see a cell, and add to each view's cost its distance from their
-    median.
+def agree(
+    color: Any,
+    cost: Any,
+    weight: Any,
+    cost_a_level: float,
+    outlier_levels: float,
+    mean: Any,
+    first: int,
+    last: int,
+) -> None:
+    """Write the mean color (h, w, 3) float32 of all views that see a cell, and add to each view's
+    cost its distance from their median.
 
     first, last: the rows from the one to before the other.
-    color: (views, h, w, 3) uint8. cost: (views, h, w), infinite where a view does not see the cell. weight: as cost, of the mean;
-    a color that is off the median by ``outlier_levels`` weighs half (Cauchy).
+    color: (views, h, w, 3) uint8. cost: (views, h, w), infinite where a view does not see the cell.
+    weight: as cost, of the mean; a color that is off the median by ``outlier_levels`` weighs half
+    (Cauchy).
     """
     views, _, width = cost.shape
     values, seeing, off = np.empty(views, np.int32), np.empty(views, np.int64), np.empty(views)
@@ -216,8 +276,12 @@ def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_level
 
 
 @compiled(inline=True)
-def _median(color: Any, row: int, column: int, k: int, seeing: Any, count: int, values: Any) -> float:
-    """Of a channel of a cell, over the first ``count`` views of ``seeing``; 0 of none. values: room for as many, int32."""
+def _median(
+    color: Any, row: int, column: int, k: int, seeing: Any, count: int, values: Any
+) -> float:
+    """Of a channel of a cell, over the first ``count`` views of ``seeing``; 0 of none. values: room
+    for as many, int32.
+    """
     for n in range(count):
         value = np.int32(color[seeing[n], row, column, k])
         for place in range(n):  # sorts it in without branches, which would hang on the colors

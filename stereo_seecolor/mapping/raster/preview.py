@@ -13,14 +13,17 @@ from stereo_seecolor.mapping.surface.surface import Surface
 # side, without a screen.
 
 EDGE = 1e-3
-"""How far outside a triangle, as a fraction of it, a cell may lie: the map's vertices lie on cells' centers, up to float32."""
+"""How far outside a triangle, as a fraction of it, a cell may lie: the map's vertices lie on cells'
+centers, up to float32.
+"""
 
 
 @compiled
 def rasterize(points: Any, attributes: Any, triangles: Any, height: Any, values: Any) -> None:
     """Draw triangles into ``height`` (H, W) and ``values`` (H, W, C), both changed in place.
 
-    points: (V, 3) float64 column, row, height in pixels (center of the first at 0) and any unit; a cell takes the highest
+    points: (V, 3) float64 column, row, height in pixels (center of the first at 0) and any unit; a
+    cell takes the highest
     triangle over its center, NaN counts as lowest. attributes: (V, C), interpolated along.
     """
     rows, columns = height.shape
@@ -46,7 +49,9 @@ def rasterize(points: Any, attributes: Any, triangles: Any, height: Any, values:
                 height[row, column] = z
                 for k in range(values.shape[2]):
                     values[row, column, k] = (
-                        u * attributes[triangles[t, 0], k] + v * attributes[triangles[t, 1], k] + w * attributes[triangles[t, 2], k]
+                        u * attributes[triangles[t, 0], k]
+                        + v * attributes[triangles[t, 1], k]
+                        + w * attributes[triangles[t, 2], k]
                     )
 
 
@@ -58,8 +63,8 @@ BACKGROUND = 255  # white
 
 
 def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint8]:
-    """Draw the map from a slant, in parallel projection, lightly shaded: (H, W, 3) RGB. surfaces: gives the tiles again on each
-    call.
+    """Draw the map from a slant, in parallel projection, lightly shaded: (H, W, 3) RGB. surfaces:
+    gives the tiles again on each call.
     """
     R = _view()
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
@@ -74,14 +79,21 @@ def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint
     depth, image = np.full(shape, np.nan), np.full((*shape, 3), float(BACKGROUND), np.float32)
     for surface in surfaces():
         seen = surface.points_m.astype(np.float64) @ R.T
-        points = np.stack([(seen[:, 0] - low[0]) / pixel_m + 1, (high[1] - seen[:, 1]) / pixel_m + 1, seen[:, 2]], axis=-1)
+        points = np.stack(
+            [(seen[:, 0] - low[0]) / pixel_m + 1, (high[1] - seen[:, 1]) / pixel_m + 1, seen[:, 2]],
+            axis=-1,
+        )
         light = 0.65 + 0.35 * np.clip(surface.normals @ LIGHT, 0, 1)[:, None]
-        rasterize(points, (surface.colors * light).astype(np.float32), surface.triangles, depth, image)
+        rasterize(
+            points, (surface.colors * light).astype(np.float32), surface.triangles, depth, image
+        )
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def _view() -> NDArray[np.float64]:
-    """Rows: right, up and towards the viewer, who looks down from the south by the elevation, turned by the azimuth."""
+    """Rows: right, up and towards the viewer, who looks down from the south by the elevation,
+    turned by the azimuth.
+    """
     a, e = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
     right = np.array([np.cos(a), np.sin(a), 0])
     viewer = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])

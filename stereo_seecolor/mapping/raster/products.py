@@ -38,13 +38,21 @@ def render_terrain(surfaces: Iterable[Surface], grid: Grid, folder: Path) -> Blo
         heights = terrain.read(rows, columns)
         points = np.concatenate([pixels - low, surface.points_m[:, 2:]], axis=1).astype(np.float64)
         no_colors = np.zeros((len(points), 0), np.float32)
-        rasterize(points, no_colors, surface.triangles, heights[0], np.zeros((*heights.shape[1:], 0), np.float32))
+        rasterize(
+            points,
+            no_colors,
+            surface.triangles,
+            heights[0],
+            np.zeros((*heights.shape[1:], 0), np.float32),
+        )
         terrain.write(rows, columns, heights)
     return terrain
 
 
 def known_area_m2(blocks: Iterable[NDArray[np.floating]], cell_m: float) -> float:
-    """The planar area that a map shows: of all cells of its terrain that have a height. blocks: of heights, NaN where unknown."""
+    """The planar area that a map shows: of all cells of its terrain that have a height. blocks: of
+    heights, NaN where unknown.
+    """
     return sum(int(np.isfinite(heights).sum()) for heights in blocks) * cell_m**2
 
 
@@ -57,27 +65,40 @@ Surfaces = Callable[[], Iterable[Surface]]
 
 @dataclass(frozen=True, eq=False)
 class Rasters:
-    """The rasters of a map, each on its own grid: heights (1, H, W), colors (4, H, W), metrics (M, H, W)."""
+    """The rasters of a map, each on its own grid: heights (1, H, W), colors (4, H, W), metrics (M,
+    H, W).
+    """
 
     terrain: BlockRaster
     mosaic: BlockRaster
     squares: BlockRaster
 
     @classmethod
-    def render(cls, component: Component, surfaces: Surfaces, config: MappingConfig, scratch: Path) -> "Rasters | None":
+    def render(
+        cls, component: Component, surfaces: Surfaces, config: MappingConfig, scratch: Path
+    ) -> "Rasters | None":
         """Render all rasters of a component; None where there is no surface."""
         low, high = _extent(surfaces())
         if not np.isfinite(low).all():
             return None
-        terrain = render_terrain(surfaces(), Grid.around(low, high, config.terrain_cell_m), scratch / "terrain")
-        with beside(partial(measure_squares, terrain, config.square_m, scratch / "squares")) as squares:
-            mosaic = render_mosaic(component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic")
+        terrain = render_terrain(
+            surfaces(), Grid.around(low, high, config.terrain_cell_m), scratch / "terrain"
+        )
+        with beside(
+            partial(measure_squares, terrain, config.square_m, scratch / "squares")
+        ) as squares:
+            mosaic = render_mosaic(
+                component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic"
+            )
         return cls(terrain, mosaic, squares.result())
 
     @property
     def area_m2(self) -> float:
         """The planar area that the map shows."""
-        return known_area_m2((self.terrain.read(*window) for window in self.terrain.windows()), self.terrain.grid.cell_m)
+        return known_area_m2(
+            (self.terrain.read(*window) for window in self.terrain.windows()),
+            self.terrain.grid.cell_m,
+        )
 
 
 def write_preview(folder: Path, surfaces: Surfaces) -> Path:
@@ -86,7 +107,9 @@ def write_preview(folder: Path, surfaces: Surfaces) -> Path:
 
 
 def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterator[Path]:
-    """Write the mosaic, reduced, and the metrics as a table; with the geo extra also GeoTIFFs, and the cloud as LAZ."""
+    """Write the mosaic, reduced, and the metrics as a table; with the geo extra also GeoTIFFs, and
+    the cloud as LAZ.
+    """
     works: list[Callable[[], Path]] = [
         lambda: _write_image(folder / "orthomosaic_preview.png", _reduced(rasters.mosaic)),
         partial(_write_csv, folder / "reef_metrics.csv", rasters.squares, place),
@@ -96,10 +119,14 @@ def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterat
         works += [
             partial(write, folder / "dem.tif", rasters.terrain, place, ("height_m",)),
             partial(write, folder / "orthomosaic.tif", rasters.mosaic, place),
-            partial(write, folder / "reef_metrics.tif", rasters.squares, place, ReefMetrics.names()),
+            partial(
+                write, folder / "reef_metrics.tif", rasters.squares, place, ReefMetrics.names()
+            ),
         ]
         if place.origin:
-            works.append(partial(georeference.write_laz, folder / "cloud.laz", folder / "cloud.ply", place))
+            works.append(
+                partial(georeference.write_laz, folder / "cloud.laz", folder / "cloud.ply", place)
+            )
     return Threads(cores()).each(lambda work: work(), works)
 
 
@@ -107,7 +134,10 @@ def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[n
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for surface in surfaces:
         if len(surface.points_m):
-            low, high = np.minimum(low, surface.points_m.min(axis=0)), np.maximum(high, surface.points_m.max(axis=0))
+            low, high = (
+                np.minimum(low, surface.points_m.min(axis=0)),
+                np.maximum(high, surface.points_m.max(axis=0)),
+            )
     return low, high
 
 
@@ -135,19 +165,30 @@ def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
 
 
 def _write_csv(path: Path, squares: BlockRaster, place: Georeference) -> Path:
-    """A row for the site, the mean of its squares, then one for each square that was seen; x and y of its center, meters."""
+    """A row for the site, the mean of its squares, then one for each square that was seen; x and y
+    of its center, meters.
+    """
     seen, grid = [], squares.grid
     for rows, columns in squares.windows():
         block = squares.read(rows, columns)
         for row, column in np.argwhere(np.isfinite(block[1])):
             seen.append((rows.start + int(row), columns.start + int(column), block[:, row, column]))
-    site = site_of(np.stack([values for *_, values in seen], axis=-1)) if seen else np.full(squares.bands, np.nan)
+    site = (
+        site_of(np.stack([values for *_, values in seen], axis=-1))
+        if seen
+        else np.full(squares.bands, np.nan)
+    )
     with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
         writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site)])
         for row, column, values in seen:
-            x, y = grid.west_m + (column + 0.5) * grid.cell_m, grid.north_m - (row + 0.5) * grid.cell_m
+            x, y = (
+                grid.west_m + (column + 0.5) * grid.cell_m,
+                grid.north_m - (row + 0.5) * grid.cell_m,
+            )
             x, y = x + place.offset_m[0], y + place.offset_m[1]
-            writer.writerow([f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)])
+            writer.writerow(
+                [f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)]
+            )
     return path

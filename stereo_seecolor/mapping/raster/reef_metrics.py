@@ -1,12 +1,18 @@
-"""Metrics of a reef's structure as ecologists compute them, on a terrain model, for each square and for the whole site.
+"""Metrics of a reef's structure as ecologists compute them, on a terrain model, for each square and
+for the whole site.
 
-surface_rugosity: area of the surface over its planar area, 8 triangles a cell (Jenness 2004, Wildlife Society Bulletin 32).
-linear_rugosity: length of the profile over the straight line, mean of all east-west and north-south profiles of a square
+surface_rugosity: area of the surface over its planar area, 8 triangles a cell (Jenness 2004,
+Wildlife Society Bulletin 32).
+linear_rugosity: length of the profile over the straight line, mean of all east-west and north-south
+profiles of a square
   (chain and tape; Risk 1972, Atoll Research Bulletin 153).
-slope_deg, aspect_deg: of the plane through a square's cells; aspect is where it faces, clockwise from north.
-vector_ruggedness: 1 - length of the mean unit normal (VRM; Sappington, Longshore and Thompson 2007, J. Wildlife Management 71),
+slope_deg, aspect_deg: of the plane through a square's cells; aspect is where it faces, clockwise
+from north.
+vector_ruggedness: 1 - length of the mean unit normal (VRM; Sappington, Longshore and Thompson 2007,
+J. Wildlife Management 71),
   normals by Horn's 3x3 gradient (1981, Proc. IEEE 69).
-fractal_dimension: 2 - the slope of log surface area over log cell size, cells of 1 to 16 times the terrain's
+fractal_dimension: 2 - the slope of log surface area over log cell size, cells of 1 to 16 times the
+terrain's
   (Zawada and Brock 2009, J. Coastal Research SI 53); 2 is flat.
 height_range_m: highest less lowest cell, after the plane was taken out.
 """
@@ -29,7 +35,9 @@ Heights = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReefMetrics:
-    """Metrics of one square, or of a site; NaN where too little was seen. coverage: fraction of the cells that were seen."""
+    """Metrics of one square, or of a site; NaN where too little was seen. coverage: fraction of the
+    cells that were seen.
+    """
 
     coverage: float
     surface_rugosity: float
@@ -51,7 +59,9 @@ class ReefMetrics:
 
 
 def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
-    """The metrics of a terrain model (H, W), NaN where unknown; definitions in this module's documentation."""
+    """The metrics of a terrain model (H, W), NaN where unknown; definitions in this module's
+    documentation.
+    """
     heights = np.asarray(height_m, np.float64)
     known = np.isfinite(heights)
     coverage = float(known.mean()) if known.size else 0.0
@@ -71,9 +81,11 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
 
 
 def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> BlockRaster:
-    """Measure all squares of a terrain model, of edge ``square_m``, that were seen: (metrics, rows, columns) float32.
+    """Measure all squares of a terrain model, of edge ``square_m``, that were seen: (metrics, rows,
+    columns) float32.
 
-    Squares are counted from the terrain's north-west corner. folder: where the blocks of the result are written.
+    Squares are counted from the terrain's north-west corner. folder: where the blocks of the result
+    are written.
     """
     cell_m = terrain.grid.cell_m
     size = max(3, round(square_m / cell_m))
@@ -83,9 +95,13 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
     wanted = set()
     for rows, columns in terrain.windows():
         for row in range(rows.start // size, -(-rows.stop // size)):
-            wanted |= {(row, column) for column in range(columns.start // size, -(-columns.stop // size))}
+            wanted |= {
+                (row, column) for column in range(columns.start // size, -(-columns.stop // size))
+            }
     for row, column in sorted(wanted):
-        heights = terrain.read(slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size))[0]
+        heights = terrain.read(
+            slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size)
+        )[0]
         values = np.array(measure(heights, cell_m).values(), np.float32)
         if values[0] > 0:
             squares.write(slice(row, row + 1), slice(column, column + 1), values[:, None, None])
@@ -93,7 +109,9 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
 
 
 def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Average the metrics of a site's squares (metrics, N), weighted by coverage, aspects as directions: (metrics,)."""
+    """Average the metrics of a site's squares (metrics, N), weighted by coverage, aspects as
+    directions: (metrics,).
+    """
     values = np.asarray(squares, np.float64)
     known = np.isfinite(values[1])
     if not known.any():
@@ -106,7 +124,9 @@ def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
     return site
 
 
-def _plane(heights: Heights, known: NDArray[np.bool_], cell_m: float) -> tuple[float, float, Heights]:
+def _plane(
+    heights: Heights, known: NDArray[np.bool_], cell_m: float
+) -> tuple[float, float, Heights]:
     """Rise to the east and to the north of the fitted plane, and what is left without it."""
     rows, columns = np.nonzero(known)
     basis = np.stack([columns * cell_m, -rows * cell_m, np.ones(len(rows))], axis=-1)
@@ -134,11 +154,15 @@ def _linear_rugosity(heights: Heights, cell_m: float) -> float:
 
 
 def vector_ruggedness(heights: Heights, cell_m: float) -> float:
-    """1 - length of the mean unit normal (Sappington et al. 2007); NaN where no cell has all its neighbors."""
+    """1 - length of the mean unit normal (Sappington et al. 2007); NaN where no cell has all its
+    neighbors.
+    """
     west, east = heights[:, :-2], heights[:, 2:]
     rise_x = ((east - west)[:-2] + 2 * (east - west)[1:-1] + (east - west)[2:]) / (8 * cell_m)
     north, south = heights[:-2], heights[2:]
-    rise_y = ((north - south)[:, :-2] + 2 * (north - south)[:, 1:-1] + (north - south)[:, 2:]) / (8 * cell_m)
+    rise_y = ((north - south)[:, :-2] + 2 * (north - south)[:, 1:-1] + (north - south)[:, 2:]) / (
+        8 * cell_m
+    )
     normals = np.stack([-rise_x, -rise_y, np.ones_like(rise_x)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     known = np.isfinite(normals).all(axis=-1)

@@ -1,4 +1,6 @@
-"""The engines that fuse the frames of a tile (``mapping.engine``): our own, Open3D, or one that another package adds."""
+"""The engines that fuse the frames of a tile (``mapping.engine``): our own, Open3D, or one that
+another package adds.
+"""
 
 from collections.abc import Callable, Iterable
 
@@ -9,14 +11,16 @@ from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 from stereo_seecolor.plugins import load
 
 FuseTile = Callable[[Tile, Tiling, Iterable[PlacedFrame], RectifiedPair], Surface]
-"""What an engine is: fuses a tile's frames, and returns the triangles of the tile's own blocks, without its rim."""
+"""What an engine is: fuses a tile's frames, and returns the triangles of the tile's own blocks,
+without its rim.
+"""
 
 
 def engine(name: str) -> FuseTile:
     """The engine of that name. Only one that is chosen is imported.
 
-    Raises PluginError for one that no installed package adds; DeviceError, with the command that installs it, where it needs a
-    library that is missing.
+    Raises PluginError for one that no installed package adds; DeviceError, with the command that
+    installs it, where it needs a library that is missing.
     """
     found: FuseTile = fuse_tile if name == "tiles" else load("engines", name)
     return found

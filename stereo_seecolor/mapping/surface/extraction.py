@@ -29,7 +29,9 @@ WIDE = BLOCK + 3
 @compiled
 def neighbors(keys: Any, around: Any, first: int, last: int) -> None:
     """Write ``around`` of the blocks from first to last - 1."""
-    sorted_keys = packed(keys[:, 0].astype(np.int64), keys[:, 1].astype(np.int64), keys[:, 2].astype(np.int64))
+    sorted_keys = packed(
+        keys[:, 0].astype(np.int64), keys[:, 1].astype(np.int64), keys[:, 2].astype(np.int64)
+    )
     for b in range(first, last):
         for n in range(27):
             x, y, z = keys[b, 0] + n % 3 - 1, keys[b, 1] + n // 3 % 3 - 1, keys[b, 2] + n // 9 - 1
@@ -40,14 +42,18 @@ def neighbors(keys: Any, around: Any, first: int, last: int) -> None:
 
 @compiled
 def _place(b: Any, k: Any, j: Any, i: Any, around: Any) -> Any:
-    """The block, and the place in it, of the voxel (k, j, i) of block b, where these may be -1 to two past the block's edge."""
+    """The block, and the place in it, of the voxel (k, j, i) of block b, where these may be -1 to
+    two past the block's edge.
+    """
     n = (i + BLOCK) // BLOCK + 3 * ((j + BLOCK) // BLOCK) + 9 * ((k + BLOCK) // BLOCK)
     return around[b, n], k % BLOCK, j % BLOCK, i % BLOCK
 
 
 @compiled
 def _gather(b: Any, around: Any, tsdf: Any, weight: Any, least: Any, low: int, wide: Any) -> None:
-    """Signed distances of a block and of the voxels around it from ``low`` on into wide (w, w, w); NaN where weights are low."""
+    """Signed distances of a block and of the voxels around it from ``low`` on into wide (w, w, w);
+    NaN where weights are low.
+    """
     size = len(wide)
     for k in range(size):
         for j in range(size):
@@ -58,12 +64,24 @@ def _gather(b: Any, around: Any, tsdf: Any, weight: Any, least: Any, low: int, w
 
 
 @compiled
-def find_cases(own: Any, around: Any, tsdf: Any, weight: Any, least: float, tables: Any, found: Any, first: int, last: int) -> None:
-    """Write the cases of all cubes of the blocks own[first:last], mark the edges that have points, and count the triangles.
+def find_cases(
+    own: Any,
+    around: Any,
+    tsdf: Any,
+    weight: Any,
+    least: float,
+    tables: Any,
+    found: Any,
+    first: int,
+    last: int,
+) -> None:
+    """Write the cases of all cubes of the blocks own[first:last], mark the edges that have points,
+    and count the triangles.
 
-    least: weight that a voxel must exceed. tables: counts (256,), edges (256, 5, 3) of ``cube_cases`` and the EDGES (12, 4).
-    found: cases, numbers and triangles (B,), changed in place; numbers become 0 where there is a point. Other parts may write
-    the same zeros into blocks between theirs and this one's.
+    least: weight that a voxel must exceed. tables: counts (256,), edges (256, 5, 3) of
+    ``cube_cases`` and the EDGES (12, 4).
+    found: cases, numbers and triangles (B,), changed in place; numbers become 0 where there is a
+    point. Other parts may write the same zeros into blocks between theirs and this one's.
     """
     counts, edges, ends = tables
     cases, numbers, triangles = found
@@ -104,12 +122,23 @@ def count_points(numbers: Any, counts: Any, first: int, last: int) -> None:
 
 @compiled
 def place_points(
-    keys: Any, around: Any, volume: Any, least: float, voxel_m: float, numbers: Any, starts: Any, points: Any, first: int, last: int
+    keys: Any,
+    around: Any,
+    volume: Any,
+    least: float,
+    voxel_m: float,
+    numbers: Any,
+    starts: Any,
+    points: Any,
+    first: int,
+    last: int,
 ) -> None:
-    """Number the points of the blocks from first to last - 1, and write their positions, normals and colors.
+    """Number the points of the blocks from first to last - 1, and write their positions, normals
+    and colors.
 
-    volume: tsdf, weight, color (B, 8, 8, 8, 3) and color_weight. starts: (B,) the number of each block's first point. points:
-    positions (V, 3) float32, meters; unit normals (V, 3) float32, towards free space; colors (V, 3) uint8.
+    volume: tsdf, weight, color (B, 8, 8, 8, 3) and color_weight. starts: (B,) the number of each
+    block's first point. points: positions (V, 3) float32, meters; unit normals (V, 3) float32,
+    towards free space; colors (V, 3) uint8.
     """
     tsdf, weight, color, color_weight = volume
     positions, normals, colors = points
@@ -139,7 +168,9 @@ def place_points(
 
 @compiled
 def _normal(wide: Any, a: Any, b: Any, t: float, normal: Any) -> None:
-    """The direction of the gradient of the signed distance between two voxels, of those voxels around that are known."""
+    """The direction of the gradient of the signed distance between two voxels, of those voxels
+    around that are known.
+    """
     squares = 0.0
     for axis in range(3):
         normal[axis] = (1 - t) * _slope(wide, a, axis) + t * _slope(wide, b, axis)
@@ -161,15 +192,21 @@ def _slope(wide: Any, at: Any, axis: int) -> Any:
 
 @compiled
 def _mix(a: Any, b: Any, share: Any, color: Any) -> None:
-    """Colors of two voxels; one that was only seen through has none, and must not darken the other's."""
+    """Colors of two voxels; one that was only seen through has none, and must not darken the
+    other's.
+    """
     total = max(share[0] + share[1], 1e-12)
     for c in range(3):
         color[c] = np.uint8(min(max((share[0] * a[c] + share[1] * b[c]) / total + 0.5, 0.0), 255.0))
 
 
 @compiled
-def list_triangles(own: Any, around: Any, tables: Any, found: Any, starts: Any, indices: Any, first: int, last: int) -> None:
-    """Write the triangles of the blocks own[first:last] to indices (T, 3) int32. starts: (B,) the first one of each block."""
+def list_triangles(
+    own: Any, around: Any, tables: Any, found: Any, starts: Any, indices: Any, first: int, last: int
+) -> None:
+    """Write the triangles of the blocks own[first:last] to indices (T, 3) int32. starts: (B,) the
+    first one of each block.
+    """
     counts, edges, ends = tables
     cases, numbers = found
     for b in own[first:last]:
@@ -199,12 +236,18 @@ MOST_TRIANGLES = 5
 """Of one cube."""
 
 EDGES: NDArray[np.int64] = np.array(
-    [[x, y, z, axis] for axis in range(3) for z, y, x in product(range(2), repeat=3) if (x, y, z)[axis] == 0]
+    [
+        [x, y, z, axis]
+        for axis in range(3)
+        for z, y, x in product(range(2), repeat=3)
+        if (x, y, z)[axis] == 0
+    ]
 )
 """(12, 4) x, y, z of an edge's lower corner in the cube, and its axis."""
 
 _EDGE_BETWEEN = {
-    frozenset((low := x + 2 * y + 4 * z, low + (1 << axis))): edge for edge, (x, y, z, axis) in enumerate(EDGES.tolist())
+    frozenset((low := x + 2 * y + 4 * z, low + (1 << axis))): edge
+    for edge, (x, y, z, axis) in enumerate(EDGES.tolist())
 }
 
 
@@ -218,17 +261,23 @@ def _faces() -> list[list[int]]:
 
 
 _FACES = _faces()
-_FACES_OF = [{f for f, face in enumerate(_FACES) if set(corners) <= set(face)} for corners in _EDGE_BETWEEN]
+_FACES_OF = [
+    {f for f, face in enumerate(_FACES) if set(corners) <= set(face)} for corners in _EDGE_BETWEEN
+]
 
 
 def _loops(case: int) -> list[list[int]]:
-    """The edges of the cube that each piece of the surface passes through, counterclockwise as seen from outside of it."""
+    """The edges of the cube that each piece of the surface passes through, counterclockwise as seen
+    from outside of it.
+    """
     following: dict[int, int] = {}
     for face in _FACES:
         inside = [bool(case >> corner & 1) for corner in face]
         crossed = [_EDGE_BETWEEN[frozenset((face[i - 1], face[i]))] for i in range(4)]
         for i in range(4):
-            if inside[i] and not inside[i - 1]:  # a run of corners inside begins: it ends before the next one outside
+            if (
+                inside[i] and not inside[i - 1]
+            ):  # a run of corners inside begins: it ends before the next one outside
                 end = next(j % 4 for j in range(i + 1, i + 4) if not inside[j % 4])
                 following[crossed[i]] = crossed[end]
     loops = []
@@ -241,8 +290,9 @@ def _loops(case: int) -> list[list[int]]:
 
 
 def _fan(loop: list[int]) -> list[list[int]]:
-    """Triangles that fill a loop, none of whose inner sides lies in a face of the cube where that can be: two cubes might both
-    have it there."""
+    """Triangles that fill a loop, none of whose inner sides lies in a face of the cube where that
+    can be: two cubes might both have it there.
+    """
     turned = [loop[i:] + loop[:i] for i in range(len(loop))]
     inner = [[(t[0], t[k]) for k in range(2, len(t) - 1)] for t in turned]
     hidden = [all(not _FACES_OF[a] & _FACES_OF[b] for a, b in sides) for sides in inner]
@@ -252,7 +302,9 @@ def _fan(loop: list[int]) -> list[list[int]]:
 
 @cache
 def cube_cases() -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    """Compute the number of triangles of each case (256,), and the edges that their corners lie on (256, MOST_TRIANGLES, 3)."""
+    """Compute the number of triangles of each case (256,), and the edges that their corners lie on
+    (256, MOST_TRIANGLES, 3).
+    """
     counts, edges = np.zeros(256, np.int8), np.zeros((256, MOST_TRIANGLES, 3), np.int8)
     for case in range(256):
         triangles = [triangle for loop in _loops(case) for triangle in _fan(loop)]
@@ -264,13 +316,17 @@ def cube_cases() -> tuple[NDArray[np.int8], NDArray[np.int8]]:
 # The voxels of a tile.
 
 MIN_WEIGHT = 0.05
-"""A surface is kept where the weights add up to this: a standard error of some four voxels, seen once."""
+"""A surface is kept where the weights add up to this: a standard error of some four voxels, seen
+once.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """A tile's voxels. blocks: (B, 3) int32 coordinates, sorted. tsdf: signed distance in units of the truncation; weight: its
-    weight, both (B, 8, 8, 8) float32, index z, y, x. color: (B, 8, 8, 8, 3) float32, 0..255; color_weight: (B, 8, 8, 8) float32.
+    """A tile's voxels. blocks: (B, 3) int32 coordinates, sorted. tsdf: signed distance in units of
+    the truncation; weight: its
+    weight, both (B, 8, 8, 8) float32, index z, y, x. color: (B, 8, 8, 8, 3) float32, 0..255;
+    color_weight: (B, 8, 8, 8) float32.
     """
 
     blocks: NDArray[np.int32]
@@ -293,18 +349,22 @@ PART_BLOCKS = 64
 
 
 def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
-    """Extract the surface: where the signed distance is zero and all eight voxels around have weight.
+    """Extract the surface: where the signed distance is zero and all eight voxels around have
+    weight.
 
-    own: (b,) numbers of the blocks whose cubes are searched. The cubes of a block reach to the first voxels of the next block: each
-    belongs to one block. So tiles that share no own block share no triangle, and their points on the plane between them are equal
-    to the bit. Points and triangles come in the order of the blocks, whatever the number of cores.
+    own: (b,) numbers of the blocks whose cubes are searched. The cubes of a block reach to the
+    first voxels of the next block: each belongs to one block. So tiles that share no own block
+    share no triangle, and their points on the plane between them are equal to the bit. Points and
+    triangles come in the order of the blocks, whatever the number of cores.
     """
     blocks = len(volume.blocks)
     around = np.empty((blocks, 27), np.int32)
     in_parts(lambda first, last: neighbors(volume.blocks, around, first, last), blocks, PART_BLOCKS)
     cubes = _Cubes.of(volume, own, around)
     counts = np.zeros(blocks, np.int64)
-    in_parts(lambda first, last: count_points(cubes.numbers, counts, first, last), blocks, PART_BLOCKS)
+    in_parts(
+        lambda first, last: count_points(cubes.numbers, counts, first, last), blocks, PART_BLOCKS
+    )
     starts, points = _starts(counts), int(counts.sum())
     positions, normals = np.empty((points, 3), np.float32), np.empty((points, 3), np.float32)
     colors = np.empty((points, 3), np.uint8)
@@ -312,7 +372,18 @@ def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
     def place_part(first: int, last: int) -> None:
         voxels = volume.tsdf, volume.weight, volume.color, volume.color_weight
         placed = positions, normals, colors
-        place_points(volume.blocks, around, voxels, MIN_WEIGHT, volume.voxel_m, cubes.numbers, starts, placed, first, last)
+        place_points(
+            volume.blocks,
+            around,
+            voxels,
+            MIN_WEIGHT,
+            volume.voxel_m,
+            cubes.numbers,
+            starts,
+            placed,
+            first,
+            last,
+        )
 
     in_parts(place_part, blocks, PART_BLOCKS)  # it numbers the points, which the triangles refer to
     return Surface(positions, normals, colors, cubes.triangles(own, around))
@@ -320,7 +391,9 @@ def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
 
 @dataclass(frozen=True, eq=False)
 class _Cubes:
-    """The cubes of a tile. cases, numbers: as in extraction.py. counts: (B,) int64, triangles of each block."""
+    """The cubes of a tile. cases, numbers: as in extraction.py. counts: (B,) int64, triangles of
+    each block.
+    """
 
     cases: NDArray[np.uint8]
     numbers: NDArray[np.int32]
@@ -328,20 +401,26 @@ class _Cubes:
 
     @classmethod
     def of(cls, volume: Volume, own: NDArray[np.int64], around: NDArray[np.int32]) -> "_Cubes":
-        """Find the case of each cube; ``numbers`` is 0 on each edge that has a point, -1 on the others."""
+        """Find the case of each cube; ``numbers`` is 0 on each edge that has a point, -1 on the
+        others.
+        """
         cases = np.empty(volume.tsdf.shape, np.uint8)
         numbers = np.full((*volume.tsdf.shape, 3), -1, np.int32)
         counts = np.zeros(len(volume.blocks), np.int64)
         tables, found = (*cube_cases(), EDGES), (cases, numbers, counts)
 
         def find_part(first: int, last: int) -> None:
-            find_cases(own, around, volume.tsdf, volume.weight, MIN_WEIGHT, tables, found, first, last)
+            find_cases(
+                own, around, volume.tsdf, volume.weight, MIN_WEIGHT, tables, found, first, last
+            )
 
         in_parts(find_part, len(own), PART_BLOCKS)
         return cls(cases, numbers, counts)
 
     def triangles(self, own: NDArray[np.int64], around: NDArray[np.int32]) -> NDArray[np.int32]:
-        """List the points of each triangle, (T, 3); to be called once ``numbers`` holds the numbers of the points."""
+        """List the points of each triangle, (T, 3); to be called once ``numbers`` holds the numbers
+        of the points.
+        """
         starts = _starts(self.counts)
         tables, found = (*cube_cases(), EDGES), (self.cases, self.numbers)
         indices = np.empty((self.counts.sum(), 3), np.int32)

@@ -1,4 +1,6 @@
-"""Fusion of a tile: its frames' weighted measurements fill the voxels, and the surface is where their signed distance is zero."""
+"""Fusion of a tile: its frames' weighted measurements fill the voxels, and the surface is where
+their signed distance is zero.
+"""
 
 from collections.abc import Iterable
 
@@ -18,8 +20,11 @@ PlacedFrame = tuple[SurveyFrame, NDArray[np.float64]]
 """A frame and its T_world_camera."""
 
 
-def fuse_tile(tile: Tile, tiling: Tiling, frames: Iterable[PlacedFrame], geometry: RectifiedPair) -> Surface:
-    """Integrate the frames into the tile's voxels, and extract the triangles that belong to this tile and not to its rim.
+def fuse_tile(
+    tile: Tile, tiling: Tiling, frames: Iterable[PlacedFrame], geometry: RectifiedPair
+) -> Surface:
+    """Integrate the frames into the tile's voxels, and extract the triangles that belong to this
+    tile and not to its rim.
 
     The surface has no points where no frame measured anything.
     """
@@ -30,17 +35,25 @@ def fuse_tile(tile: Tile, tiling: Tiling, frames: Iterable[PlacedFrame], geometr
     return extract(volume, np.flatnonzero(is_own))
 
 
-def _integrate(volume: Volume, measured: MeasuredPixels, frame: SurveyFrame, T_camera_world: NDArray[np.float64]) -> None:
+def _integrate(
+    volume: Volume,
+    measured: MeasuredPixels,
+    frame: SurveyFrame,
+    T_camera_world: NDArray[np.float64],
+) -> None:
     camera, voxel_m = measured.camera, volume.voxel_m
     truncation_m = TRUNCATION_VOXELS * voxel_m
     cells = cells_of(volume.blocks, measured.deepest_m.shape, camera, T_camera_world, voxel_m)
     measured.weigh(frame, cells, voxel_m)
-    chosen = in_sight(volume.blocks, measured.deepest_m, camera, T_camera_world, voxel_m, truncation_m)
+    chosen = in_sight(
+        volume.blocks, measured.deepest_m, camera, T_camera_world, voxel_m, truncation_m
+    )
 
     def integrate_part(first: int, last: int) -> None:
         integrate(
             volume.blocks, volume.tsdf, volume.weight, volume.color, volume.color_weight,
-            frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight, measured.stretch,
+            frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight,
+            measured.stretch,
             camera, T_camera_world, voxel_m, truncation_m, chosen, first, last,
         )  # fmt: skip
 

@@ -16,30 +16,35 @@ from stereo_seecolor.records import Map, SurveyFrame
 # ray is longer.
 
 SLANT_PX = 8
-"""Pixels over which the slant of a surface is measured: an error of a fifth of a pixel of disparity slants it by 30 degrees at a
-disparity of 10 px and a focal length of 350 px."""
+"""Pixels over which the slant of a surface is measured: an error of a fifth of a pixel of disparity
+slants it by 30 degrees at a disparity of 10 px and a focal length of 350 px.
+"""
 LEAST_SINE = 0.35
-"""Of the angle between ray and surface, from which on the truncation of 3 voxels reaches a whole voxel below the surface. At 10
-degrees it is half a voxel, and ground then comes out in stripes."""
+"""Of the angle between ray and surface, from which on the truncation of 3 voxels reaches a whole
+voxel below the surface. At 10 degrees it is half a voxel, and ground then comes out in stripes.
+"""
 MOST_STRETCH = 4.0
 """Rays at 5 degrees: what is seen from farther aside is too uncertain."""
 
 
 @compiled
 def stretches(
-    inverse: Any,  # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32, 1 / depth inside a frame of zeros: 0 where nothing was measured
+    # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32, 1 / depth inside a frame of zeros: 0 where nothing
+    # was measured
+    inverse: Any,
     camera: Any,  # (3,) float64: focal_px, cx, cy
-    stretch: Any,  # (H, W) float32, written: by how much the truncation grows along a pixel's ray, 1 for none
+    # (H, W) float32, written: by how much the truncation grows along a pixel's ray, 1 for none
+    stretch: Any,
     left: int,
     right: int,
     first: int,
     last: int,
 ) -> None:
-    """Write by how much the truncation grows along each pixel's ray, in the columns from left to right - 1 and the rows from first
-    to last - 1.
+    """Write by how much the truncation grows along each pixel's ray, in the columns from left to
+    right - 1 and the rows from first to last - 1.
 
-    The inverse depth of a plane is linear in pixels, so that its slopes and its value give the normal. Without branches, for
-    vector instructions.
+    The inverse depth of a plane is linear in pixels, so that its slopes and its value give the
+    normal. Without branches, for vector instructions.
     """
     focal_px, cx, cy = np.float32(camera[0]), np.float32(camera[1]), np.float32(camera[2])
     one, least_sine, most = np.float32(1), np.float32(LEAST_SINE), np.float32(MOST_STRETCH)
@@ -60,9 +65,11 @@ def stretches(
 
 @compiled
 def _slope(before: Any, middle: Any, behind: Any) -> Any:
-    """Change of the inverse depth over SLANT_PX along one axis: the smaller of both sides, so that it holds on both.
+    """Change of the inverse depth over SLANT_PX along one axis: the smaller of both sides, so that
+    it holds on both.
 
-    0 where they differ in sign (a branch, a ridge) or one is not measured (an edge of what was seen).
+    0 where they differ in sign (a branch, a ridge) or one is not measured (an edge of what was
+    seen).
     """
     rise, fall = behind - middle, middle - before
     slope = rise if abs(rise) < abs(fall) else fall
@@ -90,18 +97,22 @@ def weigh(
     voxel_m: float,
     depth_m: Any,  # (H, W) float32, written
     weight: Any,  # (H, W) float32, written: 0 where nothing was measured
-    inverse: Any,  # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32: written inside a frame of zeros: 1 / depth_m, 0 where there is none
-    deepest_m: Any,  # (H / CELL, W / CELL) float32, rounded up, written: of each cell of CELL x CELL pixels, 0 where there is none
+    # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32: written inside a frame of zeros: 1 / depth_m, 0
+    # where there is none
+    inverse: Any,
+    # (H / CELL, W / CELL) float32, rounded up, written: of each cell of CELL x CELL pixels, 0 where
+    # there is none
+    deepest_m: Any,
     left: int,
     right: int,
     first: int,
     last: int,
 ) -> None:
-    """Compute depths and weights of a frame's pixels, in the columns of cells from left to right - 1 and the rows from first to
-    last - 1.
+    """Compute depths and weights of a frame's pixels, in the columns of cells from left to right -
+    1 and the rows from first to last - 1.
 
-    Weight = confidence (voxel / standard error)^2. The error of stereo grows with the square of the range; without regard to
-    that, one near fish would outweigh all that see through it.
+    Weight = confidence (voxel / standard error)^2. The error of stereo grows with the square of the
+    range; without regard to that, one near fish would outweigh all that see through it.
     """
     for row in range(first * CELL, min(last * CELL, range_m.shape[0])):
         if row % CELL == 0:
@@ -129,7 +140,9 @@ def cells_of(
     T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
 ) -> Any:
-    """Find the window of cells that the blocks cover in the image: top, bottom, left, right; bottom and right are excluded."""
+    """Find the window of cells that the blocks cover in the image: top, bottom, left, right; bottom
+    and right are excluded.
+    """
     top, bottom, left, right = shape[0], 0, shape[1], 0
     for b in range(len(keys)):
         window = _window(keys[b], shape, camera, T, voxel_m)
@@ -148,9 +161,11 @@ def in_sight(
     voxel_m: float,
     truncation_m: float,
 ) -> Any:
-    """Find the blocks of which a part may lie in front of a measurement, or no deeper behind it than the truncation: their numbers.
+    """Find the blocks of which a part may lie in front of a measurement, or no deeper behind it
+    than the truncation: their numbers.
 
-    Of each block its enclosing sphere is compared with the deepest measurement in the window of the image that it covers.
+    Of each block its enclosing sphere is compared with the deepest measurement in the window of the
+    image that it covers.
     """
     chosen = np.empty(len(keys), np.int64)
     count = 0
@@ -164,16 +179,29 @@ def in_sight(
 
 @compiled
 def _window(key: Any, shape: Any, camera: Any, T: Any, voxel_m: float) -> Any:
-    """The cells that the sphere around a block covers, as ``cells_of`` gives them, and its least depth; none behind the camera."""
+    """The cells that the sphere around a block covers, as ``cells_of`` gives them, and its least
+    depth; none behind the camera.
+    """
     half, radius = BLOCK / 2, 0.87 * BLOCK * voxel_m
-    x, y, z = _in_camera(T, (key[0] * BLOCK + half) * voxel_m, (key[1] * BLOCK + half) * voxel_m, (key[2] * BLOCK + half) * voxel_m)
+    x, y, z = _in_camera(
+        T,
+        (key[0] * BLOCK + half) * voxel_m,
+        (key[1] * BLOCK + half) * voxel_m,
+        (key[2] * BLOCK + half) * voxel_m,
+    )
     if z < -radius:
         return 0, 0, 0, 0, 0.0
     if z < 2 * radius:
         return 0, shape[0], 0, shape[1], 0.0
     across, down, margin = x / z, y / z, 2 * radius / (z - radius)
-    top, bottom = _cells(camera[0] * (down - margin) + camera[2], camera[0] * (down + margin) + camera[2], shape[0])
-    left, right = _cells(camera[0] * (across - margin) + camera[1], camera[0] * (across + margin) + camera[1], shape[1])
+    top, bottom = _cells(
+        camera[0] * (down - margin) + camera[2], camera[0] * (down + margin) + camera[2], shape[0]
+    )
+    left, right = _cells(
+        camera[0] * (across - margin) + camera[1],
+        camera[0] * (across + margin) + camera[1],
+        shape[1],
+    )
     return top, bottom, left, right, z - radius
 
 
@@ -189,7 +217,9 @@ def _deepest(deepest_m: Any, top: int, bottom: int, left: int, right: int) -> An
 
 @compiled
 def _cells(low_px: float, high_px: float, count: int) -> Any:
-    """The cells from the first to before the last that an interval of pixels meets, one pixel more at each end."""
+    """The cells from the first to before the last that an interval of pixels meets, one pixel more
+    at each end.
+    """
     low, high = np.floor((low_px - 1) / CELL), np.floor((high_px + 1) / CELL) + 1
     return int(min(max(low, 0.0), float(count))), int(min(max(high, 0.0), float(count)))
 
@@ -214,14 +244,18 @@ def integrate(
     first: int,
     last: int,
 ) -> None:
-    """Update the voxels of the blocks chosen[first:last] that project onto a measured pixel and lie no deeper behind it than the
-    truncation.
+    """Update the voxels of the blocks chosen[first:last] that project onto a measured pixel and lie
+    no deeper behind it than the truncation.
 
-    Curless and Levoy's (1996) running weighted mean, of distance and of color. Voxels in front of the surface are updated as well:
-    that carves away what other frames saw only once, such as fish.
+    Curless and Levoy's (1996) running weighted mean, of distance and of color. Voxels in front of
+    the surface are updated as well: that carves away what other frames saw only once, such as fish.
     """
     for b in chosen[first:last]:
-        corner = keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m
+        corner = (
+            keys[b, 0] * BLOCK * voxel_m,
+            keys[b, 1] * BLOCK * voxel_m,
+            keys[b, 2] * BLOCK * voxel_m,
+        )
         for k, j in np.ndindex((BLOCK, BLOCK)):
             start = _in_camera(T, corner[0], corner[1] + j * voxel_m, corner[2] + k * voxel_m)
             for i in range(BLOCK):
@@ -235,12 +269,18 @@ def integrate(
                 if w == 0:
                     continue
                 row, column = np.uint64(v), np.uint64(u)
-                # Compared by depth, which is the same all over a pixel that looks at level ground; range is not.
-                measured, ray_length = depth_m[row, column], np.sqrt(1 + across * across + down * down)
+                # Compared by depth, which is the same all over a pixel that looks at level ground;
+                # range is not.
+                measured, ray_length = (
+                    depth_m[row, column],
+                    np.sqrt(1 + across * across + down * down),
+                )
                 signed, reach_m = (measured - z) * ray_length, truncation_m * stretch[row, column]
                 if signed < -reach_m:
                     continue
-                if signed > reach_m:  # free space: as certain as a measurement at the voxel's own distance
+                if (
+                    signed > reach_m
+                ):  # free space: as certain as a measurement at the voxel's own distance
                     w *= (measured / z) ** 4
                 total = weight[b, k, j, i] + w
                 value = min(1.0, signed / reach_m)
@@ -252,7 +292,11 @@ def integrate(
                     w = color_weight(pixel_m / voxel_m, doubtful[row, column])
                     color_weights[b, k, j, i] += w
                     for c in range(3):
-                        color[b, k, j, i, c] += (rgb[row, column, c] - color[b, k, j, i, c]) * w / color_weights[b, k, j, i]
+                        color[b, k, j, i, c] += (
+                            (rgb[row, column, c] - color[b, k, j, i, c])
+                            * w
+                            / color_weights[b, k, j, i]
+                        )
 
 
 @compiled
@@ -281,15 +325,18 @@ def packed(x: Any, y: Any, z: Any) -> Any:
 # image.
 
 Cells = tuple[int, int, int, int]
-"""A window of cells of CELL x CELL pixels: top, bottom, left, right; the rows top to bottom - 1, the columns left to right - 1."""
+"""A window of cells of CELL x CELL pixels: top, bottom, left, right; the rows top to bottom - 1,
+the columns left to right - 1.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPixels:
-    """Buffers that one frame after the other is weighed in: new memory for each would take as long as the work.
+    """Buffers that one frame after the other is weighed in: new memory for each would take as long
+    as the work.
 
-    camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, stretch: as the kernels write them, valid in the cells that
-    were weighed last.
+    camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, stretch: as the kernels
+    write them, valid in the cells that were weighed last.
     """
 
     geometry: RectifiedPair
@@ -302,7 +349,9 @@ class MeasuredPixels:
 
     @classmethod
     def room(cls, geometry: RectifiedPair) -> "MeasuredPixels":
-        """Allocate the buffers for images of this geometry; their content is undefined until ``weigh`` is called."""
+        """Allocate the buffers for images of this geometry; their content is undefined until
+        ``weigh`` is called.
+        """
         width, height = geometry.image_size
         camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
         depth_m, weight, stretch = (np.empty((height, width), np.float32) for _ in range(3))
@@ -313,7 +362,8 @@ class MeasuredPixels:
     def weigh(self, frame: SurveyFrame, cells: Cells, voxel_m: float) -> None:
         """Compute depths, weights and stretches of a frame's pixels in these cells.
 
-        Depths are also computed in the cells next to them, since the slant of a surface is measured over its neighborhood.
+        Depths are also computed in the cells next to them, since the slant of a surface is measured
+        over its neighborhood.
         """
         top, bottom, left, right = cells
         if top >= bottom or left >= right:
@@ -332,8 +382,10 @@ class MeasuredPixels:
 
         def weigh_rows(first: int, last: int) -> None:
             weigh(
-                frame.range_m, frame.range_std_m, frame.confidence, self.geometry.ray_length, voxel_m,
-                self.depth_m, self.weight, self.inverse, self.deepest_m, left, right, top + first, top + last,
+                frame.range_m, frame.range_std_m, frame.confidence, self.geometry.ray_length,
+                voxel_m,
+                self.depth_m, self.weight, self.inverse, self.deepest_m, left, right, top + first,
+                top + last,
             )  # fmt: skip
 
         in_parts(weigh_rows, bottom - top)

@@ -19,19 +19,29 @@ from stereo_seecolor.mapping.surface.tiles import Tile, TileStore, Tiling
 # Removal of small connected surfaces that touch nothing else: they are fish, or mismatches.
 
 MIN_ISLAND_M2 = 0.05
-"""Area, m^2, below which a surface that touches nothing else is not taken for the bottom: a sheet of paper."""
+"""Area, m^2, below which a surface that touches nothing else is not taken for the bottom: a sheet
+of paper.
+"""
 BORDER_VOXELS = 0.5
-"""Two tiles share points on the plane between them alone, which passes through corners of voxels; float32 moves them by less."""
+"""Two tiles share points on the plane between them alone, which passes through corners of voxels;
+float32 moves them by less.
+"""
 
 
 def near_border(points_m: NDArray[np.float32], tiling: Tiling) -> NDArray[np.bool_]:
     """Mark the points that a neighboring tile may hold as well: (V,) bool of points (V, 3)."""
     tiles = points_m[:, :2] / tiling.tile_m
-    return np.asarray((np.abs(tiles - np.rint(tiles)) * tiling.tile_m < BORDER_VOXELS * tiling.voxel_m).any(axis=1))
+    return np.asarray(
+        (np.abs(tiles - np.rint(tiles)) * tiling.tile_m < BORDER_VOXELS * tiling.voxel_m).any(
+            axis=1
+        )
+    )
 
 
 def drop(store: TileStore, tiling: Tiling) -> None:
-    """Remove the islands from the tiles of a store. Raises OutputError if a tile cannot be written."""
+    """Remove the islands from the tiles of a store. Raises OutputError if a tile cannot be
+    written.
+    """
     on_cores = Threads(cores())
     parts = on_cores.each(lambda tile: _Parts.of(store.load(tile), tiling), tiling.tiles)
 
@@ -47,7 +57,9 @@ def drop(store: TileStore, tiling: Tiling) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """The connected parts of a tile. areas_m2: (P,). border: points that a neighboring tile may hold, and the part of each."""
+    """The connected parts of a tile. areas_m2: (P,). border: points that a neighboring tile may
+    hold, and the part of each.
+    """
 
     areas_m2: NDArray[np.float64]
     border: list[tuple[bytes, int]]
@@ -56,13 +68,17 @@ class _Parts:
     def of(cls, surface: Surface, tiling: Tiling) -> "_Parts":
         part = surface.parts
         count = int(part.max(initial=-1)) + 1
-        areas_m2 = np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count).astype(np.float64)
+        areas_m2 = np.bincount(
+            part[surface.triangles[:, 0]], surface.areas_m2, minlength=count
+        ).astype(np.float64)
         on_border = np.flatnonzero(near_border(surface.points_m, tiling))
         return cls(areas_m2, [(surface.points_m[i].tobytes(), int(part[i])) for i in on_border])
 
 
 def _kept(tiles: Iterable[_Parts]) -> list[NDArray[np.bool_]]:
-    """For each tile, which of its connected parts are large enough to keep, with their continuation in other tiles."""
+    """For each tile, which of its connected parts are large enough to keep, with their continuation
+    in other tiles.
+    """
     areas: list[NDArray[np.float64]] = []
     joined: list[tuple[int, int]] = []
     part_at_border: dict[bytes, int] = {}
@@ -89,9 +105,11 @@ def _kept(tiles: Iterable[_Parts]) -> list[NDArray[np.bool_]]:
 CHUNK_BYTES = 1 << 22
 
 
-def write_map(surfaces: Iterable[Surface], tiling: Tiling, folder: Path, comment: str) -> tuple[Path, Path, int]:
-    """Write all tiles as folder/cloud.ply and folder/mesh.ply, one tile in memory at a time; return both paths, and the number of
-    points.
+def write_map(
+    surfaces: Iterable[Surface], tiling: Tiling, folder: Path, comment: str
+) -> tuple[Path, Path, int]:
+    """Write all tiles as folder/cloud.ply and folder/mesh.ply, one tile in memory at a time; return
+    both paths, and the number of points.
 
     comment: put into both headers. Raises OutputError.
     """
@@ -109,7 +127,9 @@ def write_map(surfaces: Iterable[Surface], tiling: Tiling, folder: Path, comment
     return cloud, mesh, counts[0]
 
 
-def _write_bodies(surfaces: Iterable[Surface], tiling: Tiling, vertex_file: BinaryIO, face_file: BinaryIO) -> tuple[int, int]:
+def _write_bodies(
+    surfaces: Iterable[Surface], tiling: Tiling, vertex_file: BinaryIO, face_file: BinaryIO
+) -> tuple[int, int]:
     border: dict[bytes, int] = {}
     points = triangles = 0
     for surface in surfaces:

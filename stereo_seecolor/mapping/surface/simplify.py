@@ -38,8 +38,12 @@ from stereo_seecolor.mapping.surface.surface import only_used
 
 MOST_AT_VERTEX = 64
 """Triangles; a vertex that has more stays."""
-SAMPLES = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-"""Places in a triangle of the result, as weights of its corners, that are compared with the original."""
+SAMPLES = (
+    np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
+)
+"""Places in a triangle of the result, as weights of its corners, that are compared with the
+original.
+"""
 
 
 @compiled
@@ -59,12 +63,17 @@ def _nearest(p, u, v, star, count, position, triangle):  # type: ignore[no-untyp
 
 @compiled
 def _within(u, v, w, star, count, position, triangle, first, after, on_boundary, bound2):  # type: ignore[no-untyped-def]
-    """Whether every vertex by the star of u, and u itself, stays within the bound when u goes to v. w: the other neighbor of u on
-    the boundary, whose new edge is from v to w; -1 inside."""
+    """Whether every vertex by the star of u, and u itself, stays within the bound when u goes to v.
+    w: the other neighbor of u on the boundary, whose new edge is from v to w; -1 inside.
+    """
     for i in range(-1, count):
         p = u if i < 0 else first[star[i]]
         while p >= 0:
-            if w >= 0 and on_boundary[p] and segment_distance2(position[p], position[v], position[w]) > bound2:
+            if (
+                w >= 0
+                and on_boundary[p]
+                and segment_distance2(position[p], position[v], position[w]) > bound2
+            ):
                 return False
             if _nearest(position[p], u, v, star, count, position, triangle)[1] > bound2:
                 return False
@@ -98,7 +107,8 @@ def _nearest_vertex(s, u, star, count, position, triangle, first, after):  # typ
 
 @compiled
 def _covers(u, v, star, count, position, triangle, first, after, original, bound2, room):  # type: ignore[no-untyped-def]
-    """Whether the triangles of the collapsed star stay within the bound of the original's, at their SAMPLES, and face as they do.
+    """Whether the triangles of the collapsed star stay within the bound of the original's, at their
+    SAMPLES, and face as they do.
 
     room: (3, 3), to work in.
     """
@@ -113,13 +123,18 @@ def _covers(u, v, star, count, position, triangle, first, after, original, bound
         for sample in range(len(SAMPLES)):
             for k in range(3):
                 s[k] = (
-                    SAMPLES[sample, 0] * position[a, k] + SAMPLES[sample, 1] * position[b, k] + SAMPLES[sample, 2] * position[c, k]
+                    SAMPLES[sample, 0] * position[a, k]
+                    + SAMPLES[sample, 1] * position[b, k]
+                    + SAMPLES[sample, 2] * position[c, k]
                 )
             corner = head0[_nearest_vertex(s, u, star, count, position, triangle, first, after)]
             near = False
             while corner >= 0 and not near:
                 t = triangle0[corner // 3]
-                if point_triangle_distance2(s, position[t[0]], position[t[1]], position[t[2]]) <= bound2:
+                if (
+                    point_triangle_distance2(s, position[t[0]], position[t[1]], position[t[2]])
+                    <= bound2
+                ):
                     cross(position[t[0]], position[t[1]], position[t[2]], n0)
                     near = n[0] * n0[0] + n[1] * n0[1] + n[2] * n0[2] > 0
                 corner = link0[corner]
@@ -130,7 +145,9 @@ def _covers(u, v, star, count, position, triangle, first, after, original, bound
 
 @compiled
 def _collapse(u, v, star, count, position, triangle, head, link, first, after):  # type: ignore[no-untyped-def]
-    """Move u onto v: the triangles of the edge go, those of u become v's, their points go to the nearest of the star."""
+    """Move u onto v: the triangles of the edge go, those of u become v's, their points go to the
+    nearest of the star.
+    """
     points = u
     after[u] = -1
     for i in range(count):
@@ -185,8 +202,8 @@ def _heap_of(position, triangle, edge_boundary, quadric, stamp, on_boundary):  #
 
 @compiled
 def collapse_edges(position, triangle, edge_boundary, head, link, bound_m, longest_m):  # type: ignore[no-untyped-def]
-    """Collapse edges in place, as many as the bound allows; (V,) squared distances of the vertices to the result, 0 for those that
-    stay.
+    """Collapse edges in place, as many as the bound allows; (V,) squared distances of the vertices
+    to the result, 0 for those that stay.
     """
     bound2, longest2 = bound_m * bound_m, longest_m * longest_m
     original = triangle.copy(), head.copy(), link.copy()
@@ -194,22 +211,37 @@ def collapse_edges(position, triangle, edge_boundary, head, link, bound_m, longe
     on_boundary, stamp = np.zeros(len(position), np.bool_), np.zeros(len(position), np.int64)
     first, after = np.full(len(triangle), -1, np.int32), np.full(len(position), -1, np.int32)
     heap = _heap_of(position, triangle, edge_boundary, quadric, stamp, on_boundary)
-    star, star_v, room = np.empty(MOST_AT_VERTEX, np.int32), np.empty(MOST_AT_VERTEX, np.int32), np.empty((3, 3))
+    star, star_v, room = (
+        np.empty(MOST_AT_VERTEX, np.int32),
+        np.empty(MOST_AT_VERTEX, np.int32),
+        np.empty((3, 3)),
+    )
     while len(heap):
         _, a, b, at = heapq.heappop(heap)
         if at != stamp[a] + stamp[b] or head[a] < 0 or head[b] < 0:
             continue
         for turn in range(2):
             u, v = (a, b) if turn == 0 else (b, a)
-            count, count_v = star_of(u, head, link, triangle, star), star_of(v, head, link, triangle, star_v)
-            if count <= 0 or count_v < 0 or not stays_surface(u, v, star, count, star_v, count_v, triangle):
+            count, count_v = (
+                star_of(u, head, link, triangle, star),
+                star_of(v, head, link, triangle, star_v),
+            )
+            if (
+                count <= 0
+                or count_v < 0
+                or not stays_surface(u, v, star, count, star_v, count_v, triangle)
+            ):
                 continue
             w = other_end(u, v, star, count, triangle)
             if (
                 w == -2
                 or turns(u, v, star, count, position, triangle, longest2, room)
-                or not _within(u, v, w, star, count, position, triangle, first, after, on_boundary, bound2)
-                or not _covers(u, v, star, count, position, triangle, first, after, original, bound2, room)
+                or not _within(
+                    u, v, w, star, count, position, triangle, first, after, on_boundary, bound2
+                )
+                or not _covers(
+                    u, v, star, count, position, triangle, first, after, original, bound2, room
+                )
             ):
                 continue
             _collapse(u, v, star, count, position, triangle, head, link, first, after)
@@ -231,14 +263,17 @@ def _distances2(position, triangle, first, after):  # type: ignore[no-untyped-de
         p = first[f] if triangle[f, 0] >= 0 else -1
         while p >= 0:
             t = triangle[f]
-            result[p] = point_triangle_distance2(position[p], position[t[0]], position[t[1]], position[t[2]])
+            result[p] = point_triangle_distance2(
+                position[p], position[t[0]], position[t[1]], position[t[2]]
+            )
             p = after[p]
     return result
 
 
 @dataclass(frozen=True, eq=False)
 class Simplified:
-    """A simplified mesh. kept: (V,) numbers of the original's vertices that are left. triangles: (F, 3) int32, into ``kept``.
+    """A simplified mesh. kept: (V,) numbers of the original's vertices that are left. triangles:
+    (F, 3) int32, into ``kept``.
 
     largest_m, rms_m: distance of the original's vertices to the new surface.
     """
@@ -250,15 +285,21 @@ class Simplified:
 
 
 def simplify(
-    position_m: NDArray[np.floating], triangles: NDArray[np.integer], bound_m: float, longest_m: float = np.inf
+    position_m: NDArray[np.floating],
+    triangles: NDArray[np.integer],
+    bound_m: float,
+    longest_m: float = np.inf,
 ) -> Simplified:
     """Remove vertices of a mesh, as many as the bound allows.
 
-    position_m: (V, 3). triangles: (F, 3), a surface of any topology. bound_m: largest distance of the original's vertices to the
-    new surface, and of those of its boundary to the new boundary. longest_m: no new edge is longer.
+    position_m: (V, 3). triangles: (F, 3), a surface of any topology. bound_m: largest distance of
+    the original's vertices to the new surface, and of those of its boundary to the new boundary.
+    longest_m: no new edge is longer.
     """
     position = np.ascontiguousarray(position_m, np.float64)
-    position = position - (position.mean(axis=0) if len(position) else 0)  # quadrics lose digits far from the origin
+    position = position - (
+        position.mean(axis=0) if len(position) else 0
+    )  # quadrics lose digits far from the origin
     left = np.array(triangles, np.int32, order="C")
     head, link = _corners(left, len(position))
     distance2 = collapse_edges(position, left, boundary_edges(left), head, link, bound_m, longest_m)
@@ -273,13 +314,24 @@ def simplify(
 
 
 def boundary_edges(triangles: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Mark the edges that not exactly two triangles share: (F, 3) bool of triangles (F, 3); edge k runs from corner k to k + 1."""
-    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64), axis=1)
-    _, inverse, count = np.unique(ends[:, 0] << 32 | ends[:, 1], return_inverse=True, return_counts=True)
+    """Mark the edges that not exactly two triangles share: (F, 3) bool of triangles (F, 3); edge k
+    runs from corner k to k + 1.
+    """
+    ends = np.sort(
+        np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
+        .reshape(-1, 2)
+        .astype(np.int64),
+        axis=1,
+    )
+    _, inverse, count = np.unique(
+        ends[:, 0] << 32 | ends[:, 1], return_inverse=True, return_counts=True
+    )
     return np.asarray(count[inverse] != 2).reshape(-1, 3)
 
 
-def _corners(triangles: NDArray[np.int32], vertices: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _corners(
+    triangles: NDArray[np.int32], vertices: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The corners at each vertex as linked lists: the first (V,), and the next (3 F,)."""
     head, link = np.full(vertices, -1, np.int32), np.full(triangles.size, -1, np.int32)
     flat = triangles.ravel()

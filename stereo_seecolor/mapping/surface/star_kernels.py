@@ -1,4 +1,6 @@
-"""Triangles around a vertex, their distances, normals and quadrics: compiled, for mesh simplification."""
+"""Triangles around a vertex, their distances, normals and quadrics: compiled, for mesh
+simplification.
+"""
 
 import numpy as np
 
@@ -12,7 +14,9 @@ BOUNDARY_WEIGHT = 10.0
 
 @compiled
 def point_triangle_distance2(p, a, b, c):  # type: ignore[no-untyped-def]
-    """Compute the squared distance of a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    """Compute the squared distance of a point to a triangle (Ericson, Real-Time Collision
+    Detection, 5.1.5).
+    """
     abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     apx, apy, apz = p[0] - a[0], p[1] - a[1], p[2] - a[2]
@@ -83,14 +87,15 @@ def form(q, p):  # type: ignore[no-untyped-def]
     """Compute the weighted sum of the squared distances of a place to the planes of a quadric."""
     x, y, z = p[0], p[1], p[2]
     return (
-        q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x * z + 2 * q[3] * x + q[4] * y * y + 2 * q[5] * y * z + 2 * q[6] * y
+        q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x * z + 2 * q[3] * x + q[4] * y * y + 2 * q[5] * y * z + 2 * q[6] * y  # noqa: E501
         + q[7] * z * z + 2 * q[8] * z + q[9]
     )  # fmt: skip
 
 
 @compiled
 def quadrics(position, triangle, edge_boundary):  # type: ignore[no-untyped-def]
-    """Sum the quadrics of the triangles at each vertex, weighted by area: (V, 10). edge_boundary: (F, 3), edge k from corner k to k
+    """Sum the quadrics of the triangles at each vertex, weighted by area: (V, 10). edge_boundary:
+    (F, 3), edge k from corner k to k
     + 1.
     """
     quadric = np.zeros((len(position), 10))
@@ -114,7 +119,12 @@ def quadrics(position, triangle, edge_boundary):  # type: ignore[no-untyped-def]
                 if size > 0:
                     side /= size
                     for w in (u, v):
-                        _add_plane(quadric[w], side, -(side * position[w]).sum(), BOUNDARY_WEIGHT * size * size)
+                        _add_plane(
+                            quadric[w],
+                            side,
+                            -(side * position[w]).sum(),
+                            BOUNDARY_WEIGHT * size * size,
+                        )
     return quadric
 
 
@@ -124,7 +134,9 @@ def quadrics(position, triangle, edge_boundary):  # type: ignore[no-untyped-def]
 # Arrays as in simplify.py.
 
 LEAST_TURN_COS = 0.2
-"""A triangle may not turn by more than 78 degrees in one collapse: it would fold over its neighbor."""
+"""A triangle may not turn by more than 78 degrees in one collapse: it would fold over its
+neighbor.
+"""
 LEAST_HEIGHT = 0.02
 """Of a triangle, as a fraction of its longest edge."""
 
@@ -144,8 +156,8 @@ def moved_corners(triangle, f, u, v):  # type: ignore[no-untyped-def]
 
 @compiled
 def star_of(u, head, link, triangle, star):  # type: ignore[no-untyped-def]
-    """Write the triangles at vertex u to ``star``; return how many, or -1 for more than fit. Corners of triangles that are gone
-    leave the list.
+    """Write the triangles at vertex u to ``star``; return how many, or -1 for more than fit.
+    Corners of triangles that are gone leave the list.
     """
     count, corner, before = 0, head[u], -1
     while corner >= 0:
@@ -167,7 +179,9 @@ def star_of(u, head, link, triangle, star):  # type: ignore[no-untyped-def]
 
 @compiled
 def stays_surface(u, v, star, count, star_v, count_v, triangle):  # type: ignore[no-untyped-def]
-    """Tell whether the collapse of the edge u, v leaves a surface: its ends share no neighbors but those across it."""
+    """Tell whether the collapse of the edge u, v leaves a surface: its ends share no neighbors but
+    those across it.
+    """
     shared, across = 0, 0
     for i in range(count):
         f = star[i]
@@ -191,7 +205,9 @@ def stays_surface(u, v, star, count, star_v, count_v, triangle):  # type: ignore
 
 @compiled
 def _across(u, star, count, triangle):  # type: ignore[no-untyped-def]
-    """The two neighbors of a vertex along the boundary, -1 where it has none; -2 in the first where it has more."""
+    """The two neighbors of a vertex along the boundary, -1 where it has none; -2 in the first where
+    it has more.
+    """
     found0, found1 = -1, -1
     for i in range(count):
         for k in range(3):
@@ -213,7 +229,9 @@ def _across(u, star, count, triangle):  # type: ignore[no-untyped-def]
 
 @compiled
 def other_end(u, v, star, count, triangle):  # type: ignore[no-untyped-def]
-    """Find the other neighbor of u along the boundary: -1 where u lies inside, -2 where v is no neighbor along the boundary."""
+    """Find the other neighbor of u along the boundary: -1 where u lies inside, -2 where v is no
+    neighbor along the boundary.
+    """
     w0, w1 = _across(u, star, count, triangle)
     if w0 == -1:
         return -1
@@ -224,7 +242,9 @@ def other_end(u, v, star, count, triangle):  # type: ignore[no-untyped-def]
 
 @compiled
 def turns(u, v, star, count, position, triangle, longest2, room):  # type: ignore[no-untyped-def]
-    """Tell whether a triangle would fold over, shrink to a line, or get an edge longer than the root of longest2. room: (2+, 3)."""
+    """Tell whether a triangle would fold over, shrink to a line, or get an edge longer than the
+    root of longest2. room: (2+, 3).
+    """
     n0, n1 = room[0], room[1]
     for i in range(count):
         f = star[i]
@@ -239,6 +259,10 @@ def turns(u, v, star, count, position, triangle, longest2, room):  # type: ignor
             ((position[b] - position[c]) ** 2).sum(),
             ((position[c] - position[a]) ** 2).sum(),
         )
-        if longest > longest2 or after < LEAST_HEIGHT * longest or (n0 * n1).sum() < LEAST_TURN_COS * before * after:
+        if (
+            longest > longest2
+            or after < LEAST_HEIGHT * longest
+            or (n0 * n1).sum() < LEAST_TURN_COS * before * after
+        ):
             return True
     return False

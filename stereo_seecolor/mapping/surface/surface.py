@@ -13,7 +13,8 @@ from stereo_seecolor.compute.compiled import compiled
 
 @compiled
 def connected_parts(triangles: Any, points: int) -> Any:
-    """Number the connected parts of a mesh from 0, as they come: (V,) int64, the part of each of so many points.
+    """Number the connected parts of a mesh from 0, as they come: (V,) int64, the part of each of so
+    many points.
 
     triangles: (T, 3) int32. Union-find with path halving; the lowest point of a part stands for it.
     """
@@ -44,7 +45,9 @@ def _root(root: Any, i: Any) -> Any:
 
 @compiled
 def triangle_areas(points_m: Any, triangles: Any) -> Any:
-    """Compute the area of each triangle: (T,) float64. points_m: (V, 3) float32. triangles: (T, 3) int32."""
+    """Compute the area of each triangle: (T,) float64. points_m: (V, 3) float32. triangles: (T, 3)
+    int32.
+    """
     areas = np.empty(len(triangles))
     for t in range(len(triangles)):
         a, b, c = points_m[triangles[t, 0]], points_m[triangles[t, 1]], points_m[triangles[t, 2]]
@@ -56,7 +59,9 @@ def triangle_areas(points_m: Any, triangles: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A triangle mesh. points_m, normals: (V, 3) float32; colors: (V, 3) uint8; triangles: (T, 3) int32."""
+    """A triangle mesh. points_m, normals: (V, 3) float32; colors: (V, 3) uint8; triangles: (T, 3)
+    int32.
+    """
 
     points_m: NDArray[np.float32]
     normals: NDArray[np.float32]
@@ -71,7 +76,9 @@ class Surface:
 
     @property
     def parts(self) -> NDArray[np.int64]:
-        """The connected part of the surface that each point belongs to: (V,) int64, numbered from 0."""
+        """The connected part of the surface that each point belongs to: (V,) int64, numbered from
+        0.
+        """
         parts: NDArray[np.int64] = connected_parts(self.triangles, len(self.points_m))
         return parts
 
@@ -82,16 +89,25 @@ class Surface:
         return areas
 
     def only(self, kept: NDArray[np.bool_]) -> "Surface":
-        """Select the points that are kept (V,), and the triangles whose first point is; all points of a triangle must be kept, or
-        none.
+        """Select the points that are kept (V,), and the triangles whose first point is; all points
+        of a triangle must be kept, or none.
         """
         numbers = np.cumsum(kept) - 1
         triangles = self.triangles[kept[self.triangles[:, 0]]]
-        return Surface(self.points_m[kept], self.normals[kept], self.colors[kept], numbers[triangles].astype(np.int32))
+        return Surface(
+            self.points_m[kept],
+            self.normals[kept],
+            self.colors[kept],
+            numbers[triangles].astype(np.int32),
+        )
 
 
-def only_used(indices: NDArray[np.integer], points: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Find the points that triangles (T, 3) use, of ``points`` in all: their numbers, and the triangles by positions in these."""
+def only_used(
+    indices: NDArray[np.integer], points: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Find the points that triangles (T, 3) use, of ``points`` in all: their numbers, and the
+    triangles by positions in these.
+    """
     used = np.zeros(points, np.bool_)
     used[indices] = True
     places = np.cumsum(used, dtype=np.int64) - 1

@@ -26,7 +26,8 @@ class PlacedTile:
 class TileFusion:
     """Fuses a tile into the store; returns the frames that were lost, by number.
 
-    tiling: how the map is cut, without the tiles. engine: its name, as other processes load their own.
+    tiling: how the map is cut, without the tiles. engine: its name, as other processes load their
+    own.
     """
 
     store: TileStore
@@ -39,7 +40,10 @@ class TileFusion:
         """Fuse the tile and save it. Raises OutputError."""
         lost: dict[int, Unplaced] = {}
         fuse_tile = engine(self.engine)
-        self.store.save(placed.tile, fuse_tile(placed.tile, self.tiling, self._read(placed, lost), self.geometry))
+        self.store.save(
+            placed.tile,
+            fuse_tile(placed.tile, self.tiling, self._read(placed, lost), self.geometry),
+        )
         return lost
 
     def _read(self, placed: PlacedTile, lost: dict[int, Unplaced]) -> Iterator[PlacedFrame]:

@@ -16,7 +16,9 @@ from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey import Component
 
 TRUNCATION_VOXELS = 4
-"""Truncation distance of the signed distances, voxels: two standard errors of a range that counts at all."""
+"""Truncation distance of the signed distances, voxels: two standard errors of a range that counts
+at all.
+"""
 FRAMES_AT_ONCE = 64
 """Frames whose blocks are collected before duplicates are dropped: it bounds the memory."""
 
@@ -25,8 +27,9 @@ FRAMES_AT_ONCE = 64
 class Tile:
     """A square column of the map.
 
-    column: (x, y) index of the tile. blocks: (B, 3) int32 coordinates of its blocks and of a rim one block wide, so that the
-    surface at the edge comes out as it does in the neighbor. frames: those that can touch any of them, in order.
+    column: (x, y) index of the tile. blocks: (B, 3) int32 coordinates of its blocks and of a rim
+    one block wide, so that the surface at the edge comes out as it does in the neighbor. frames:
+    those that can touch any of them, in order.
     """
 
     column: tuple[int, int]
@@ -58,14 +61,18 @@ class Tiling:
 
 
 def cut(component: Component, voxel_m: float, tile_m: float) -> Tiling:
-    """Find the blocks of voxels that the frames' surfaces pass through, and distribute them to square tiles of edge ``tile_m``."""
+    """Find the blocks of voxels that the frames' surfaces pass through, and distribute them to
+    square tiles of edge ``tile_m``.
+    """
     block_m, reach_m = BLOCK * voxel_m, TRUNCATION_VOXELS * voxel_m
     tile_blocks = int(np.clip(round(tile_m / block_m), 1, OFFSET))
     boxes = _boxes(component, reach_m, block_m)
     if not boxes:
         return Tiling((), voxel_m, tile_blocks, 0)
     blocks = _unpack(_occupied_blocks(component, list(boxes), reach_m, block_m))
-    columns = len(np.unique(packed(blocks[:, 0].astype(np.int64), blocks[:, 1].astype(np.int64), 0)))
+    columns = len(
+        np.unique(packed(blocks[:, 0].astype(np.int64), blocks[:, 1].astype(np.int64), 0))
+    )
     return Tiling(tuple(_deal(blocks, boxes, tile_blocks)), voxel_m, tile_blocks, columns)
 
 
@@ -74,7 +81,9 @@ Boxes = dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 def _boxes(component: Component, reach_m: float, block_m: float) -> Boxes:
-    """The box of each frame that has points; it holds the camera, since rays carve the space before the surface."""
+    """The box of each frame that has points; it holds the camera, since rays carve the space before
+    the surface.
+    """
     boxes: Boxes = {}
     for i in component.frames.tolist():
         points = component.points_m(i)
@@ -86,8 +95,12 @@ def _boxes(component: Component, reach_m: float, block_m: float) -> Boxes:
     return boxes
 
 
-def _occupied_blocks(component: Component, frames: list[int], reach_m: float, block_m: float) -> NDArray[np.int64]:
-    """Packed coordinates, sorted, of all blocks within reach of the frames' points that are certain enough."""
+def _occupied_blocks(
+    component: Component, frames: list[int], reach_m: float, block_m: float
+) -> NDArray[np.int64]:
+    """Packed coordinates, sorted, of all blocks within reach of the frames' points that are certain
+    enough.
+    """
     certain = component.survey.index.certain
     found: NDArray[np.int64] = np.zeros(0, np.int64)
     for start in range(0, len(frames), FRAMES_AT_ONCE):
@@ -100,17 +113,26 @@ def _occupied_blocks(component: Component, frames: list[int], reach_m: float, bl
 
 
 def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) -> NDArray[np.int64]:
-    """Packed coordinates of all blocks within reach of the points (n, 3), at most two along each axis."""
+    """Packed coordinates of all blocks within reach of the points (n, 3), at most two along each
+    axis.
+    """
     low = np.floor((points - reach_m) / block_m).astype(np.int64)
     high = np.floor((points + reach_m) / block_m).astype(np.int64)
     lowest = packed(*low.T)
-    x, y, z = (high - low).T << np.array([[2 * BITS], [BITS], [0]])  # 0 or 1 step along an axis, as a difference of packed numbers
-    return np.unique(np.concatenate([lowest + i * x + j * y + k * z for i, j, k in np.ndindex(2, 2, 2)]))
+    x, y, z = (high - low).T << np.array(
+        [[2 * BITS], [BITS], [0]]
+    )  # 0 or 1 step along an axis, as a difference of packed numbers
+    return np.unique(
+        np.concatenate([lowest + i * x + j * y + k * z for i, j, k in np.ndindex(2, 2, 2)])
+    )
 
 
 def _unpack(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
     mask = (1 << BITS) - 1
-    return (np.stack([numbers >> (2 * BITS), (numbers >> BITS) & mask, numbers & mask], axis=-1) - OFFSET).astype(np.int32)
+    return (
+        np.stack([numbers >> (2 * BITS), (numbers >> BITS) & mask, numbers & mask], axis=-1)
+        - OFFSET
+    ).astype(np.int32)
 
 
 def _deal(blocks: NDArray[np.int32], boxes: Boxes, tile_blocks: int) -> Iterator[Tile]:
@@ -125,22 +147,27 @@ def _deal(blocks: NDArray[np.int32], boxes: Boxes, tile_blocks: int) -> Iterator
         first, last = column * tile_blocks - 1, (column + 1) * tile_blocks
         inside = ((blocks[:, :2] >= first) & (blocks[:, :2] <= last)).all(axis=1)
         touching = ((high >= first) & (low <= last)).all(axis=1)
-        yield Tile((int(column[0]), int(column[1])), blocks[inside], tuple(numbers[touching].tolist()))
+        yield Tile(
+            (int(column[0]), int(column[1])), blocks[inside], tuple(numbers[touching].tolist())
+        )
 
 
 # Finished tiles on disk: memory stays bounded, and a map that was stopped goes on where it was.
 
 
 class TileStore:
-    """A folder with one file for each tile; all were made from the same poses, frames and settings."""
+    """A folder with one file for each tile; all were made from the same poses, frames and
+    settings.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     @classmethod
     def of(cls, folder: Path, tiling: Tiling, component: Component, engine: str) -> "TileStore":
-        """Open the store in ``folder``; tiles there that were made from other poses, frames or settings, or by
-        another engine, are deleted."""
+        """Open the store in ``folder``; tiles there that were made from other poses, frames or
+        settings, or by another engine, are deleted.
+        """
         return cls(kept_folder(folder, _key(tiling, component, engine)))
 
     def has(self, tile: Tile) -> bool:
@@ -150,12 +177,20 @@ class TileStore:
     def save(self, tile: Tile, surface: Surface) -> None:
         """Write a tile. Raises OutputError if it cannot be written."""
         with atomic_path(self._path(tile)) as path, path.open("wb") as file:
-            np.savez(file, points=surface.points_m, normals=surface.normals, colors=surface.colors, triangles=surface.triangles)
+            np.savez(
+                file,
+                points=surface.points_m,
+                normals=surface.normals,
+                colors=surface.colors,
+                triangles=surface.triangles,
+            )
 
     def load(self, tile: Tile) -> Surface:
         """Read a tile that was saved."""
         content = load_arrays(self._path(tile))
-        return Surface(content["points"], content["normals"], content["colors"], content["triangles"])
+        return Surface(
+            content["points"], content["normals"], content["colors"], content["triangles"]
+        )
 
     def surfaces(self, tiling: Tiling) -> Iterator[Surface]:
         """Read all tiles, one in memory at a time."""
@@ -166,8 +201,15 @@ class TileStore:
 
 
 def _key(tiling: Tiling, component: Component, engine: str) -> str:
-    poses, checksums = component.T_local_camera[component.frames], component.survey.index.checksums[component.frames]
-    digest = hashlib.sha256(poses.tobytes() + checksums.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks, engine)).encode())
+    poses, checksums = (
+        component.T_local_camera[component.frames],
+        component.survey.index.checksums[component.frames],
+    )
+    digest = hashlib.sha256(
+        poses.tobytes()
+        + checksums.tobytes()
+        + repr((tiling.voxel_m, tiling.tile_blocks, engine)).encode()
+    )
     for tile in tiling.tiles:
         digest.update(tile.blocks.tobytes())
     return digest.hexdigest()

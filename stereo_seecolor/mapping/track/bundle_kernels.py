@@ -1,8 +1,10 @@
-"""Normal equations of bundle adjustment: points are eliminated, and the equations of the frames are kept.
+"""Normal equations of bundle adjustment: points are eliminated, and the equations of the frames are
+kept.
 
-A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
-own axes. Sightings are sorted by point; ``start`` (m + 1,) says where each point's begin. Functions work on a range of points, of
-sightings or of frames, so that several cores share them; none writes where another range does.
+A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn
+(rad) and then a shift (m) in their own axes. Sightings are sorted by point; ``start`` (m + 1,) says
+where each point's begin. Functions work on a range of points, of sightings or of frames, so that
+several cores share them; none writes where another range does.
 """
 
 from typing import Any
@@ -19,7 +21,9 @@ from stereo_seecolor.mapping.track.relative_pose import invert_symmetric
 # (rad) and then a shift (m) in their own axes.
 
 BEHIND = 1e6
-"""Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one there looks better."""
+"""Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one
+there looks better.
+"""
 
 
 @compiled
@@ -39,9 +43,18 @@ def residual_of(T: Any, point: Any, seen: Any, weight: Any, residual: Any) -> fl
 
 @compiled
 def linearized(
-    T: Any, point: Any, seen: Any, weight: Any, outlier_sigmas: float, residual: Any, by_pose: Any, by_point: Any
+    T: Any,
+    point: Any,
+    seen: Any,
+    weight: Any,
+    outlier_sigmas: float,
+    residual: Any,
+    by_pose: Any,
+    by_point: Any,
 ) -> float:
-    """Write the residual and the derivatives of the prediction, in standard errors; return the weight of the Cauchy kernel."""
+    """Write the residual and the derivatives of the prediction, in standard errors; return the
+    weight of the Cauchy kernel.
+    """
     squared = residual_of(T, point, seen, weight, residual)
     if squared == BEHIND:
         by_pose[:] = 0
@@ -67,9 +80,17 @@ def linearized(
 def add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -> None:
     """Add a sighting to the equations of its point: V (3, 3), own_g (3,)."""
     for i in range(3):
-        own_g[i] += robust * (by_point[0, i] * residual[0] + by_point[1, i] * residual[1] + by_point[2, i] * residual[2])
+        own_g[i] += robust * (
+            by_point[0, i] * residual[0]
+            + by_point[1, i] * residual[1]
+            + by_point[2, i] * residual[2]
+        )
         for j in range(3):
-            across = by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j] + by_point[2, i] * by_point[2, j]
+            across = (
+                by_point[0, i] * by_point[0, j]
+                + by_point[1, i] * by_point[1, j]
+                + by_point[2, i] * by_point[2, j]
+            )
             V[i, j] += robust * across
 
 
@@ -77,10 +98,16 @@ def add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -
 def add_pose(robust: float, residual: Any, by_pose: Any, damping: float, H: Any, g: Any) -> None:
     """Add a sighting to the equations of its pose: H (6, 6), g (6,)."""
     for i in range(6):
-        g[i] += robust * (by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2])
+        g[i] += robust * (
+            by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2]
+        )
         for j in range(6):
             by = robust * (1 + damping) if i == j else robust
-            H[i, j] += by * (by_pose[0, i] * by_pose[0, j] + by_pose[1, i] * by_pose[1, j] + by_pose[2, i] * by_pose[2, j])
+            H[i, j] += by * (
+                by_pose[0, i] * by_pose[0, j]
+                + by_pose[1, i] * by_pose[1, j]
+                + by_pose[2, i] * by_pose[2, j]
+            )
 
 
 @compiled
@@ -115,22 +142,42 @@ def point_blocks(
     damping: float,  # the diagonal's factor, less 1
     stays: Any,  # (m,) bool, points that are not eliminated
     W: Any,  # (n, 3, 6) float64, written: each sighting's block of point and pose
-    V: Any,  # (m, 3, 3) float64, written: inverses of the points' own blocks; of points that stay the blocks themselves
+    # (m, 3, 3) float64, written: inverses of the points' own blocks; of points that stay the blocks
+    # themselves
+    V: Any,
     own_g: Any,  # (m, 3) float64, written: their right sides
     first: int,
     end: int,
 ) -> None:
     """Write the equations of the points from ``first`` to ``end`` - 1."""
-    residual, by_pose, by_point, block = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 3))
+    residual, by_pose, by_point, block = (
+        np.empty(3),
+        np.empty((3, 6)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+    )
     for p in range(first, end):
         block[:] = 0
         own_g[p] = 0
         for k in range(start[p], start[p + 1]):
-            robust = linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
+            robust = linearized(
+                T[frame[k]],
+                points[p],
+                seen[k],
+                weight[k],
+                outlier_sigmas,
+                residual,
+                by_pose,
+                by_point,
+            )
             add_point(robust, residual, by_point, block, own_g[p])
             for i in range(3):
                 for j in range(6):
-                    across = by_point[0, i] * by_pose[0, j] + by_point[1, i] * by_pose[1, j] + by_point[2, i] * by_pose[2, j]
+                    across = (
+                        by_point[0, i] * by_pose[0, j]
+                        + by_point[1, i] * by_pose[1, j]
+                        + by_point[2, i] * by_pose[2, j]
+                    )
                     W[k, i, j] = robust * across
         for i in range(3):
             block[i, i] *= 1 + damping
@@ -165,17 +212,33 @@ def frame_rows(
     first: int,
     end: int,
 ) -> None:
-    """Add the equations of the blocks from ``first`` to ``end`` - 1, less the Schur complement of their points.
+    """Add the equations of the blocks from ``first`` to ``end`` - 1, less the Schur complement of
+    their points.
 
-    Each block is summed up by itself, in the order of its sightings: how the blocks are shared out shows in no result.
+    Each block is summed up by itself, in the order of its sightings: how the blocks are shared out
+    shows in no result.
     """
-    residual, by_pose, by_point, Y = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((6, 3))
+    residual, by_pose, by_point, Y = (
+        np.empty(3),
+        np.empty((3, 6)),
+        np.empty((3, 3)),
+        np.empty((6, 3)),
+    )
     for row in range(first, end):
         part, i0 = row // size, 6 * (row % size)
         H, right = np.zeros((6, 6)), np.zeros(6)
         for k in order[row_start[row] : row_start[row + 1]]:
             p = point[k]
-            robust = linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
+            robust = linearized(
+                T[frame[k]],
+                points[p],
+                seen[k],
+                weight[k],
+                outlier_sigmas,
+                residual,
+                by_pose,
+                by_point,
+            )
             add_pose(robust, residual, by_pose, damping, H, right)
             if stays[p]:
                 continue
@@ -263,7 +326,8 @@ def own_errors(
     first: int,
     end: int,
 ) -> None:
-    """Write residuals of the points from ``first`` to ``end`` - 1 in standard errors, corrected for their leverage on the points.
+    """Write residuals of the points from ``first`` to ``end`` - 1 in standard errors, corrected for
+    their leverage on the points.
 
     So they are as large as if the points' positions had not been fitted to them.
     """
@@ -272,15 +336,23 @@ def own_errors(
     for p in range(first, end):
         V[:] = 0
         for k in range(start[p], start[p + 1]):
-            linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
+            linearized(
+                T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point
+            )
             add_point(1.0, residual, by_point, V, own_g)
         invert_symmetric(V, inverse)
         for k in range(start[p], start[p + 1]):
-            linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
+            linearized(
+                T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point
+            )
             for r in range(3):
                 taken = 0.0
                 for i in range(3):
-                    along = inverse[i, 0] * by_point[r, 0] + inverse[i, 1] * by_point[r, 1] + inverse[i, 2] * by_point[r, 2]
+                    along = (
+                        inverse[i, 0] * by_point[r, 0]
+                        + inverse[i, 1] * by_point[r, 1]
+                        + inverse[i, 2] * by_point[r, 2]
+                    )
                     taken += by_point[r, i] * along
                 errors[k, r] = residual[r] / np.sqrt(max(1 - taken, least_left))
 

@@ -1,4 +1,6 @@
-"""The nonlinear least-squares problem of bundle adjustment: poses and points compared with all sightings and all that is known."""
+"""The nonlinear least-squares problem of bundle adjustment: poses and points compared with all
+sightings and all that is known.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +13,14 @@ from scipy.sparse import csr_array
 
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.geometry import inverse, rotation_from_vector, rotation_vector
-from stereo_seecolor.mapping.track.bundle_kernels import frame_rows, keep_points, own_errors, point_blocks, point_steps, robust_cost
+from stereo_seecolor.mapping.track.bundle_kernels import (
+    frame_rows,
+    keep_points,
+    own_errors,
+    point_blocks,
+    point_steps,
+    robust_cost,
+)
 from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout, Sightings
 from stereo_seecolor.mapping.track.loops import CAUCHY, Prior
 from stereo_seecolor.mapping.track.relative_pose import cross
@@ -24,7 +33,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class KnownLength:
-    """The distance between the mean of some points and that of others, by their numbers; meters, with its standard error."""
+    """The distance between the mean of some points and that of others, by their numbers; meters,
+    with its standard error.
+    """
 
     first: tuple[int, ...]
     second: tuple[int, ...]
@@ -37,24 +48,32 @@ class KnownLength:
         return self.first + self.second
 
     def off(self, places: Array) -> tuple[Array, Array]:
-        """Compute the error of the length between ``points`` at places (k, 3), (1,) in standard errors, and its slope (1, 3 k)."""
+        """Compute the error of the length between ``points`` at places (k, 3), (1,) in standard
+        errors, and its slope (1, 3 k).
+        """
         count = len(self.first)
         apart = places[:count].mean(axis=0) - places[count:].mean(axis=0)
         length = float(np.linalg.norm(apart))
         shares = np.repeat([1 / count, -1 / (len(places) - count)], [count, len(places) - count])
-        return np.array([(self.length_m - length) / self.std_m]), np.kron(shares, apart / length)[None] / self.std_m
+        return np.array([(self.length_m - length) / self.std_m]), np.kron(shares, apart / length)[
+            None
+        ] / self.std_m
 
 
 @dataclass(frozen=True, eq=False)
 class KnownPlace:
-    """The position of the mean of some points: (3,) meters in the world, with the standard error of each axis."""
+    """The position of the mean of some points: (3,) meters in the world, with the standard error of
+    each axis.
+    """
 
     points: tuple[int, ...]
     place_m: Array
     std_m: float
 
     def off(self, places: Array) -> tuple[Array, Array]:
-        """Compute the error of the mean of ``points`` at places (k, 3), (3,) in standard errors, and the mean's slope (3, 3 k)."""
+        """Compute the error of the mean of ``points`` at places (k, 3), (3,) in standard errors,
+        and the mean's slope (3, 3 k).
+        """
         slope = np.tile(np.eye(3) / len(places), len(places))
         return (self.place_m - places.mean(axis=0)) / self.std_m, slope / self.std_m
 
@@ -67,7 +86,9 @@ Result = TypeVar("Result")
 LEAST_LEFT = 0.05
 """Of a residual's variance; where the point took more, nothing is learned from it."""
 POINTS_AT_ONCE = 4096
-"""A core's share of points or of sightings, 1 ms of work; sums over shares are the same on any number of cores."""
+"""A core's share of points or of sightings, 1 ms of work; sums over shares are the same on any
+number of cores.
+"""
 BLOCKS_AT_ONCE = 4
 """A core's share of frames."""
 
@@ -82,8 +103,8 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Linearized:
-    """Equations of the frames' moves and of points with a block of their own. W: (n, 3, 6), V: (m, 3, 3), own_g: (m, 3), by which
-    the other points follow.
+    """Equations of the frames' moves and of points with a block of their own. W: (n, 3, 6), V: (m,
+    3, 3), own_g: (m, 3), by which the other points follow.
     """
 
     blocks: FrameBlocks
@@ -96,8 +117,10 @@ class Linearized:
 class BundleProblem:
     """Sightings, priors of poses, and knowledge of points.
 
-    frames: (N,) those that take part, by ascending number; all else is by position among them. point, frame: (n,) sorted by point.
-    seen, weight: (n, 3) what was seen in image space, and inverse standard errors. priors: of poses. known: of points.
+    frames: (N,) those that take part, by ascending number; all else is by position among them.
+    point, frame: (n,) sorted by point.
+    seen, weight: (n, 3) what was seen in image space, and inverse standard errors. priors: of
+    poses. known: of points.
     """
 
     frames: Integers
@@ -109,10 +132,14 @@ class BundleProblem:
     known: Sequence[Known]
 
     @classmethod
-    def of(cls, sightings: Sightings, priors: Sequence[Prior], known: Sequence[Known]) -> "BundleProblem":
+    def of(
+        cls, sightings: Sightings, priors: Sequence[Prior], known: Sequence[Known]
+    ) -> "BundleProblem":
         """Set up the problem from sightings with their stated errors."""
         order = np.argsort(sightings.point, kind="stable")
-        frames = np.union1d(sightings.frame, np.array([prior.frame for prior in priors], np.int64)).astype(np.int64)
+        frames = np.union1d(
+            sightings.frame, np.array([prior.frame for prior in priors], np.int64)
+        ).astype(np.int64)
         frame, seen = np.searchsorted(frames, sightings.frame[order]), sightings.seen.chosen(order)
         own = [replace(prior, frame=int(np.searchsorted(frames, prior.frame))) for prior in priors]
         return cls(frames, sightings.point[order], frame, seen.points, 1 / seen.std, own, known)
@@ -130,38 +157,75 @@ class BundleProblem:
 
     def cost(self, state: State) -> float:
         """Compute half of the sum of squares, those of sightings under a Cauchy kernel."""
-        seen = inverse(state.T), state.points, self.frame, self.point, self.seen, self.weight, CAUCHY
+        seen = (
+            inverse(state.T),
+            state.points,
+            self.frame,
+            self.point,
+            self.seen,
+            self.weight,
+            CAUCHY,
+        )
         sightings = sum(_shared(lambda *part: robust_cost(*seen, *part), len(self.frame)))
         rest = [_prior_off(prior, state.T[prior.frame])[0] for prior in self.priors]
         rest += [known.off(state.points[list(known.points)])[0] for known in self.known]
         return sightings + 0.5 * sum(float(off @ off) for off in rest)
 
     def errors(self, state: State) -> Array:
-        """Compute residuals in standard errors, (n, 3), as large as if no point's position had been fitted to them."""
+        """Compute residuals in standard errors, (n, 3), as large as if no point's position had been
+        fitted to them.
+        """
         found = np.empty_like(self.seen)
-        seen = inverse(state.T), state.points, self.start, self.frame, self.seen, self.weight, LEAST_LEFT, found
+        seen = (
+            inverse(state.T),
+            state.points,
+            self.start,
+            self.frame,
+            self.seen,
+            self.weight,
+            LEAST_LEFT,
+            found,
+        )
         _shared(lambda *part: own_errors(*seen, *part), len(state.points))
         return found
 
     def linearized(self, state: State, damping: float = 0.0) -> Linearized:
         """Set up the equations of a step. damping: by which the diagonal is larger (Marquardt)."""
         layout, blocks, m = self._layout, self._layout.zeros(), len(state.points)
-        found = Linearized(blocks, np.empty((len(self.frame), 3, SIDE)), np.empty((m, 3, 3)), np.empty((m, 3)))
+        found = Linearized(
+            blocks, np.empty((len(self.frame), 3, SIDE)), np.empty((m, 3, 3)), np.empty((m, 3))
+        )
         seen = inverse(state.T), state.points, self.start, self.frame
-        how: tuple[Any, ...] = self.seen, self.weight, CAUCHY, damping, self._own >= 0, found.W, found.V, found.own_g
+        how: tuple[Any, ...] = (
+            self.seen,
+            self.weight,
+            CAUCHY,
+            damping,
+            self._own >= 0,
+            found.W,
+            found.V,
+            found.own_g,
+        )
         _shared(lambda *part: point_blocks(*seen, *how, *part), m)
-        place, where = layout.place[: len(self.frames)], (layout.size, blocks.diagonal, blocks.below, blocks.g)
+        place, where = (
+            layout.place[: len(self.frames)],
+            (layout.size, blocks.diagonal, blocks.below, blocks.g),
+        )
         rows: tuple[Any, ...] = *seen, self.point, *how, place, *self._by_block, *where
         _shared(lambda *part: frame_rows(*rows, *part), len(layout.place), BLOCKS_AT_ONCE)
         kept = np.flatnonzero(self._own >= 0)
         own_place = layout.place[self._own[kept]]
-        keep_points(kept, own_place, self.start, self.frame, found.W, found.V, found.own_g, place, *where)
+        keep_points(
+            kept, own_place, self.start, self.frame, found.W, found.V, found.own_g, place, *where
+        )
         self._add_priors(blocks, state)
         self._add_known(blocks, state)
         return found
 
     def moved(self, state: State, step: Linearized) -> State:
-        """Move poses and points by the solution of the equations. Raises LinAlgError where they are singular."""
+        """Move poses and points by the solution of the equations. Raises LinAlgError where they are
+        singular.
+        """
         moves, points = step.blocks.solve(), np.empty_like(state.points)
         of_frames = np.ascontiguousarray(moves[: len(self.frames)])
         seen = self.start, self.frame, step.W, step.V, step.own_g, of_frames, points
@@ -169,7 +233,11 @@ class BundleProblem:
         kept = np.flatnonzero(self._own >= 0)
         points[kept] = moves[self._own[kept], :3]
         by = np.zeros_like(state.T)
-        by[:, :3, :3], by[:, :3, 3], by[:, 3, 3] = rotation_from_vector(of_frames[:, :3]), of_frames[:, 3:], 1
+        by[:, :3, :3], by[:, :3, 3], by[:, 3, 3] = (
+            rotation_from_vector(of_frames[:, :3]),
+            of_frames[:, 3:],
+            1,
+        )
         return State(state.T @ by, state.points + points)
 
     @cached_property
@@ -179,7 +247,9 @@ class BundleProblem:
 
     @cached_property
     def _own(self) -> Integers:
-        """(m,) the block of a point of which something is known, after those of the frames; -1 for all others."""
+        """(m,) the block of a point of which something is known, after those of the frames; -1 for
+        all others.
+        """
         own = np.full(len(self.start) - 1, -1)
         points = sorted({point for known in self.known for point in known.points})
         own[points] = np.arange(len(self.frames), len(self.frames) + len(points))
@@ -189,7 +259,11 @@ class BundleProblem:
     def _layout(self) -> Layout:
         """Of blocks that share points, or are themselves points of which something is known."""
         kept = np.flatnonzero(self._own >= 0)
-        several = [(point, len(self._own) + k) for k, known in enumerate(self.known) for point in known.points]
+        several = [
+            (point, len(self._own) + k)
+            for k, known in enumerate(self.known)
+            for point in known.points
+        ]
         points, groups = np.array(several, np.int64).reshape(-1, 2).T
         blocks = np.concatenate([self.frame, self._own[kept], self._own[points]])
         columns = np.concatenate([self.point, kept, groups])
@@ -199,10 +273,14 @@ class BundleProblem:
 
     @cached_property
     def _by_block(self) -> tuple[Integers, Integers]:
-        """(n,) sightings by the place of their frame's block, and (blocks + 1,) where each block's begin."""
+        """(n,) sightings by the place of their frame's block, and (blocks + 1,) where each block's
+        begin.
+        """
         place = self._layout.place[self.frame]
         order = np.argsort(place, kind="stable")
-        return order, np.searchsorted(place[order], np.arange(len(self._layout.place) + 1)).astype(np.int64)
+        return order, np.searchsorted(place[order], np.arange(len(self._layout.place) + 1)).astype(
+            np.int64
+        )
 
     def _add_priors(self, blocks: FrameBlocks, state: State) -> None:
         for prior in self.priors:
@@ -222,15 +300,27 @@ class BundleProblem:
                     blocks.add(first, second, slope[:, :, a].T @ slope[:, :, b])
 
 
-def _shared(work: Callable[[int, int], Result], count: int, at_once: int = POINTS_AT_ONCE) -> list[Result]:
-    """``work`` of each range of so many things, its first and its end, on all cores; results in order."""
-    return list(core_pool().map(lambda first: work(first, min(first + at_once, count)), range(0, count, at_once)))
+def _shared(
+    work: Callable[[int, int], Result], count: int, at_once: int = POINTS_AT_ONCE
+) -> list[Result]:
+    """``work`` of each range of so many things, its first and its end, on all cores; results in
+    order.
+    """
+    return list(
+        core_pool().map(
+            lambda first: work(first, min(first + at_once, count)), range(0, count, at_once)
+        )
+    )
 
 
 def _prior_off(prior: Prior, T: Array) -> tuple[Array, Array]:
-    """(6,) from a pose to what navigation says of it, turn and place, in standard errors; the pose's slope (6, 6)."""
+    """(6,) from a pose to what navigation says of it, turn and place, in standard errors; the
+    pose's slope (6, 6).
+    """
     given, R = prior.T_world_camera, T[:3, :3]
     turn, slope = rotation_vector(given[:3, :3].T @ R), np.zeros((SIDE, SIDE))
     slope[:3, :3] = (np.eye(3) + 0.5 * cross(turn[None])[0]) / prior.attitude_std_rad
     slope[3:, 3:] = R / prior.position_std_m[:, None]
-    return np.concatenate([-turn / prior.attitude_std_rad, (given[:3, 3] - T[:3, 3]) / prior.position_std_m]), slope
+    return np.concatenate(
+        [-turn / prior.attitude_std_rad, (given[:3, 3] - T[:3, 3]) / prior.position_std_m]
+    ), slope

@@ -29,16 +29,27 @@ from stereo_seecolor.version import __version__
 
 @dataclass(frozen=True)
 class ContrastSettings:
-    """The neighborhood of local contrast. Nothing depends on the position in the image: a grid of tiles would move with the
-    camera.
+    """The neighborhood of local contrast. Nothing depends on the position in the image: a grid of
+    tiles would move with the camera.
     """
 
-    mean_px: float = 8.0  # standard deviation of the window whose mean is taken off: light varies less than the bottom there
+    # standard deviation of the window whose mean is taken off: light varies less than the bottom
+    # there
+    mean_px: float = 8.0
     spread_px: float = 16.0  # and of the window that contrast is measured in
-    noise: float = 0.02  # contrast, natural logarithm, below which there is only noise: sensor noise of a dark 8-bit image
+    # contrast, natural logarithm, below which there is only noise: sensor noise of a dark 8-bit
+    # image
+    noise: float = 0.02
     gain: float = 40.0  # gray levels for a standard deviation: three fit into 8 bits
-    offset: float = 4.0  # added before the logarithm, gray levels: rounding to 8 bits makes dark pixels noisy
-    fill_px: tuple[int, ...] = (9, 33, 129, 513)  # widths of the means that fill in what was painted black
+    offset: float = (
+        4.0  # added before the logarithm, gray levels: rounding to 8 bits makes dark pixels noisy
+    )
+    fill_px: tuple[int, ...] = (
+        9,
+        33,
+        129,
+        513,
+    )  # widths of the means that fill in what was painted black
     fill_known: float = 0.02  # of such a window: fewer known pixels make no mean
 
 
@@ -46,8 +57,8 @@ LOCAL_CONTRAST_SETTINGS = ContrastSettings()
 
 
 def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
-    """Compute the local contrast of a gray image (H, W), reduced by ``scale``: (h, w), the logarithm less its local mean, over its
-    local spread, around 128.
+    """Compute the local contrast of a gray image (H, W), reduced by ``scale``: (h, w), the
+    logarithm less its local mean, over its local spread, around 128.
     """
     filled = _filled(gray)
     if scale < 1:
@@ -56,12 +67,19 @@ def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
     detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), LOCAL_CONTRAST_SETTINGS.mean_px)
     spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), LOCAL_CONTRAST_SETTINGS.spread_px))
     return np.asarray(
-        np.clip(128 + LOCAL_CONTRAST_SETTINGS.gain * detail / (spread + LOCAL_CONTRAST_SETTINGS.noise), 0, 255), np.uint8
+        np.clip(
+            128 + LOCAL_CONTRAST_SETTINGS.gain * detail / (spread + LOCAL_CONTRAST_SETTINGS.noise),
+            0,
+            255,
+        ),
+        np.uint8,
     )
 
 
 def _filled(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """With what was painted black for want of a range filled in smoothly: its rim is no thing on the bottom."""
+    """With what was painted black for want of a range filled in smoothly: its rim is no thing on
+    the bottom.
+    """
     known = (gray > 0).astype(np.float32)
     filled = gray.astype(np.float32)
     for width in LOCAL_CONTRAST_SETTINGS.fill_px:
@@ -84,10 +102,14 @@ Map = NDArray[np.float32]
 class SmoothingSettings:
     """When the depth around a pixel is used."""
 
-    window_px: int = 9  # inverse depths are averaged over it: as wide as their errors are correlated
+    window_px: int = (
+        9  # inverse depths are averaged over it: as wide as their errors are correlated
+    )
     min_known: float = 0.6  # fraction of the window with a range
     max_spread_std: float = 3.0  # spread around a plane, in standard errors,
-    max_spread: float = 0.005  # and as a fraction of the inverse depth: more is an edge, such as a fish's
+    max_spread: float = (
+        0.005  # and as a fraction of the inverse depth: more is an edge, such as a fish's
+    )
     unknown_std: float = 0.01  # standard error as a fraction of the range where it is not known
 
 
@@ -98,7 +120,8 @@ SMOOTH_DEPTH_SETTINGS = SmoothingSettings()
 class SmoothDepth:
     """Smoothed inverse depth at every so many pixels along both axes.
 
-    inverse, std: (h, w) inverse depth and its standard error, 1/m. usable: (h, w), where it is measured and there is no edge.
+    inverse, std: (h, w) inverse depth and its standard error, 1/m. usable: (h, w), where it is
+    measured and there is no edge.
     every: pixels from one sample to the next.
     """
 
@@ -107,20 +130,30 @@ class SmoothDepth:
     usable: NDArray[np.bool_]
     every: int
 
-    def at(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """The inverse depth, its standard error and whether they are usable, (n,) each, at (n, 2) pixels of the frame."""
+    def at(
+        self, pixels: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """The inverse depth, its standard error and whether they are usable, (n,) each, at (n, 2)
+        pixels of the frame.
+        """
         places = (pixels - self.every // 2) / self.every
-        columns, rows = np.clip(np.rint(places).astype(int), 0, np.array(self.usable.shape[::-1]) - 1).T
+        columns, rows = np.clip(
+            np.rint(places).astype(int), 0, np.array(self.usable.shape[::-1]) - 1
+        ).T
         across, down = places.astype(np.float32).T
-        inverse = cv2.remap(self.inverse, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+        inverse = cv2.remap(
+            self.inverse, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        ).ravel()
         usable = self.usable[rows, columns] & np.isfinite(inverse)
         return inverse.astype(np.float64), self.std[rows, columns].astype(np.float64), usable
 
 
 def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> SmoothDepth:
-    """Fit a plane to the inverse depths of each window; inverse depths of a plane are linear in pixels, ranges are not.
+    """Fit a plane to the inverse depths of each window; inverse depths of a plane are linear in
+    pixels, ranges are not.
 
-    every: that many pixels along each axis are skipped but for one: neighbors have errors in common and tell little more.
+    every: that many pixels along each axis are skipped but for one: neighbors have errors in common
+    and tell little more.
     """
     some = (slice(every // 2, None, every),) * 2
     measured_m, stated_m = frame.range_m[some], frame.range_std_m[some]
@@ -133,12 +166,18 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
         mean = _mean(inverse, width) / share
         filled = np.where(known, inverse, mean)  # so that the windows' rims do not tilt the planes
         slope, mean_of = _slope(width)
-        tilt = cv2.sepFilter2D(filled, -1, slope, mean_of) ** 2 + cv2.sepFilter2D(filled, -1, mean_of, slope) ** 2
+        tilt = (
+            cv2.sepFilter2D(filled, -1, slope, mean_of) ** 2
+            + cv2.sepFilter2D(filled, -1, mean_of, slope) ** 2
+        )
         variance = _mean(inverse * inverse, width) / share - mean**2 - tilt * (width**2 - 1) / 12
-        std_m = np.where(np.isfinite(stated_m), stated_m, SMOOTH_DEPTH_SETTINGS.unknown_std * range_m)
+        std_m = np.where(
+            np.isfinite(stated_m), stated_m, SMOOTH_DEPTH_SETTINGS.unknown_std * range_m
+        )
         std = std_m * inverse / range_m
         smooth = (
-            np.sqrt(np.maximum(variance, 0)) < SMOOTH_DEPTH_SETTINGS.max_spread_std * std + SMOOTH_DEPTH_SETTINGS.max_spread * mean
+            np.sqrt(np.maximum(variance, 0))
+            < SMOOTH_DEPTH_SETTINGS.max_spread_std * std + SMOOTH_DEPTH_SETTINGS.max_spread * mean
         )
     usable = known & (share > SMOOTH_DEPTH_SETTINGS.min_known) & smooth
     return SmoothDepth(mean.astype(np.float32), std.astype(np.float32), usable, every)
@@ -154,7 +193,9 @@ def _mean(values: Map, width: int) -> Map:
 
 
 def _slope(width: int) -> tuple[Map, Map]:
-    """Kernels along and across an axis whose product is the slope of the plane of least squares along it."""
+    """Kernels along and across an axis whose product is the slope of the plane of least squares
+    along it.
+    """
     offsets = np.arange(width, dtype=np.float32) - width // 2
     return offsets / np.float32((offsets**2).sum()), np.full(width, 1 / width, np.float32)
 
@@ -167,9 +208,15 @@ class FeatureSettings:
     """How features are found."""
 
     # Both were measured: docs/lab/mapping.md.
-    max_features: int = 2000  # a frame: some 300 matches remain at 60 % overlap; fewer make some tracks worse
-    max_width_px: int = 640  # images are reduced to it: a track is as exact as at 960, in half of the time
-    lateral_std_px: float = 0.3  # how well SIFT finds a point again (measured on the synthetic reef)
+    max_features: int = (
+        2000  # a frame: some 300 matches remain at 60 % overlap; fewer make some tracks worse
+    )
+    max_width_px: int = (
+        640  # images are reduced to it: a track is as exact as at 960, in half of the time
+    )
+    lateral_std_px: float = (
+        0.3  # how well SIFT finds a point again (measured on the synthetic reef)
+    )
 
 
 FEATURES_SETTINGS = FeatureSettings()
@@ -179,8 +226,10 @@ FEATURES_SETTINGS = FeatureSettings()
 class Features:
     """The features of a frame.
 
-    points: (n, 3) in image space, x / z, y / z and 1 / z of the camera's coordinates, 1 / z in 1/m. std: (n, 3) their errors.
-    descriptors: (n, 128) uint8. In image space errors are symmetric; in meters they are not, the less so the farther a point.
+    points: (n, 3) in image space, x / z, y / z and 1 / z of the camera's coordinates, 1 / z in 1/m.
+    std: (n, 3) their errors.
+    descriptors: (n, 128) uint8. In image space errors are symmetric; in meters they are not, the
+    less so the farther a point.
     """
 
     points: Array
@@ -203,13 +252,19 @@ class Features:
         return np.column_stack([self.points[:, :2], np.ones(len(self.points))]) / self.points[:, 2:]
 
 
-def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = FEATURES_SETTINGS) -> Features:
-    """SIFT (Lowe 2004) on the image of local contrast, kept where the range is measured and smooth all around."""
+def detect(
+    frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = FEATURES_SETTINGS
+) -> Features:
+    """SIFT (Lowe 2004) on the image of local contrast, kept where the range is measured and smooth
+    all around.
+    """
     gray: NDArray[np.uint8] = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, settings.max_width_px / gray.shape[1])
     contrast = local_contrast(gray, scale)
     depth = smooth_depth(frame, geometry, int(1 / scale))
-    mask = cv2.resize(depth.usable.astype(np.uint8), contrast.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    mask = cv2.resize(
+        depth.usable.astype(np.uint8), contrast.shape[::-1], interpolation=cv2.INTER_NEAREST
+    )
     found, descriptors = keypoints(contrast, mask, settings.max_features)
     if not len(found):
         return Features.none()
@@ -226,18 +281,24 @@ def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSetting
 # that was stopped continues.
 
 HELD = 64
-"""Frames whose features a process holds, some 0.4 MB each: neighbors are asked for again and again."""
+"""Frames whose features a process holds, some 0.4 MB each: neighbors are asked for again and
+again.
+"""
 
 
 class FeatureStore(Lazy[Features]):
-    """A folder with one file a frame, asked for by the frame's position on the track. names: of the files, by position."""
+    """A folder with one file a frame, asked for by the frame's position on the track. names: of the
+    files, by position.
+    """
 
     def __init__(self, folder: Path, names: Sequence[str]) -> None:
         self._folder, self._names = folder, names
 
     @classmethod
     def of(cls, survey: Survey) -> "FeatureStore":
-        """Open the store of a survey's frames; features that an earlier run found in the same frames are kept."""
+        """Open the store of a survey's frames; features that an earlier run found in the same
+        frames are kept.
+        """
         index = survey.index
         if survey.scratch is None:
             return _Temporary([f"{number}.npz" for number in index.order.tolist()])
@@ -249,7 +310,9 @@ class FeatureStore(Lazy[Features]):
         return len(self._names)
 
     def item(self, number: int) -> Features:
-        """Read the features of the frame at a position. Raises FileNotFoundError where they were not found yet."""
+        """Read the features of the frame at a position. Raises FileNotFoundError where they were
+        not found yet.
+        """
         return _loaded(self._path(number))
 
     def has(self, number: int) -> bool:
@@ -259,7 +322,9 @@ class FeatureStore(Lazy[Features]):
     def save(self, number: int, features: Features) -> None:
         """Write the features of a frame. Raises OutputError."""
         with atomic_path(self._path(number)) as path, path.open("wb") as file:
-            np.savez(file, points=features.points, std=features.std, descriptors=features.descriptors)
+            np.savez(
+                file, points=features.points, std=features.std, descriptors=features.descriptors
+            )
 
     def _path(self, number: int) -> Path:
         return self._folder / self._names[number]

@@ -1,8 +1,10 @@
-"""Markers of known size, distance or place: the scale of a rig from them, and constraints on its bundle adjustment.
+"""Markers of known size, distance or place: the scale of a rig from them, and constraints on its
+bundle adjustment.
 
-A rig's scale is one number for all of its ranges. Features cannot improve it, since they are measured with that same rig. So it
-is estimated by itself, from all known lengths and the rig's calibration, each weighted by its standard error; all ranges are then
-scaled by this factor, and the lengths and places hold the shape of the track as factors of its bundle adjustment.
+A rig's scale is one number for all of its ranges. Features cannot improve it, since they are
+measured with that same rig. So it is estimated by itself, from all known lengths and the rig's
+calibration, each weighted by its standard error; all ranges are then scaled by this factor, and the
+lengths and places hold the shape of the track as factors of its bundle adjustment.
 """
 
 from collections import defaultdict
@@ -41,8 +43,11 @@ Array = NDArray[np.float64]
 class MarkSettings:
     """How far knowledge of markers is trusted."""
 
-    rig_scale_std: float = 0.005  # of a rig's scale: what calibrations leave, as for measures without another statement
-    given_std: float = 5e-4  # of a given length, a fraction of it: a printed tag, a bar measured by tape
+    # of a rig's scale: what calibrations leave, as for measures without another statement
+    rig_scale_std: float = 0.005
+    given_std: float = (
+        5e-4  # of a given length, a fraction of it: a printed tag, a bar measured by tape
+    )
     told_sigmas: float = 3.0  # beyond which a disagreement is named
     elsewhere_sigmas: float = 10.0  # of navigation, by which surveyed places may differ from it,
     elsewhere_m: float = 1.0  # and so far in any case
@@ -53,7 +58,8 @@ SETTINGS = MarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """The markers found, by frame, and what is known of them: edge, bars by both ends' numbers, places with errors.
+    """The markers found, by frame, and what is known of them: edge, bars by both ends' numbers,
+    places with errors.
 
     origin: of places that were given as latitude and longitude.
     """
@@ -66,10 +72,16 @@ class Marks:
 
     @classmethod
     def found(cls, survey: Survey, config: MarkersConfig) -> "Marks":
-        """Find markers in all frames of a survey. Raises InputError for tables that cannot be used."""
+        """Find markers in all frames of a survey. Raises InputError for tables that cannot be
+        used.
+        """
         bars, known = read_known(config)
         places = {number: (point, known.stds_m[number]) for number, point in known.points.items()}
-        look, sightings, count = _Look(survey.frames, survey.geometry, config.family), {}, len(survey.frames)
+        look, sightings, count = (
+            _Look(survey.frames, survey.geometry, config.family),
+            {},
+            len(survey.frames),
+        )
         for number, own in enumerate(survey.compute.each(look, range(count))):
             sightings[number] = own
             survey.progress("looking for markers", number + 1, count)
@@ -78,7 +90,12 @@ class Marks:
     def scaled(self, scale: float) -> "Marks":
         """Scale the ranges of the rig by a factor."""
         moved = {
-            frame: [replace(each, corners_m=scale * each.corners_m, std=(each.std[0], each.std[1] / scale)) for each in own]
+            frame: [
+                replace(
+                    each, corners_m=scale * each.corners_m, std=(each.std[0], each.std[1] / scale)
+                )
+                for each in own
+            ]
             for frame, own in self.sightings.items()
         }
         return replace(self, sightings=moved)
@@ -87,12 +104,19 @@ class Marks:
         """Drop some of what is known, by the names of its checks."""
         edge_m = None if EDGES in lengths else self.edge_m
         bars = {ends: length for ends, length in self.bars.items() if _name(*ends) not in lengths}
-        return replace(self, edge_m=edge_m, bars=bars, places={} if PLACES in lengths else self.places)
+        return replace(
+            self, edge_m=edge_m, bars=bars, places={} if PLACES in lengths else self.places
+        )
 
     def placed(self, T_world_camera: Array) -> list[PlacedMarker]:
-        """The markers that two placed frames show; T_world_camera: (N, 4, 4), NaN for frames without a place."""
+        """The markers that two placed frames show; T_world_camera: (N, 4, 4), NaN for frames
+        without a place.
+        """
         known = {f"{i}": T for i, T in enumerate(T_world_camera) if np.isfinite(T).all()}
-        return placed_markers([replace(each, frame=f"{i}") for i, own in self.sightings.items() for each in own], known)
+        return placed_markers(
+            [replace(each, frame=f"{i}") for i, own in self.sightings.items() for each in own],
+            known,
+        )
 
     def checks(self, T_world_camera: Array) -> dict[str, ScaleCheck]:
         """Compare what is known with the map, by name."""
@@ -103,20 +127,36 @@ class Marks:
         return checks | ({EDGES: size} if size else {}) | ({PLACES: spread} if spread else {})
 
     def joined(self, sightings: Sightings, frames: set[int]) -> tuple[Sightings, list[Known]]:
-        """Sightings, by frame, and those of the markers' corners in some frames; and what is known of these."""
-        own = [(frame, each) for frame in sorted(frames & self.sightings.keys()) for each in self.sightings[frame]]
+        """Sightings, by frame, and those of the markers' corners in some frames; and what is known
+        of these.
+        """
+        own = [
+            (frame, each)
+            for frame in sorted(frames & self.sightings.keys())
+            for each in self.sightings[frame]
+        ]
         views: dict[int, int] = defaultdict(int)
         for _, each in own:
             views[each.number] += 1
         numbers = sorted(number for number, count in views.items() if count >= MARKER.fewest_views)
         start = int(sightings.point.max(initial=-1)) + 1
-        corners = {number: tuple(range(start + 4 * k, start + 4 * k + 4)) for k, number in enumerate(numbers)}
-        seen = [(frame, each, corners[each.number]) for frame, each in own if each.number in corners]
+        corners = {
+            number: tuple(range(start + 4 * k, start + 4 * k + 4))
+            for k, number in enumerate(numbers)
+        }
+        seen = [
+            (frame, each, corners[each.number]) for frame, each in own if each.number in corners
+        ]
         if not seen:
             return sightings, []
         points = np.concatenate([each.corners_m for _, each, _ in seen])
         std = np.repeat([[each.std[0], each.std[0], each.std[1]] for _, each, _ in seen], 4, axis=0)
-        all_points = np.concatenate([sightings.seen.points, np.column_stack([points[:, :2], np.ones(len(points))]) / points[:, 2:]])
+        all_points = np.concatenate(
+            [
+                sightings.seen.points,
+                np.column_stack([points[:, :2], np.ones(len(points))]) / points[:, 2:],
+            ]
+        )
         joined = Sightings(
             frame=np.concatenate([sightings.frame, np.repeat([frame for frame, _, _ in seen], 4)]),
             point=np.concatenate([sightings.point, np.concatenate([keys for _, _, keys in seen])]),
@@ -129,15 +169,23 @@ class Marks:
         for keys in corners.values() if self.edge_m else ():
             for i, j in combinations(range(4), 2):
                 length_m = (self.edge_m or 0) * (1 if (j - i) % 2 else 2**0.5)
-                known.append(KnownLength((keys[i],), (keys[j],), length_m, SETTINGS.given_std * length_m))
+                known.append(
+                    KnownLength((keys[i],), (keys[j],), length_m, SETTINGS.given_std * length_m)
+                )
         for (first, second), length_m in self.bars.items():
             if first in corners and second in corners:
-                known.append(KnownLength(corners[first], corners[second], length_m, SETTINGS.given_std * length_m))
+                known.append(
+                    KnownLength(
+                        corners[first], corners[second], length_m, SETTINGS.given_std * length_m
+                    )
+                )
         return known
 
     def _places(self, corners: dict[int, tuple[int, ...]]) -> list[KnownPlace]:
         found = [number for number in self.places if number in corners]
-        return [KnownPlace(corners[n], *self.places[n]) for n in found] if len(found) >= FEWEST else []
+        return (
+            [KnownPlace(corners[n], *self.places[n]) for n in found] if len(found) >= FEWEST else []
+        )
 
 
 EDGES, PLACES = "edges", "surveyed places"
@@ -156,15 +204,29 @@ def _name(first: int, second: int) -> str:
     return f"bar {first}-{second}"
 
 
-def _spread_check(markers: list[PlacedMarker], places: dict[int, tuple[Array, float]]) -> ScaleCheck | None:
-    """How far surveyed places are apart, by the map and as given: the distances from their middle."""
+def _spread_check(
+    markers: list[PlacedMarker], places: dict[int, tuple[Array, float]]
+) -> ScaleCheck | None:
+    """How far surveyed places are apart, by the map and as given: the distances from their
+    middle.
+    """
     own = [marker for marker in markers if marker.number in places]
     if len(own) < FEWEST:
         return None
-    here, there = np.array([marker.place_m for marker in own]), np.array([places[marker.number][0] for marker in own])
-    reach = [float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum())) for points in (here, there)]
-    off = [np.hypot(places[marker.number][1], marker.residual_m / np.sqrt(marker.views)) for marker in own]
-    return ScaleCheck(reach[0] / reach[1], float(np.sqrt(np.mean(np.square(off)))) / reach[1], len(own))
+    here, there = (
+        np.array([marker.place_m for marker in own]),
+        np.array([places[marker.number][0] for marker in own]),
+    )
+    reach = [
+        float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum())) for points in (here, there)
+    ]
+    off = [
+        np.hypot(places[marker.number][1], marker.residual_m / np.sqrt(marker.views))
+        for marker in own
+    ]
+    return ScaleCheck(
+        reach[0] / reach[1], float(np.sqrt(np.mean(np.square(off)))) / reach[1], len(own)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,5 +241,8 @@ class _Look:
         frame = self.frames[number]
         if not isinstance(frame, SurveyFrame):
             return []
-        found = (place(sighting, frame, self.geometry) for sighting in MarkerDetector(self.family).find(frame.color))
+        found = (
+            place(sighting, frame, self.geometry)
+            for sighting in MarkerDetector(self.family).find(frame.color)
+        )
         return [each for each in found if each is not None]

@@ -1,7 +1,10 @@
-"""Sparse linear equations in blocks of six unknowns, the pose of one frame each; a block is coupled with few others.
+"""Sparse linear equations in blocks of six unknowns, the pose of one frame each; a block is coupled
+with few others.
 
-Reverse Cuthill-McKee (George and Liu 1981) puts coupled blocks near each other. Then parts of as many blocks as the
-bandwidth are coupled with the parts beside them alone: a block tridiagonal matrix, solved by Cholesky's method part by part.
+Reverse Cuthill-McKee (George and Liu 1981) puts coupled blocks near each other. Then parts of as
+many blocks as the
+bandwidth are coupled with the parts beside them alone: a block tridiagonal matrix, solved by
+Cholesky's method part by part.
 """
 
 from collections.abc import Sequence
@@ -33,7 +36,9 @@ class Layout:
 
     @classmethod
     def of(cls, joined: csr_array) -> "Layout":
-        """Order blocks so that coupled ones are close. joined: (N, N), symmetric, which blocks are coupled."""
+        """Order blocks so that coupled ones are close. joined: (N, N), symmetric, which blocks are
+        coupled.
+        """
         place = np.empty(joined.shape[0], np.int64)
         place[reverse_cuthill_mckee(joined, symmetric_mode=True)] = np.arange(len(place))
         row, column = joined.nonzero()
@@ -43,7 +48,12 @@ class Layout:
     def zeros(self) -> "FrameBlocks":
         """Equations to be filled."""
         parts, width = -(-len(self.place) // self.size), SIDE * self.size
-        blocks = FrameBlocks(self, np.zeros((parts, width, width)), np.zeros((parts - 1, width, width)), np.zeros(parts * width))
+        blocks = FrameBlocks(
+            self,
+            np.zeros((parts, width, width)),
+            np.zeros((parts - 1, width, width)),
+            np.zeros(parts * width),
+        )
         unused = np.arange(SIDE * len(self.place), parts * width)
         blocks.diagonal[unused // width, unused % width, unused % width] = 1
         return blocks
@@ -51,8 +61,8 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class FrameBlocks:
-    """A block tridiagonal system. diagonal: (K, w, w), of which the lower triangles count, below: (K - 1, w, w). g: (K w,) right
-    side.
+    """A block tridiagonal system. diagonal: (K, w, w), of which the lower triangles count, below:
+    (K - 1, w, w). g: (K w,) right side.
     """
 
     layout: Layout
@@ -61,11 +71,21 @@ class FrameBlocks:
     g: Array
 
     def add(self, first: int, second: int, H: Array) -> None:
-        """Add H (6, 6), rows of the first block, columns of the second; of two blocks that differ also its transpose."""
-        size, row, column = self.layout.size, int(self.layout.place[first]), int(self.layout.place[second])
+        """Add H (6, 6), rows of the first block, columns of the second; of two blocks that differ
+        also its transpose.
+        """
+        size, row, column = (
+            self.layout.size,
+            int(self.layout.place[first]),
+            int(self.layout.place[second]),
+        )
         if row < column:
             row, column, H = column, row, H.T
-        part = self.diagonal[row // size] if row // size == column // size else self.below[column // size]
+        part = (
+            self.diagonal[row // size]
+            if row // size == column // size
+            else self.below[column // size]
+        )
         i, j = SIDE * (row % size), SIDE * (column % size)
         part[i : i + SIDE, j : j + SIDE] += H
 
@@ -95,7 +115,9 @@ class FrameBlocks:
             if after is not None and coupling is not None:
                 by_next = solve_triangular(L, coupling.T, lower=True, trans="T")
                 own += by_next @ after @ by_next.T
-            found.append(np.stack([own[i : i + SIDE, i : i + SIDE] for i in range(0, SIDE * size, SIDE)]))
+            found.append(
+                np.stack([own[i : i + SIDE, i : i + SIDE] for i in range(0, SIDE * size, SIDE)])
+            )
             after = own
         return np.asarray(np.concatenate(found[::-1])[self.layout.place])
 
@@ -109,7 +131,14 @@ class FrameBlocks:
                 own = own - coupling @ coupling.T
             L = cholesky(own, lower=True, check_finite=False)
             more = k < len(self.below)
-            factors.append((L, solve_triangular(L, self.below[k].T, lower=True, check_finite=False).T if more else None))
+            factors.append(
+                (
+                    L,
+                    solve_triangular(L, self.below[k].T, lower=True, check_finite=False).T
+                    if more
+                    else None,
+                )
+            )
         return factors
 
 
@@ -122,7 +151,9 @@ Relation = tuple[tuple[int, int], RelativePose]
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """n sightings of m points. frame: (n,) position on the track, point: (n,) number from 0 to m - 1, seen: (n,) as it was seen."""
+    """n sightings of m points. frame: (n,) position on the track, point: (n,) number from 0 to m -
+    1, seen: (n,) as it was seen.
+    """
 
     frame: Integers
     point: Integers
@@ -135,24 +166,37 @@ class Sightings:
 
 
 def sightings(features: Sequence[Features], relations: Sequence[Relation], most: int) -> Sightings:
-    """Join the inliers of all relations to points; at most ``most`` points of each relation are kept, those seen most often.
+    """Join the inliers of all relations to points; at most ``most`` points of each relation are
+    kept, those seen most often.
 
-    features: by position on the track. A point of which one frame shows two features is none: one of its matches is wrong.
+    features: by position on the track. A point of which one frame shows two features is none: one
+    of its matches is wrong.
     """
     stride = 1 + max(int(max(r.index_a.max(), r.index_b.max())) for _, r in relations)
     a = np.concatenate([ends[0] * stride + r.index_a for ends, r in relations])
     b = np.concatenate([ends[1] * stride + r.index_b for ends, r in relations])
     nodes, ends = np.unique(np.concatenate([a, b]), return_inverse=True)
     a, b = ends[: len(a)], ends[len(a) :]
-    points, labels = connected_components(coo_array((np.ones(len(a), bool), (a, b)), (len(nodes), len(nodes))), directed=False)
+    points, labels = connected_components(
+        coo_array((np.ones(len(a), bool), (a, b)), (len(nodes), len(nodes))), directed=False
+    )
     label = labels.astype(np.int64)
     views = np.bincount(label, minlength=points)
     views[_seen_twice(label, nodes // stride)] = 0
     chosen = np.zeros(points, bool)
-    chosen[_best(views, label[a], np.repeat(np.arange(len(relations)), [len(r.index_a) for _, r in relations]), most)] = True
+    chosen[
+        _best(
+            views,
+            label[a],
+            np.repeat(np.arange(len(relations)), [len(r.index_a) for _, r in relations]),
+            most,
+        )
+    ] = True
     kept = np.flatnonzero(chosen[label])
     frame, feature = nodes[kept] // stride, nodes[kept] % stride
-    return Sightings(frame, np.unique(label[kept], return_inverse=True)[1], _observed(features, frame, feature))
+    return Sightings(
+        frame, np.unique(label[kept], return_inverse=True)[1], _observed(features, frame, feature)
+    )
 
 
 def _seen_twice(label: Integers, frame: Integers) -> Integers:
@@ -163,7 +207,9 @@ def _seen_twice(label: Integers, frame: Integers) -> Integers:
 
 
 def _best(views: Integers, point: Integers, relation: Integers, most: int) -> Integers:
-    """Points of whose sightings there are at most so many: of each relation those with most views, equally many of each."""
+    """Points of whose sightings there are at most so many: of each relation those with most views,
+    equally many of each.
+    """
     usable = views[point] > 0
     point, relation = point[usable], relation[usable]
     order = np.lexsort((-views[point], relation))

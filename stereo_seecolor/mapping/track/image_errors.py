@@ -1,8 +1,10 @@
-"""Errors that all frames have at the same place of the image: what calibration left of the lens, estimated from the dive itself.
+"""Errors that all frames have at the same place of the image: what calibration left of the lens,
+estimated from the dive itself.
 
-A flow field that is off by a few tenths of a pixel at the image's borders looks like a turn, and a turn is taken for a part of the
-shift: the track bends a little with each frame, and comes out short or long by a percent (Kreso and Segvic 2015 found the same on
-street stereo). What moves with the scene is motion; what stays where it is in the image is the camera's.
+A flow field that is off by a few tenths of a pixel at the image's borders looks like a turn, and a
+turn is taken for a part of the shift: the track bends a little with each frame, and comes out short
+or long by a percent (Kreso and Segvic 2015 found the same on street stereo). What moves with the
+scene is motion; what stays where it is in the image is the camera's.
 """
 
 from collections.abc import Sequence
@@ -19,10 +21,12 @@ from stereo_seecolor.mapping.track.relative_pose import Moved, Observed, move
 
 Array = NDArray[np.float64]
 MODELS = (10, 4)
-"""Numbers of terms that are tried, the more first. The first four: a radial term of the lens, and three square ones of the
-disparity (x x, x y, y y). The others: a second radial term, four cubic ones of the disparity, as two lenses that are off
-differently leave them, and one of the fourth order. Not the disparity's mean, which is the scale, nor its slopes and the lens's
-tangential terms, which look like a turn of the camera's axes.
+"""Numbers of terms that are tried, the more first. The first four: a radial term of the lens, and
+three square ones of the
+disparity (x x, x y, y y). The others: a second radial term, four cubic ones of the disparity, as
+two lenses that are off differently leave them, and one of the fourth order. Not the disparity's
+mean, which is the scale, nor its slopes and the lens's tangential terms, which look like a turn of
+the camera's axes.
 """
 
 
@@ -30,13 +34,18 @@ tangential terms, which look like a turn of the camera's axes.
 class ImageErrorSettings:
     """When errors of the image are estimated, and when they are used."""
 
-    min_pairs: int = 10  # pairs of frames: fewer views of the same places in other parts of the image tell nothing
+    # pairs of frames: fewer views of the same places in other parts of the image tell nothing
+    min_pairs: int = 10
     max_pairs: int = 60  # spread over the dive: more tell no more
     max_points: int = 1000  # of a pair
     rounds: int = 6  # of Gauss-Newton; it takes 2 to 4
     tolerance: float = 1e-4  # of the cost, when to stop: far below what decides
-    prior_px: float = 1.0  # standard deviation of each term at the image's corner before anything is seen: of a calibrated rig
-    better: float = 0.995  # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect lens
+    # standard deviation of each term at the image's corner before anything is seen: of a calibrated
+    # rig
+    prior_px: float = 1.0
+    # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect
+    # lens
+    better: float = 0.995
 
 
 SETTINGS = ImageErrorSettings()
@@ -53,7 +62,9 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class ImageErrors:
-    """Estimated errors of the image. values: (k,) pixels at the image's corner, the first k of MODELS' terms."""
+    """Estimated errors of the image. values: (k,) pixels at the image's corner, the first k of
+    MODELS' terms.
+    """
 
     values: Array
     geometry: RectifiedPair
@@ -65,7 +76,9 @@ class ImageErrors:
 
 
 def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageErrors | None:
-    """The errors that explain best what all pairs have in common; None where pairs left out of the fit do not confirm them."""
+    """The errors that explain best what all pairs have in common; None where pairs left out of the
+    fit do not confirm them.
+    """
     if len(pairs) < SETTINGS.min_pairs:
         return None
     pairs = [_thinned(pair) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]]
@@ -76,20 +89,32 @@ def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageEr
 
 
 def _confirmed(pairs: Sequence[Pair], geometry: RectifiedPair, terms: int) -> bool:
-    """True where errors that are fitted to one half of the pairs explain the other half better than none, both ways."""
+    """True where errors that are fitted to one half of the pairs explain the other half better than
+    none, both ways.
+    """
     none = np.zeros(terms)
     for fitted, left_out in ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])):
         values, _ = _solve(fitted, geometry, none, free=True)
-        if _solve(left_out, geometry, values, free=False)[1] > SETTINGS.better * _solve(left_out, geometry, none, free=False)[1]:
+        if (
+            _solve(left_out, geometry, values, free=False)[1]
+            > SETTINGS.better * _solve(left_out, geometry, none, free=False)[1]
+        ):
             return False
     return True
 
 
-def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: bool) -> tuple[Array, float]:
-    """Gauss-Newton over the values, if they are free, and each pair's pose; the values, and the robust cost of a point."""
+def _solve(
+    pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: bool
+) -> tuple[Array, float]:
+    """Gauss-Newton over the values, if they are free, and each pair's pose; the values, and the
+    robust cost of a point.
+    """
     terms = len(values)
     poses = [pair.T_a_b for pair in pairs]
-    fields = [(_field(pair.a.points, geometry, terms), _field(pair.b.points, geometry, terms)) for pair in pairs]
+    fields = [
+        (_field(pair.a.points, geometry, terms), _field(pair.b.points, geometry, terms))
+        for pair in pairs
+    ]
     cost = np.inf
     for _ in range(SETTINGS.rounds):
         H, g = np.eye(terms) / SETTINGS.prior_px**2, -values / SETTINGS.prior_px**2
@@ -103,7 +128,9 @@ def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: 
         step = np.linalg.solve(H, g) if free else np.zeros(terms)
         values = values + step
         for number, normal in enumerate(normals):
-            move_by = np.asarray(np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64)
+            move_by = np.asarray(
+                np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64
+            )
             poses[number] = poses[number] @ pose(rotation_from_vector(move_by[:3]), move_by[3:])
     points = sum(len(pair.a.points) for pair in pairs)
     return values, cost / points
@@ -111,7 +138,9 @@ def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: 
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """Normal equations of a pair's pose (6) and of the values that all pairs share; its robust cost."""
+    """Normal equations of a pair's pose (6) and of the values that all pairs share; its robust
+    cost.
+    """
 
     H_pose: Array
     H_mixed: Array
@@ -124,7 +153,10 @@ class _Normal:
 def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) -> _Normal:
     field_a, field_b = fields
     moved = move(T, pair.b.points - field_b @ values)
-    residual, weight = pair.a.points - field_a @ values - moved.points, _weights(moved, pair.a, pair.b)
+    residual, weight = (
+        pair.a.points - field_a @ values - moved.points,
+        _weights(moved, pair.a, pair.b),
+    )
     ratio = np.einsum("ni,nij,nj->n", residual, weight, residual) / POSE.outlier_sigmas**2
     weight = weight / (1 + ratio)[:, None, None]
     slope = np.concatenate([moved.by_pose, field_a - moved.by_point @ field_b], axis=2)
@@ -135,7 +167,9 @@ def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) ->
 
 
 def _weights(moved: Moved, a: Observed, b: Observed) -> Array:
-    """(n, 3, 3) inverse covariances of the differences between points of a and the moved points of b."""
+    """(n, 3, 3) inverse covariances of the differences between points of a and the moved points of
+    b.
+    """
     spread = moved.by_point * b.std[:, None, :]
     covariance = spread @ np.swapaxes(spread, 1, 2)
     covariance[:, [0, 1, 2], [0, 1, 2]] += a.std**2
@@ -143,15 +177,21 @@ def _weights(moved: Moved, a: Observed, b: Observed) -> Array:
 
 
 def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:
-    """(n, 3, terms) error of points (n, 3) in image space by each of the first terms, for a pixel at the image's corner."""
+    """(n, 3, terms) error of points (n, 3) in image space by each of the first terms, for a pixel
+    at the image's corner.
+    """
     corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
     x, y = points[:, 0] / corner, points[:, 1] / corner
     square = x * x + y * y
     radial = [(x * square, y * square), (x * square**2, y * square**2)]
     depth = [x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3, square**2]
     found = np.zeros((len(points), 3, 2 + len(depth)))
-    found[:, :2, 0], found[:, :2, 4] = (np.stack(term, axis=1) / geometry.focal_px for term in radial)
-    found[:, 2, [1, 2, 3, 5, 6, 7, 8, 9]] = np.stack(depth, axis=1) / (geometry.focal_px * geometry.baseline_m)
+    found[:, :2, 0], found[:, :2, 4] = (
+        np.stack(term, axis=1) / geometry.focal_px for term in radial
+    )
+    found[:, 2, [1, 2, 3, 5, 6, 7, 8, 9]] = np.stack(depth, axis=1) / (
+        geometry.focal_px * geometry.baseline_m
+    )
     return found[:, :, :terms]
 
 

@@ -59,10 +59,13 @@ class Guess:
 
 @dataclass(eq=False)
 class Track:
-    """A track while it is followed. features: of every frame, in the order of time. edges: measured so far.
+    """A track while it is followed. features: of every frame, in the order of time. edges: measured
+    so far.
 
-    reasons: why a frame has no edge, by number. links: edges that only say which frames are connected, by navigation.
-    found: what was measured between the frames at two positions on the track, None where they do not see the same.
+    reasons: why a frame has no edge, by number. links: edges that only say which frames are
+    connected, by navigation.
+    found: what was measured between the frames at two positions on the track, None where they do
+    not see the same.
     """
 
     survey: Survey
@@ -73,16 +76,27 @@ class Track:
     found: dict[Ends, RelativePose | None] = field(default_factory=dict)
 
     def measure(
-        self, pairs: Iterable[Ends], what: str, loop: bool = False, guess: Guess | None = None, sure: bool = False
+        self,
+        pairs: Iterable[Ends],
+        what: str,
+        loop: bool = False,
+        guess: Guess | None = None,
+        sure: bool = False,
     ) -> list[Edge]:
-        """Measure the relative poses of frames at pairs of positions on the track, each pair once; return their edges. what: for
-        the progress.
+        """Measure the relative poses of frames at pairs of positions on the track, each pair once;
+        return their edges. what: for the progress.
 
-        guess: where the frames are thought to be, so that features are looked for there first; sure: as ``Expected``.
+        guess: where the frames are thought to be, so that features are looked for there first;
+        sure: as ``Expected``.
         """
         new = [ends for ends in pairs if ends not in self.found]
-        expected = [guess.expected(self.survey.index.order[list(ends)], sure) if guess else None for ends in new]
-        relations = self.survey.compute.each(Relating(self.features, self.survey.geometry), zip(new, expected, strict=True))
+        expected = [
+            guess.expected(self.survey.index.order[list(ends)], sure) if guess else None
+            for ends in new
+        ]
+        relations = self.survey.compute.each(
+            Relating(self.features, self.survey.geometry), zip(new, expected, strict=True)
+        )
         for done, (ends, relation) in enumerate(zip(new, relations, strict=True), 1):
             self.found[ends] = relation
             self.survey.progress(what, done, len(new))
@@ -95,7 +109,9 @@ class Track:
         self.edges += self.measure(pairs, what, guess=guess, sure=True)
 
     def take_out_image_errors(self) -> None:
-        """Correct all features for the errors that the images have in common, and measure the edges again from the same points."""
+        """Correct all features for the errors that the images have in common, and measure the edges
+        again from the same points.
+        """
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
         errors = find_image_errors(SeenPairs(self.features, known), self.survey.geometry)
         if errors is None:
@@ -103,7 +119,10 @@ class Track:
         self.features = CorrectedFeatures(self.features, errors)
         again = list(self.survey.compute.each(Refitting(self.features), known))
         self.found |= {ends: relation for (ends, _), relation in zip(known, again, strict=True)}
-        self.edges = [self._edge(*ends, relation, loop=False) for (ends, _), relation in zip(known, again, strict=True)]
+        self.edges = [
+            self._edge(*ends, relation, loop=False)
+            for (ends, _), relation in zip(known, again, strict=True)
+        ]
 
     def scaled(self, scale: float) -> "Track":
         """Scale the ranges of the rig by a factor."""
@@ -111,11 +130,16 @@ class Track:
             self,
             features=ScaledFeatures(self.features, scale),
             edges=[edge.scaled(scale) for edge in self.edges],
-            found={ends: relation.scaled(scale) if relation else None for ends, relation in self.found.items()},
+            found={
+                ends: relation.scaled(scale) if relation else None
+                for ends, relation in self.found.items()
+            },
         )
 
     def relation(self, edge: Edge) -> tuple[Ends, RelativePose]:
-        """Find what an edge was made from: the positions of its frames, and the points that both show."""
+        """Find what an edge was made from: the positions of its frames, and the points that both
+        show.
+        """
         ends = int(self.survey.index.rank[edge.i]), int(self.survey.index.rank[edge.j])
         relation = self.found[ends]
         assert relation is not None, "it was measured"
@@ -123,13 +147,22 @@ class Track:
 
     def _edge(self, a: int, b: int, relation: RelativePose, loop: bool) -> Edge:
         order = self.survey.index.order
-        return Edge(int(order[a]), int(order[b]), relation.T_a_b, relation.covariance, len(relation.index_a), loop)
+        return Edge(
+            int(order[a]),
+            int(order[b]),
+            relation.T_a_b,
+            relation.covariance,
+            len(relation.index_a),
+            loop,
+        )
 
 
 def follow(survey: Survey) -> Track:
-    """Measure each frame, in the order of time, against the ones before it; then again without the errors that all images have.
+    """Measure each frame, in the order of time, against the ones before it; then again without the
+    errors that all images have.
 
-    The last frame comes first; poses from it tell where features of the frames before that are searched.
+    The last frame comes first; poses from it tell where features of the frames before that are
+    searched.
     """
     track = _featured(survey)
     guess: Guess | None = None
@@ -143,7 +176,9 @@ def follow(survey: Survey) -> Track:
 def _featured(survey: Survey) -> Track:
     """A track on which the features of all frames are known, and nothing else."""
     order, store = survey.index.order.tolist(), FeatureStore.of(survey)
-    track = Track(survey, store, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
+    track = Track(
+        survey, store, reasons=dict.fromkeys(order, "it shows nothing that another frame shows")
+    )
     detection = Detection(survey.frames, survey.geometry, order, store)
     for done, lost in enumerate(survey.compute.each(detection, range(len(order)))):
         track.reasons |= {order[done]: lost} if lost else {}
@@ -154,13 +189,15 @@ def _featured(survey: Survey) -> Track:
 def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) -> Placement:
     """Place the frames by their edges, loops, and a pose graph over all.
 
-    The world is the first placed frame's camera. With priors (navigation, depth, attitude) it is theirs, and components that
-    pictures cannot join keep their place by them. Frames that match no other are named; frames that only match among themselves
-    make a component of their own.
+    The world is the first placed frame's camera. With priors (navigation, depth, attitude) it is
+    theirs, and components that pictures cannot join keep their place by them. Frames that match no
+    other are named; frames that only match among themselves make a component of their own.
     Raises MappingError if no two frames match; DeviceError for priors without GTSAM.
     """
     if not track.edges:
-        raise MappingError("no two frames show the same things: the track cannot be followed; give --poses")
+        raise MappingError(
+            "no two frames show the same things: the track cannot be followed; give --poses"
+        )
     index = track.survey.index
     guess = Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
@@ -168,20 +205,32 @@ def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) ->
         guess = _close_loops(track, guess, priors, SETTINGS.loop_rounds if loops else 0)
     elif loops:
         warnings.append("loops were not closed: pip install 'stereo-seecolor[slam]' (GTSAM)")
-    unplaced = tuple(Unplaced(index.names[i], track.reasons[int(i)]) for i in np.flatnonzero(guess.components < 0))
+    unplaced = tuple(
+        Unplaced(index.names[i], track.reasons[int(i)])
+        for i in np.flatnonzero(guess.components < 0)
+    )
     placement = Placement(guess.T, guess.components, unplaced, tuple(warnings))
     if len(placement.sizes) > 1:
-        sizes, placed = ", ".join(str(n) for n in placement.sizes), index.order[guess.components[index.order] >= 0].tolist()
-        i, j = next((i, j) for i, j in pairwise(placed) if guess.components[i] != guess.components[j])
+        sizes, placed = (
+            ", ".join(str(n) for n in placement.sizes),
+            index.order[guess.components[index.order] >= 0].tolist(),
+        )
+        i, j = next(
+            (i, j) for i, j in pairwise(placed) if guess.components[i] != guess.components[j]
+        )
         where = f"first between {index.names[i]} and {index.names[j]}"
-        return placement.with_warnings(f"the track is broken into {len(placement.sizes)} components of {sizes} frames, {where}")
+        return placement.with_warnings(
+            f"the track is broken into {len(placement.sizes)} components of {sizes} frames, {where}"
+        )
     return placement
 
 
 def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> Placement:
-    """Place the frames by all edges that were measured, loops included, and by priors: those of ``given``'s frames.
+    """Place the frames by all edges that were measured, loops included, and by priors: those of
+    ``given``'s frames.
 
-    Frames that the pictures do not connect keep their place by their priors, in the components of ``given``.
+    Frames that the pictures do not connect keep their place by their priors, in the components of
+    ``given``.
     """
     index = track.survey.index
     for component in range(len(given.sizes)):
@@ -197,11 +246,20 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
             guess.components[prior.frame] = guess.components.max() + 1
     lost = {frame.name: frame.reason for frame in given.unplaced}
     names = [index.names[i] for i in np.flatnonzero(guess.components < 0)]
-    return Placement(guess.T, guess.components, tuple(Unplaced(name, lost[name]) for name in names), given.warnings)
+    return Placement(
+        guess.T,
+        guess.components,
+        tuple(Unplaced(name, lost[name]) for name in names),
+        given.warnings,
+    )
 
 
-def _close_loops(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int) -> Guess:
-    """Solve; then find loops by appearance and overlap and solve again, in some rounds: overlap is better known after each."""
+def _close_loops(
+    track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int
+) -> Guess:
+    """Solve; then find loops by appearance and overlap and solve again, in some rounds: overlap is
+    better known after each.
+    """
     guess = _settle(track, guess, priors)
     for number in range(rounds):
         inside, joins = _sorted_loops(track, guess, _measure_loops(track, guess, number))
@@ -213,8 +271,12 @@ def _close_loops(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior],
     return guess
 
 
-def _sorted_loops(track: Track, guess: Guess, loops: Sequence[Edge]) -> tuple[list[Edge], list[Edge]]:
-    """The plausible loops inside a component, and those that join two; loops of frames without a pose are left out."""
+def _sorted_loops(
+    track: Track, guess: Guess, loops: Sequence[Edge]
+) -> tuple[list[Edge], list[Edge]]:
+    """The plausible loops inside a component, and those that join two; loops of frames without a
+    pose are left out.
+    """
     index = track.survey.index
     lengths_m = loop_closure.lengths_m(guess.T, index.order)
     inside, joins = [], []
@@ -230,7 +292,9 @@ def _sorted_loops(track: Track, guess: Guess, loops: Sequence[Edge]) -> tuple[li
 
 
 def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
-    """The edges of all candidates that were not tried yet; by appearance in round 0 only, which poses do not change."""
+    """The edges of all candidates that were not tried yet; by appearance in round 0 only, which
+    poses do not change.
+    """
     index, rank = track.survey.index, track.survey.index.rank
     alike = by_appearance(track.features, track.survey.compute) if number == 0 else []
     candidates = set(loop_closure.possible(alike, index, guess.T, guess.components))
@@ -240,11 +304,15 @@ def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
         frames = frames[np.argsort(rank[frames])]
         points = ((int(rank[i]), transformed(guess.T[i], index.points_m[i])) for i in frames)
         candidates |= set(loop_closure.by_overlap(points, SETTINGS.window))
-    return track.measure(sorted(candidates), f"closing loops, round {number + 1}", loop=True, guess=guess)
+    return track.measure(
+        sorted(candidates), f"closing loops, round {number + 1}", loop=True, guess=guess
+    )
 
 
 def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior]) -> Guess:
-    """Solve each component; drop the false loops, let components fall apart that only they held together, and solve again."""
+    """Solve each component; drop the false loops, let components fall apart that only they held
+    together, and solve again.
+    """
     T, false = _solve(guess, track.edges, priors)
     if not false:
         return Guess(T, guess.components)
@@ -255,7 +323,9 @@ def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior]) -> G
     return Guess(_solve(Guess(T, components), track.edges, priors)[0], components)
 
 
-def _solve(guess: Guess, edges: Sequence[Edge], priors: Sequence[pose_graph.Prior]) -> tuple[Array, list[Edge]]:
+def _solve(
+    guess: Guess, edges: Sequence[Edge], priors: Sequence[pose_graph.Prior]
+) -> tuple[Array, list[Edge]]:
     T, rejected = guess.T, []
     for number in range(guess.components.max() + 1):
         frames = np.flatnonzero(guess.components == number).tolist()

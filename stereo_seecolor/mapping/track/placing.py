@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping.navigation.comparison import ALIKE, MAX_TURN_RAD, Navigation, Verdict, attitudes_alike, examine, priors
+from stereo_seecolor.mapping.navigation.comparison import (
+    ALIKE,
+    MAX_TURN_RAD,
+    Navigation,
+    Verdict,
+    attitudes_alike,
+    examine,
+    priors,
+)
 from stereo_seecolor.mapping.navigation.deviations import spot_check
 from stereo_seecolor.mapping.navigation.interpretations import misfit
 from stereo_seecolor.mapping.survey import Placement, Survey
@@ -19,22 +27,26 @@ from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
-    "mapping.markers do not constrain the map: that needs GTSAM, mapping.bundle_adjustment, and, where poses are given, "
+    "mapping.markers do not constrain the map: that needs GTSAM, mapping.bundle_adjustment, and, "
+    "where poses are given, "
     "mapping.poses=prior"
 )
 
 FIXES_NOT_USED = "mapping.fixes are not used: the poses have a place on Earth of their own"
 
 WRONG = 0.5
-"""Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters fit from frame to frame."""
+"""Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters
+fit from frame to frame.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
     """A survey's placement.
 
-    navigation: the outcome of given poses, None without any. position_residual_m, attitude_residual_deg: (N,) of each frame, NaN
-    where unknown. origin: of the placement's world on Earth, None if unknown. markers: how it fits the markers that constrain it.
+    navigation: the outcome of given poses, None without any. position_residual_m,
+    attitude_residual_deg: (N,) of each frame, NaN where unknown. origin: of the placement's world
+    on Earth, None if unknown. markers: how it fits the markers that constrain it.
     """
 
     placement: Placement
@@ -46,13 +58,17 @@ class Placed:
 
     @property
     def range_scale(self) -> float:
-        """The factor by which ranges are longer than the rig says; 1 without markers of known size."""
+        """The factor by which ranges are longer than the rig says; 1 without markers of known
+        size.
+        """
         return self.markers.scale if self.markers and self.markers.before else 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Used:
-    """How given poses were used. in_their_world: whether the placement's world is that of the poses. markers: as in Placed."""
+    """How given poses were used. in_their_world: whether the placement's world is that of the
+    poses. markers: as in Placed.
+    """
 
     placement: Placement
     navigation: Navigation
@@ -63,26 +79,33 @@ class _Used:
 def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     """Place the frames.
 
-    Without a trajectory by the pictures alone. With one, its poses are measured against the pictures, at a few places if they
-    are exact there; then they are taken as they are (exact, or config.poses "given", or where GTSAM is missing), or the frames
-    are placed by pictures and poses together, each weighted by its errors ("prior"), or, where the poses contradict the pictures,
-    by the pictures alone. Positions alone move the track by the pictures as a whole.
+    Without a trajectory by the pictures alone. With one, its poses are measured against the
+    pictures, at a few places if they are exact there; then they are taken as they are (exact, or
+    config.poses "given", or where GTSAM is missing), or the frames are placed by pictures and poses
+    together, each weighted by its errors ("prior"), or, where the poses contradict the pictures, by
+    the pictures alone. Positions alone move the track by the pictures as a whole.
 
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
     placed = _on_earth(_placed(survey, config, trajectory), survey, config, trajectory)
-    warnings = placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
+    warnings = (
+        placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
+    )
     return replace(placed, placement=placed.placement.with_warnings(*warnings))
 
 
-def _on_earth(placed: Placed, survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
+def _on_earth(
+    placed: Placed, survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> Placed:
     """Move a placement without a place on Earth to the fixes beside its poses."""
     if trajectory is None or trajectory.absolute is None:
         return placed
     if placed.origin:
         return replace(placed, placement=placed.placement.with_warnings(FIXES_NOT_USED))
     return replace(
-        placed, placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config), origin=trajectory.absolute.origin
+        placed,
+        placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config),
+        origin=trajectory.absolute.origin,
     )
 
 
@@ -94,18 +117,33 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
     return _placed_by_poses(survey, config, trajectory, given) if exact is None else exact
 
 
-def _placed_by_pictures(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
-    """Place the frames by the pictures alone; positions without attitudes, if there are any, move the track as a whole."""
+def _placed_by_pictures(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> Placed:
+    """Place the frames by the pictures alone; positions without attitudes, if there are any, move
+    the track as a whole.
+    """
     unknown = np.full(len(survey.index.names), np.nan)
     track = odometry.follow(survey)
     own, markers = _upright(track, _own(track, config), config)
     if trajectory is None or (markers and markers.control):
         return Placed(own, None, unknown, unknown, markers.origin if markers else None, markers)
-    return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin, markers)
+    return Placed(
+        at_fixes(own, survey.index, trajectory, config),
+        None,
+        unknown,
+        unknown,
+        trajectory.origin,
+        markers,
+    )
 
 
-def _placed_exactly(survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement) -> Placed | None:
-    """Take the given poses as they are if a few places of the dive show that they are as exact as the map; None if not."""
+def _placed_exactly(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
+) -> Placed | None:
+    """Take the given poses as they are if a few places of the dive show that they are as exact as
+    the map; None if not.
+    """
     spots = spot_check(survey, given, config.voxel_edge_m)
     if not spots.exact or config.markers.known:
         return None
@@ -116,18 +154,34 @@ def _placed_exactly(survey: Survey, config: MappingConfig, trajectory: Trajector
     verdict = examine(given, survey, spots.edges, trajectory, config)
     if verdict.navigation.advice:
         return None
-    return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
+    return Placed(
+        exact,
+        verdict.navigation,
+        verdict.position_residual_m,
+        verdict.attitude_residual_deg,
+        trajectory.origin,
+    )
 
 
-def _placed_by_poses(survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement) -> Placed:
-    """Compare the given poses with the whole track, and take them as they are, together with the pictures, or not at all."""
+def _placed_by_poses(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
+) -> Placed:
+    """Compare the given poses with the whole track, and take them as they are, together with the
+    pictures, or not at all.
+    """
     track = odometry.follow(survey)
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:
         used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
     elif not loops.available():
-        missing = "the given poses were taken as they are: to fit them to the pictures, pip install 'stereo-seecolor[slam]' (GTSAM)"
-        used = _Used(_as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation)
+        missing = (
+            "the given poses were taken as they are: to fit them to the pictures, pip "
+            "install 'stereo-seecolor[slam]' (GTSAM)"
+        )
+        used = _Used(
+            _as_given(verdict.placement, survey, trajectory).with_warnings(missing),
+            verdict.navigation,
+        )
     else:
         used = _fitted(track, verdict, trajectory, config)
     advice = used.navigation.advice
@@ -141,13 +195,19 @@ def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Place
     return upright(given, survey.index, trajectory.up)
 
 
-def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> _Used:
-    """Place the frames by pictures and poses together, or by pictures alone where the poses contradict them or are upside down."""
+def _fitted(
+    track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig
+) -> _Used:
+    """Place the frames by pictures and poses together, or by pictures alone where the poses
+    contradict them or are upside down.
+    """
     own = _own(track, config)
     navigation = _checked_up(verdict, track.survey, trajectory)
     known = priors(own, verdict.placement, config) if navigation.fits else []
     if known:
-        navigation = _checked_attitudes(navigation, verdict.placement, track, known[0].attitude_std_rad)
+        navigation = _checked_attitudes(
+            navigation, verdict.placement, track, known[0].attitude_std_rad
+        )
     if not navigation.fits:
         own, markers = _upright(track, own, config)
         own = own.with_warnings("the map was made by the pictures alone")
@@ -155,7 +215,10 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
     position_m, _, depth_m = known[0].position_std_m
     attitude_deg = np.degrees(known[0].attitude_std_rad)
     navigation = replace(
-        navigation, position_std_m=float(position_m), depth_std_m=float(depth_m), attitude_std_deg=float(attitude_deg)
+        navigation,
+        position_std_m=float(position_m),
+        depth_std_m=float(depth_m),
+        attitude_std_deg=float(attitude_deg),
     )
     fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
     fitted, markers = _to_marks(track, fitted, config, known)
@@ -169,18 +232,28 @@ def _checked_up(verdict: Verdict, survey: Survey, trajectory: Trajectory) -> Nav
     try:
         upright(verdict.placement, survey.index, trajectory.up)
     except MappingError:
-        down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
+        down = (
+            "the given poses' z axis points down: they would fit as north-east-down, or with z "
+            "negated"
+        )
         advice = ALIKE if attitudes_alike(verdict.placement.T_world_camera) else down
         return replace(verdict.navigation, fits=False, advice=advice)
     return verdict.navigation
 
 
-def _checked_attitudes(navigation: Navigation, given: Placement, track: odometry.Track, std_rad: float) -> Navigation:
-    """The navigation, which does not fit if its attitudes are too far off. std_rad: their standard error against the pictures."""
+def _checked_attitudes(
+    navigation: Navigation, given: Placement, track: odometry.Track, std_rad: float
+) -> Navigation:
+    """The navigation, which does not fit if its attitudes are too far off. std_rad: their standard
+    error against the pictures.
+    """
     if not (std_rad > MAX_TURN_RAD and misfit(given.T_world_camera, track.edges) > WRONG):
         return navigation
     off_deg = np.degrees(std_rad)
-    advice = f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they radians, taken for degrees?"
+    advice = (
+        f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they "
+        "radians, taken for degrees?"
+    )
     return replace(navigation, fits=False, advice=advice)
 
 
@@ -189,18 +262,36 @@ def _own(track: odometry.Track, config: MappingConfig) -> Placement:
     return _adjusted(track, odometry.solve(track, config.loop_closure), config)
 
 
-def _upright(track: odometry.Track, own: Placement, config: MappingConfig) -> tuple[Placement, MarkersFit | None]:
-    """A track by the pictures, constrained by markers; z is up by their surveyed places, if there are any, else by the bottom."""
+def _upright(
+    track: odometry.Track, own: Placement, config: MappingConfig
+) -> tuple[Placement, MarkersFit | None]:
+    """A track by the pictures, constrained by markers; z is up by their surveyed places, if there
+    are any, else by the bottom.
+    """
     own, markers = _to_marks(track, own, config)
-    return own if markers and markers.control else upright(own, track.survey.index, "unknown"), markers
+    return own if markers and markers.control else upright(
+        own, track.survey.index, "unknown"
+    ), markers
 
 
-def _adjusted(track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[loops.Prior] = ()) -> Placement:
-    return refined(track, placement, known) if config.bundle_adjustment and loops.available() else placement
+def _adjusted(
+    track: odometry.Track,
+    placement: Placement,
+    config: MappingConfig,
+    known: Sequence[loops.Prior] = (),
+) -> Placement:
+    return (
+        refined(track, placement, known)
+        if config.bundle_adjustment and loops.available()
+        else placement
+    )
 
 
 def _to_marks(
-    track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[loops.Prior] = ()
+    track: odometry.Track,
+    placement: Placement,
+    config: MappingConfig,
+    known: Sequence[loops.Prior] = (),
 ) -> tuple[Placement, MarkersFit | None]:
     """Constrain a track by what is known of markers."""
     if not config.markers.known or not config.bundle_adjustment or not loops.available():

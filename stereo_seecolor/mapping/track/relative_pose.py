@@ -48,7 +48,9 @@ def pose_residuals(
     H: Any,  # (6, 6) float64, added to: of a turn (rad) and then a shift (m), in the axes of b
     g: Any,  # (6,) float64, added to
 ) -> None:
-    """Normal equations of a pose: the derivatives of ``image_space.move``, each point weighted by both its errors."""
+    """Normal equations of a pose: the derivatives of ``image_space.move``, each point weighted by
+    both its errors.
+    """
     weight, moved = np.empty((3, 3)), np.empty(3)
     by_point, by_pose, residual, pull = np.empty((3, 3)), np.empty((3, 6)), np.empty(3), np.empty(3)
     for n in range(len(a)):
@@ -67,7 +69,9 @@ def pose_residuals(
         _weight(by_point, a_std[n], b_std[n], weight)
         squared[n] = 0.0
         for i in range(3):
-            pull[i] = weight[i, 0] * residual[0] + weight[i, 1] * residual[1] + weight[i, 2] * residual[2]
+            pull[i] = (
+                weight[i, 0] * residual[0] + weight[i, 1] * residual[1] + weight[i, 2] * residual[2]
+            )
         for i in range(3):
             squared[n] += residual[i] * pull[i]
         robust = 1 / (1 + squared[n] / outlier_sigmas**2)
@@ -77,13 +81,19 @@ def pose_residuals(
                 g[p] += robust * by_pose[i, p] * pull[i]
             for q in range(6):
                 for i in range(3):
-                    across = weight[i, 0] * by_pose[0, q] + weight[i, 1] * by_pose[1, q] + weight[i, 2] * by_pose[2, q]
+                    across = (
+                        weight[i, 0] * by_pose[0, q]
+                        + weight[i, 1] * by_pose[1, q]
+                        + weight[i, 2] * by_pose[2, q]
+                    )
                     H[p, q] += robust * by_pose[i, p] * across
 
 
 @compiled
 def _weight(by_point: Any, a_std: Any, b_std: Any, weight: Any) -> None:
-    """Write the inverse (3, 3) of the covariance of the difference between a point of a and the moved one of b."""
+    """Write the inverse (3, 3) of the covariance of the difference between a point of a and the
+    moved one of b.
+    """
     c = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -94,7 +104,9 @@ def _weight(by_point: Any, a_std: Any, b_std: Any, weight: Any) -> None:
 
 
 @compiled
-def _by_pose(T: Any, x: float, y: float, inverse: float, moved: Any, depth: float, by_pose: Any) -> None:
+def _by_pose(
+    T: Any, x: float, y: float, inverse: float, moved: Any, depth: float, by_pose: Any
+) -> None:
     """Write the derivatives (3, 6) of a moved point by a turn and a shift."""
     for i in range(3):
         of_row = 1.0 if i < 2 else 0.0
@@ -137,8 +149,9 @@ class Observed:
 class Moved:
     """Points seen from another camera.
 
-    points: (n, 3) in that camera. by_point: (n, 3, 3) and by_pose: (n, 3, 6) their derivatives, by the points as they were, and by
-    a turn (rad) and a shift (m) in the axes of the camera that they come from.
+    points: (n, 3) in that camera. by_point: (n, 3, 3) and by_pose: (n, 3, 6) their derivatives, by
+    the points as they were, and by a turn (rad) and a shift (m) in the axes of the camera that they
+    come from.
     """
 
     points: Array
@@ -147,7 +160,9 @@ class Moved:
 
 
 def move(T: Array, points: Array) -> Moved:
-    """Points (n, 3) of one camera as the other sees them; T: (4, 4) to the other camera (Demirdjian and Darrell 2001)."""
+    """Points (n, 3) of one camera as the other sees them; T: (4, 4) to the other camera (Demirdjian
+    and Darrell 2001).
+    """
     R, shift = T[:3, :3], T[:3, 3]
     rays, inverse = np.column_stack([points[:, :2], np.ones(len(points))]), points[:, 2:]
     scaled = rays @ R.T + inverse * shift
@@ -157,11 +172,17 @@ def move(T: Array, points: Array) -> Moved:
     by_pose = np.concatenate([-R @ cross(rays), inverse[:, :, None] * R], axis=2)
     by_own = np.zeros((3, 3))
     by_own[2, 2] = 1  # 1 / z itself
-    return Moved(moved, _divided(by_point, moved, depth) + by_own / depth[:, :, None], _divided(by_pose, moved, depth))
+    return Moved(
+        moved,
+        _divided(by_point, moved, depth) + by_own / depth[:, :, None],
+        _divided(by_pose, moved, depth),
+    )
 
 
 def _divided(derivative: Array, moved: Array, depth: Array) -> Array:
-    """Of scaled rays, (n, 3, k), to that of the points in image space, but for what 1 / z itself adds."""
+    """Of scaled rays, (n, 3, k), to that of the points in image space, but for what 1 / z itself
+    adds.
+    """
     rows = np.concatenate([derivative[:, :2], np.zeros_like(derivative[:, 2:])], axis=1)
     return np.asarray((rows - moved[:, :, None] * derivative[:, 2:]) / depth[:, :, None])
 
@@ -170,7 +191,10 @@ def cross(v: Array) -> Array:
     """Make the cross product matrices of vectors: (n, 3, 3)."""
     zero = np.zeros(len(v))
     x, y, z = v.T
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
+    return np.stack(
+        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)],
+        axis=-2,
+    )
 
 
 @dataclass(frozen=True)
@@ -179,17 +203,23 @@ class RelativePoseSettings:
 
     ratio: float = 0.8  # Lowe's (2004) ratio of the nearest to the second nearest descriptor
     near_ratio: float = 0.65  # the same among the few that lie where a feature is expected
-    reach: float = 0.05  # of the image's width: so far around the place where a known pose puts it a feature is looked for
+    # of the image's width: so far around the place where a known pose puts it a feature is looked
+    # for
+    reach: float = 0.05
     little: float = 0.25  # of a frame's features that another shows: too few are seldom found again
     min_inliers: int = 25  # fewer agree by chance, on repetitive bottoms
     min_inlier_fraction: float = 0.3  # of the matches
-    min_spread: float = 0.06  # of the image's sides: points in one small corner, such as on one fish, hold no pose
+    min_spread: float = (
+        0.06  # of the image's sides: points in one small corner, such as on one fish, hold no pose
+    )
     ransac_rounds: int = 300  # finds 30 % inliers by triples with 99.97 % probability
     reprojection_px: float = 3.0  # RANSAC's inliers, pixels: ten standard errors of a feature
     outlier_sigmas: float = 4.0  # scale of the Cauchy kernel, and limit of an inlier afterwards
     near_sigmas: float = 5.0  # matches within so many of a first fit take part in the second
     rounds: int = 15  # of Gauss-Newton; it takes 5
-    systematic_rad: float = 5e-4  # added to the error of a turn: what calibration leaves at the image's borders
+    systematic_rad: float = (
+        5e-4  # added to the error of a turn: what calibration leaves at the image's borders
+    )
     systematic_m: float = 1e-3  # added to the error of a shift, meters
 
 
@@ -200,7 +230,8 @@ SETTINGS = RelativePoseSettings()
 class Edge:
     """Two frames that see the same things.
 
-    i, j: the frames. T_i_j: (4, 4), p_i = T_i_j p_j. covariance: (6, 6) of a turn (rad) and then a shift (m) of T_i_j, in the
+    i, j: the frames. T_i_j: (4, 4), p_i = T_i_j p_j. covariance: (6, 6) of a turn (rad) and then a
+    shift (m) of T_i_j, in the
     axes of j. inliers: the points that agree. loop: False between neighbors on the track.
     """
 
@@ -213,12 +244,18 @@ class Edge:
 
     def scaled(self, scale: float) -> "Edge":
         """Scale all lengths by a factor."""
-        return replace(self, T_i_j=scaled_pose(self.T_i_j, scale), covariance=_scaled_covariance(self.covariance, scale))
+        return replace(
+            self,
+            T_i_j=scaled_pose(self.T_i_j, scale),
+            covariance=_scaled_covariance(self.covariance, scale),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
-    """p_a = T_a_b p_b, with its covariance (6, 6) as an Edge has it; index_a, index_b: (n,) features that agree."""
+    """p_a = T_a_b p_b, with its covariance (6, 6) as an Edge has it; index_a, index_b: (n,)
+    features that agree.
+    """
 
     T_a_b: Array
     covariance: Array
@@ -227,11 +264,17 @@ class RelativePose:
 
     def scaled(self, scale: float) -> "RelativePose":
         """Scale all lengths by a factor."""
-        return replace(self, T_a_b=scaled_pose(self.T_a_b, scale), covariance=_scaled_covariance(self.covariance, scale))
+        return replace(
+            self,
+            T_a_b=scaled_pose(self.T_a_b, scale),
+            covariance=_scaled_covariance(self.covariance, scale),
+        )
 
 
 class Expected(NamedTuple):
-    """T_a_b (4, 4), roughly. sure: frames that show little in common by it are not compared as if nothing were known."""
+    """T_a_b (4, 4), roughly. sure: frames that show little in common by it are not compared as if
+    nothing were known.
+    """
 
     T_a_b: Array
     sure: bool = False
@@ -249,45 +292,65 @@ def _scaled_covariance(covariance: Array, scale: float) -> Array:
     return np.asarray(covariance * by[:, None] * by)
 
 
-def relative_pose(a: Features, b: Features, geometry: RectifiedPair, expected: Expected | None = None) -> RelativePose | None:
+def relative_pose(
+    a: Features, b: Features, geometry: RectifiedPair, expected: Expected | None = None
+) -> RelativePose | None:
     """The pose of frame b in frame a, or None where the two do not certainly see the same.
 
-    Mutual nearest descriptors that pass Lowe's ratio test, PnP with RANSAC, then a fit in image space, each point weighted by the
-    errors of both its measurements; a Cauchy kernel tames what is left of outliers. RANSAC believes the ranges of a: its inliers
-    are those whose errors suit its pose, so those of the fit are chosen again from all matches.
-    expected: features are looked for around their places by it first, which takes a tenth of the time.
+    Mutual nearest descriptors that pass Lowe's ratio test, PnP with RANSAC, then a fit in image
+    space, each point weighted by the errors of both its measurements; a Cauchy kernel tames what is
+    left of outliers. RANSAC believes the ranges of a: its inliers are those whose errors suit its
+    pose, so those of the fit are chosen again from all matches.
+    expected: features are looked for around their places by it first, which takes a tenth of the
+    time.
     """
     if expected is not None:
         places = _places(expected.T_a_b, a, geometry)
         reach = SETTINGS.reach * geometry.image_size[0] / geometry.focal_px
-        matches = alike_near(a.descriptors, places, b.descriptors, b.points[:, :2], reach, SETTINGS.near_ratio)
+        matches = alike_near(
+            a.descriptors, places, b.descriptors, b.points[:, :2], reach, SETTINGS.near_ratio
+        )
         found = _fitted(a, b, *matches, geometry)
         if found or (expected.sure and np.isfinite(places[:, 0]).mean() < SETTINGS.little):
             return found
-    matches = alike(a.descriptors.astype(np.float32), b.descriptors.astype(np.float32), SETTINGS.ratio)
+    matches = alike(
+        a.descriptors.astype(np.float32), b.descriptors.astype(np.float32), SETTINGS.ratio
+    )
     return _fitted(a, b, *matches, geometry)
 
 
 def _places(T_a_b: Array, a: Features, geometry: RectifiedPair) -> Array:
     """(n, 2) where frame b shows the features of a, x / z and y / z; NaN outside of its image."""
     T = inverse(T_a_b)
-    rays = np.column_stack([a.points[:, :2], np.ones(len(a.points))]) @ T[:3, :3].T + a.points[:, 2:] * T[:3, 3]
+    rays = (
+        np.column_stack([a.points[:, :2], np.ones(len(a.points))]) @ T[:3, :3].T
+        + a.points[:, 2:] * T[:3, 3]
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         places = rays[:, :2] / rays[:, 2:]
         pixels = places * geometry.focal_px + [geometry.cx_left_px, geometry.cy_px]
-    inside = (rays[:, 2] > 0) & (pixels > 0).all(axis=1) & (pixels < geometry.image_size).all(axis=1)
+    inside = (
+        (rays[:, 2] > 0) & (pixels > 0).all(axis=1) & (pixels < geometry.image_size).all(axis=1)
+    )
     return np.where(inside[:, None], places, np.nan)
 
 
 def _fitted(
-    a: Features, b: Features, index_a: NDArray[np.int64], index_b: NDArray[np.int64], geometry: RectifiedPair
+    a: Features,
+    b: Features,
+    index_a: NDArray[np.int64],
+    index_b: NDArray[np.int64],
+    geometry: RectifiedPair,
 ) -> RelativePose | None:
     """By matches, of which many may be wrong."""
     start = _ransac(a, b, index_a, index_b, geometry)
     if start is None:
         return None
     T, first = start
-    seen_a, seen_b = Observed(a.points[index_a], a.std[index_a]), Observed(b.points[index_b], b.std[index_b])
+    seen_a, seen_b = (
+        Observed(a.points[index_a], a.std[index_a]),
+        Observed(b.points[index_b], b.std[index_b]),
+    )
     try:
         T = fit_pose(T, seen_a.chosen(first), seen_b.chosen(first))[0]
         near = np.flatnonzero(squared_sigmas(T, seen_a, seen_b) < SETTINGS.near_sigmas**2)
@@ -301,8 +364,9 @@ def _fitted(
 
 
 def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Maximum likelihood of T_a_b (4, 4) from a first guess, given both measurements of n points; its covariance (6, 6); and
-    which points are within four sigmas. Raises LinAlgError for points that hold no pose.
+    """Maximum likelihood of T_a_b (4, 4) from a first guess, given both measurements of n points;
+    its covariance (6, 6); and which points are within four sigmas. Raises LinAlgError for points
+    that hold no pose.
     """
     for _ in range(SETTINGS.rounds):
         squared, H, g = _residuals(T, a, b)
@@ -317,26 +381,41 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
 
 
 def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
-    """Compute the squared distance of matched points in standard errors: (n,), infinite for points behind the camera."""
+    """Compute the squared distance of matched points in standard errors: (n,), infinite for points
+    behind the camera.
+    """
     scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
     return np.where(scaled_depth * b.points[:, 2] > 0, _residuals(T, a, b)[0], np.inf)
 
 
 def _residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
-    """(n,) residuals in standard errors, squared, and the normal equations (6, 6), (6,) of a step of the pose."""
+    """(n,) residuals in standard errors, squared, and the normal equations (6, 6), (6,) of a step
+    of the pose.
+    """
     squared, H, g = np.empty(len(a.points)), np.zeros((6, 6)), np.zeros(6)
-    at_a, std_a, at_b, std_b = (np.ascontiguousarray(values) for values in (a.points, a.std, b.points, b.std))
-    pose_residuals(np.ascontiguousarray(T), at_a, std_a, at_b, std_b, SETTINGS.outlier_sigmas, squared, H, g)
+    at_a, std_a, at_b, std_b = (
+        np.ascontiguousarray(values) for values in (a.points, a.std, b.points, b.std)
+    )
+    pose_residuals(
+        np.ascontiguousarray(T), at_a, std_a, at_b, std_b, SETTINGS.outlier_sigmas, squared, H, g
+    )
     return squared, H, g
 
 
 def _ransac(
-    a: Features, b: Features, index_a: NDArray[np.int64], index_b: NDArray[np.int64], geometry: RectifiedPair
+    a: Features,
+    b: Features,
+    index_a: NDArray[np.int64],
+    index_b: NDArray[np.int64],
+    geometry: RectifiedPair,
 ) -> tuple[Array, NDArray[np.int64]] | None:
     """T_a_b and which of the matches agree with it; None for too few."""
     if len(index_a) < SETTINGS.min_inliers:
         return None
-    pixels, K = b.points[index_b, :2] * geometry.focal_px, np.diag([geometry.focal_px, geometry.focal_px, 1.0])
+    pixels, K = (
+        b.points[index_b, :2] * geometry.focal_px,
+        np.diag([geometry.focal_px, geometry.focal_px, 1.0]),
+    )
     found, turn, shift, inliers = cv2.solvePnPRansac(
         a.points_m[index_a], pixels, K, None, iterationsCount=SETTINGS.ransac_rounds,
         reprojectionError=SETTINGS.reprojection_px, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
@@ -344,7 +423,9 @@ def _ransac(
     needed = max(SETTINGS.min_inliers, SETTINGS.min_inlier_fraction * len(index_a))
     if not found or inliers is None or len(inliers) < needed:
         return None
-    return inverse(pose(rotation_from_vector(turn.ravel()), shift.ravel())), inliers.ravel().astype(np.int64)
+    return inverse(pose(rotation_from_vector(turn.ravel()), shift.ravel())), inliers.ravel().astype(
+        np.int64
+    )
 
 
 def _spread_out(points: Array, geometry: RectifiedPair) -> bool:

@@ -19,8 +19,11 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def keypoints(contrast: NDArray[np.uint8], mask: NDArray[np.uint8], most: int) -> tuple[Array, NDArray[np.float32]]:
-    """Find the ``most`` strongest keypoints: (n, 2) pixels, (0, 0) the middle of the first, and (n, 128) descriptors (Lowe 2004).
+def keypoints(
+    contrast: NDArray[np.uint8], mask: NDArray[np.uint8], most: int
+) -> tuple[Array, NDArray[np.float32]]:
+    """Find the ``most`` strongest keypoints: (n, 2) pixels, (0, 0) the middle of the first, and (n,
+    128) descriptors (Lowe 2004).
 
     contrast: (H, W) as ``local_contrast`` gives it. mask: (H, W), 0 where none is looked for.
     """
@@ -31,16 +34,20 @@ def keypoints(contrast: NDArray[np.uint8], mask: NDArray[np.uint8], most: int) -
     return np.array([k.pt for k in found], np.float64), np.asarray(descriptors, np.float32)
 
 
-def alike(a: NDArray[np.float32], b: NDArray[np.float32], ratio: float) -> tuple[Integers, Integers]:
-    """Match descriptors a (n, 128) and b (m, 128): indices of those that are each other's nearest, and clearly nearer than the
-    second nearest.
+def alike(
+    a: NDArray[np.float32], b: NDArray[np.float32], ratio: float
+) -> tuple[Integers, Integers]:
+    """Match descriptors a (n, 128) and b (m, 128): indices of those that are each other's nearest,
+    and clearly nearer than the second nearest.
 
     ratio: Lowe's, of the two distances.
     """
     if min(len(a), len(b)) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     from_a = np.column_stack([-2 * a, (a * a).sum(1), np.ones(len(a), np.float32)])
-    from_b = np.column_stack([b, np.ones(len(b), np.float32), (b * b).sum(1)]).T  # one product gives squared distances
+    from_b = np.column_stack(
+        [b, np.ones(len(b), np.float32), (b * b).sum(1)]
+    ).T  # one product gives squared distances
     nearest, least, second = np.zeros(len(a), np.int64), *np.zeros((2, len(a)), np.float32)
     least_of_b = np.full(len(b), np.inf, np.float32)
     for start in range(0, len(a), AT_ONCE):
@@ -64,18 +71,20 @@ Descriptors = NDArray[np.uint8]
 def alike_near(
     a: Descriptors, expected: Array, b: Descriptors, places: Array, reach: float, ratio: float
 ) -> tuple[Integers, Integers]:
-    """Match features as ``sift.alike`` does, but compare a feature of a (n, 128) only with those of b (m, 128) near its expected
-    place.
+    """Match features as ``sift.alike`` does, but compare a feature of a (n, 128) only with those of
+    b (m, 128) near its expected place.
 
-    expected: (n, 2), NaN for features that b cannot show. places: (m, 2), within ``reach`` of that along both axes. A feature
-    around whose place there is but one other matches none.
+    expected: (n, 2), NaN for features that b cannot show. places: (m, 2), within ``reach`` of that
+    along both axes. A feature around whose place there is but one other matches none.
     """
     order = np.argsort(places[:, 0], kind="stable")
     sorted_places, sorted_b = np.ascontiguousarray(places[order]), np.ascontiguousarray(b[order])
     nearest, least, second = np.full(len(a), -1), np.full(len(a), np.inf), np.full(len(a), np.inf)
     least_of_b = np.full(len(b), np.inf)
     _compare_near(a, expected, sorted_b, sorted_places, reach, nearest, least, second, least_of_b)
-    chosen = np.flatnonzero(np.isfinite(second) & (least < ratio**2 * second) & (least == least_of_b[nearest]))
+    chosen = np.flatnonzero(
+        np.isfinite(second) & (least < ratio**2 * second) & (least == least_of_b[nearest])
+    )
     return chosen, order[nearest[chosen]]
 
 

@@ -1,4 +1,6 @@
-"""The work on frames and on pairs of frames of a track, as objects that can be sent to another process."""
+"""The work on frames and on pairs of frames of a track, as objects that can be sent to another
+process.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +10,13 @@ from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
 from stereo_seecolor.mapping.track.features import Features, FeatureStore, detect
 from stereo_seecolor.mapping.track.image_errors import ImageErrors, Pair
-from stereo_seecolor.mapping.track.relative_pose import Expected, Observed, RelativePose, fit_pose, relative_pose
+from stereo_seecolor.mapping.track.relative_pose import (
+    Expected,
+    Observed,
+    RelativePose,
+    fit_pose,
+    relative_pose,
+)
 
 Ends = tuple[int, int]
 """Two positions on the track."""
@@ -16,7 +24,8 @@ Ends = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """Finds the features of the frame at a position on the track, for the store; why there are none, "" where there are.
+    """Finds the features of the frame at a position on the track, for the store; why there are
+    none, "" where there are.
 
     order: the frames by position.
     """
@@ -31,13 +40,18 @@ class Detection:
         frame = self.frames[self.order[position]]
         lost = isinstance(frame, Unplaced)
         if lost or not self.store.has(position):
-            self.store.save(position, Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry))
+            self.store.save(
+                position,
+                Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry),
+            )
         return frame.reason if isinstance(frame, Unplaced) else ""
 
 
 @dataclass(frozen=True, eq=False)
 class Relating:
-    """The relative pose of the frames at two positions, with what is expected of it; None where they do not see the same."""
+    """The relative pose of the frames at two positions, with what is expected of it; None where
+    they do not see the same.
+    """
 
     features: Sequence[Features]
     geometry: RectifiedPair
@@ -93,7 +107,9 @@ class ScaledFeatures(Lazy[Features]):
 class SeenPairs(Lazy[Pair]):
     """The points that both frames see, for each pair of a track that was measured."""
 
-    def __init__(self, features: Sequence[Features], known: Sequence[tuple[Ends, RelativePose]]) -> None:
+    def __init__(
+        self, features: Sequence[Features], known: Sequence[tuple[Ends, RelativePose]]
+    ) -> None:
         self._features, self._known = features, known
 
     def __len__(self) -> int:

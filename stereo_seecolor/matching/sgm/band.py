@@ -1,4 +1,6 @@
-"""The bands of disparities that are searched: for each tile, around those that a coarse match of the same pair found."""
+"""The bands of disparities that are searched: for each tile, around those that a coarse match of
+the same pair found.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -29,15 +31,17 @@ WINDOW = 2 * LANES
 
 
 MARGIN_PX = 4
-"""How far a band reaches beyond what the coarse match found: one pixel of the coarse image, in pixels of the full one."""
+"""How far a band reaches beyond what the coarse match found: one pixel of the coarse image, in
+pixels of the full one.
+"""
 WIDENING = LANES
 """Disparities by which a band that proved too narrow is widened, on both sides."""
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The band of each tile: tile t searches lowest[t] .. lowest[t] + count[t] - 1; both (rows of tiles, columns of tiles)
-    int32.
+    """The band of each tile: tile t searches lowest[t] .. lowest[t] + count[t] - 1; both (rows of
+    tiles, columns of tiles) int32.
     """
 
     lowest: NDArray[np.int32]
@@ -47,21 +51,30 @@ class Band:
     def everywhere(cls, shape: tuple[int, int], lowest: int, highest: int) -> "Band":
         """Give all tiles of an image of that shape the same band."""
         tiles = (-(-shape[0] // TILE), -(-shape[1] // TILE))
-        return cls(np.full(tiles, lowest, np.int32), np.full(tiles, _whole_lanes(highest - lowest + 1), np.int32))
+        return cls(
+            np.full(tiles, lowest, np.int32),
+            np.full(tiles, _whole_lanes(highest - lowest + 1), np.int32),
+        )
 
     @classmethod
-    def around(cls, coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest: int) -> "Band":
-        """Compute the bands of an image of that shape from disparities at 1 / scale of its size, NaN where none was found.
+    def around(
+        cls, coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest: int
+    ) -> "Band":
+        """Compute the bands of an image of that shape from disparities at 1 / scale of its size,
+        NaN where none was found.
 
-        A tile takes in its neighbors' disparities, so that both sides of an edge are searched along it; where nothing was found
-        it takes those of the nearest that has some.
+        A tile takes in its neighbors' disparities, so that both sides of an edge are searched along
+        it; where nothing was found it takes those of the nearest that has some.
         """
         tiles = (-(-shape[0] // TILE), -(-shape[1] // TILE))
         low, high = _extremes(coarse, tiles, TILE // scale)
         low, high = _grow(low, high, 1)
         for reach in (2, 4, 8, 16):
             wide_low, wide_high = _grow(low, high, reach)
-            low, high = np.where(np.isfinite(low), low, wide_low), np.where(np.isfinite(high), high, wide_high)
+            low, high = (
+                np.where(np.isfinite(low), low, wide_low),
+                np.where(np.isfinite(high), high, wide_high),
+            )
         low = np.where(np.isfinite(low), low * scale - MARGIN_PX, lowest)
         high = np.where(np.isfinite(high), high * scale + MARGIN_PX, highest)
         first = (np.clip(low, lowest, highest) // 4 * 4).astype(np.int32)
@@ -82,7 +95,9 @@ def _whole_lanes(count: Any) -> NDArray[np.int32]:
 
 
 def _extremes(coarse: Map, tiles: tuple[int, int], side: int) -> tuple[Map, Map]:
-    """Least and largest disparity of each tile of side x side coarse pixels; +inf and -inf where there is none."""
+    """Least and largest disparity of each tile of side x side coarse pixels; +inf and -inf where
+    there is none.
+    """
     padded = np.full((tiles[0] * side, tiles[1] * side), np.nan, np.float32)
     padded[: coarse.shape[0], : coarse.shape[1]] = coarse
     of_tiles = [padded[row::side, column::side] for row in range(side) for column in range(side)]
@@ -101,11 +116,13 @@ def _grow(low: Map, high: Map, reach: int) -> tuple[Map, Map]:
 
 @dataclass(frozen=True)
 class Penalties:
-    """Penalties in bits of the census, of which 22 can differ (Hirschmueller 2008, eq. 13). A path's costs must stay below 128.
+    """Penalties in bits of the census, of which 22 can differ (Hirschmueller 2008, eq. 13). A
+    path's costs must stay below 128.
 
-    p2: a change by more than one pixel of disparity where the image is even. p2_least: the same on a strong edge. A change by one
-    pixel costs P1, a quarter of this (layout.P1_SHIFT).
-    texture_levels: gray levels (of 255) from one pixel to the next that texture and noise reach: these are no edge.
+    p2: a change by more than one pixel of disparity where the image is even. p2_least: the same on
+    a strong edge. A change by one pixel costs P1, a quarter of this (layout.P1_SHIFT).
+    texture_levels: gray levels (of 255) from one pixel to the next that texture and noise reach:
+    these are no edge.
     edge_levels: levels beyond these that halve p2.
     Found by trial on a real reef, Teddy and synthetic reefs, clear and turbid (docs/matching.md).
     """
@@ -120,18 +137,27 @@ PENALTIES = Penalties()
 
 
 def p2_maps(image: Gray) -> NDArray[np.uint8]:
-    """Compute P2 for steps from the pixel above, and from the pixel to the left: (2, H + 8, W + 9) uint8, padded to whole tiles.
+    """Compute P2 for steps from the pixel above, and from the pixel to the left: (2, H + 8, W + 9)
+    uint8, padded to whole tiles.
 
     Surfaces end where the image changes (Hirschmueller 2008, section 2.3).
     """
     maps = np.full((2, image.shape[0] + TILE, image.shape[1] + TILE + 1), PENALTIES.p2, np.uint8)
     limits = np.float32(PENALTIES.p2), np.float32(PENALTIES.p2_least)
-    _p2_maps(image, limits, np.float32(256 * PENALTIES.texture_levels), np.float32(1 / (256 * PENALTIES.edge_levels)), maps)
+    _p2_maps(
+        image,
+        limits,
+        np.float32(256 * PENALTIES.texture_levels),
+        np.float32(1 / (256 * PENALTIES.edge_levels)),
+        maps,
+    )
     return maps
 
 
 @compiled
-def _p2_maps(image: Gray, limits: tuple[Any, Any], texture: Any, scale: Any, maps: NDArray[np.uint8]) -> None:
+def _p2_maps(
+    image: Gray, limits: tuple[Any, Any], texture: Any, scale: Any, maps: NDArray[np.uint8]
+) -> None:
     (full, least), (height, width) = limits, image.shape
     for y in range(height):
         here, above, after = image[y], image[max(y - 1, 0)], image[y, 1:]

@@ -1,4 +1,5 @@
-"""The steps of ``vectors.py`` as plain loops: the same results, for versions of numba that ``vectors.py`` was not tested with.
+"""The steps of ``vectors.py`` as plain loops: the same results, for versions of numba that
+``vectors.py`` was not tested with.
 
 Arguments are those of the functions of the same name there.
 """
@@ -17,13 +18,25 @@ def hamming(bits: Any, others: Any, i: int, cost: Any, c: int) -> None:
     for lane in range(LANES):
         different = bits ^ others[i + lane]
         different -= (different >> np.uint32(1)) & np.uint32(0x55555555)
-        different = (different & np.uint32(0x33333333)) + ((different >> np.uint32(2)) & np.uint32(0x33333333))
+        different = (different & np.uint32(0x33333333)) + (
+            (different >> np.uint32(2)) & np.uint32(0x33333333)
+        )
         different = (different + (different >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
         cost[c + lane] = np.uint32(different * np.uint32(0x01010101)) >> np.uint32(24)
 
 
 @compiled(inline=True)
-def step(paths: Any, before: int, now: int, cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int) -> None:
+def step(
+    paths: Any,
+    before: int,
+    now: int,
+    cost: Any,
+    c: int,
+    cost_stride: int,
+    p2: Any,
+    j: int,
+    p2_stride: int,
+) -> None:
     """One step of four pixels with LANES disparities each."""
     step_of_many(paths, 0, before, 0, before, now, cost, c, cost_stride, p2, j, p2_stride)
 
@@ -38,7 +51,17 @@ def steps(
         row, p2_row = c + turn * onward, j + turn * j_onward
         for half in range(0, TILE, PIXELS):
             block = at + half * LANES
-            step(paths, block, block, cost, row + half * stride, stride, p2, p2_row + half * p2_stride, p2_stride)
+            step(
+                paths,
+                block,
+                block,
+                cost,
+                row + half * stride,
+                stride,
+                p2,
+                p2_row + half * p2_stride,
+                p2_stride,
+            )
             scatter(paths, block, along, row + half * stride, stride)
 
 
@@ -63,7 +86,9 @@ def step_of_many(
         for lane in range(LANES):
             slope = np.uint16(min(line[lane], line[lane + 2]) + p1)
             best = min(min(line[lane + 1], slope), highest)
-            paths[now + piece + lane] = np.uint8(best - least + cost[c + pixel * cost_stride + lane])
+            paths[now + piece + lane] = np.uint8(
+                best - least + cost[c + pixel * cost_stride + lane]
+            )
 
 
 @compiled(inline=True)

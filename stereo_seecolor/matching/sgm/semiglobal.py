@@ -1,12 +1,16 @@
-"""Semi-global matching (Hirschmueller 2008) of census images, each tile of the image over its own band of disparities.
+"""Semi-global matching (Hirschmueller 2008) of census images, each tile of the image over its own
+band of disparities.
 
-Tiles of TILE x TILE pixels search ``lowest .. lowest + count - 1``, count a multiple of LANES. Paths run right, down, left
-and up; between tiles of different bands a path carries over what the bands share (Rothermel et al. 2012, tSGM). Four pixels
-go at a time: four rows of a tile along the rows, four columns of it across them, so that they always share a band. The
-image is cut into strips of rows that are matched alone, each with rows beyond its ends to let the vertical paths settle:
-memory stays small, strips go to threads, and the result does not depend on how many there are.
+Tiles of TILE x TILE pixels search ``lowest .. lowest + count - 1``, count a multiple of LANES.
+Paths run right, down, left and up; between tiles of different bands a path carries over what the
+bands share (Rothermel et al. 2012, tSGM). Four pixels
+go at a time: four rows of a tile along the rows, four columns of it across them, so that they
+always share a band. The image is cut into strips of rows that are matched alone, each with rows
+beyond its ends to let the vertical paths settle: memory stays small, strips go to threads, and the
+result does not depend on how many there are.
 
-Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel. Every cost is below 128.
+Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel.
+Every cost is below 128.
 """
 
 from typing import Any
@@ -20,7 +24,9 @@ from stereo_seecolor.matching.sgm.steps import steps
 from stereo_seecolor.records import Map
 
 NOWHERE, FLOOR, ALONG = 0, BLOCK, 2 * BLOCK
-"""Places in ``paths``: a block of FAR, one of least costs, and the paths along the rows; then come those across them."""
+"""Places in ``paths``: a block of FAR, one of least costs, and the paths along the rows; then come
+those across them.
+"""
 LOW, COUNT, PLACE = 0, 1, 2
 NEXT = TILE * LANES
 """From one pixel's costs to its next LANES disparities."""
@@ -42,28 +48,37 @@ def match_rows(
     on_edge: NDArray[np.int32],
     total: NDArray[np.uint8],
 ) -> None:
-    """Fill rows[1]..rows[2]-1 of the maps ``found`` from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
+    """Fill rows[1]..rows[2]-1 of the maps ``found`` from rows[0]..rows[3]-1 of the census images;
+    rows[0] starts a tile.
 
-    images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at column before + W - 1 - x, zero
-    where nothing was seen; before. band: lowest and count of each tile. penalties: P2 maps (p2_maps), the largest P2, and the
-    uniqueness under which a pixel stays unknown.
-    found: disparity of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where it
-    is not unique, or where the pixel of the right image that it meets chose, from the same costs, another by more than one pixel.
-    Then the same with these latter two; then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
+    images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at
+    column before + W - 1 - x, zero where nothing was seen; before. band: lowest and count of each
+    tile. penalties: P2 maps (p2_maps), the largest P2, and the uniqueness under which a pixel stays
+    unknown.
+    found: disparity of the left image, with the parabola's fraction; NaN where the best lies on the
+    edge of its band, where it is not unique, or where the pixel of the right image that it meets
+    chose, from the same costs, another by more than one pixel. Then the same with these latter two;
+    then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
     on_edge: added to for each tile, how many pixels' best lie on the edge of its band.
-    total: room for a sum a disparity that the bands of rows[1]..rows[2]-1 hold, one row after the other.
+    total: room for a sum a disparity that the bands of rows[1]..rows[2]-1 hold, one row after the
+    other.
     """
     left, right, before_left = images
     lowest, count = band
     p2, P2, ambiguous = penalties
     start, first, end, stop = rows
     tile_row = start // TILE
-    bands, lengths, most, widest = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
+    bands, lengths, most, widest = _layout(
+        lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1
+    )
     row_places = np.zeros(end - first + 1, np.int64)
     for row in range(end - first):
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
     cost, along = np.empty(TILE * most, np.uint8), np.empty(TILE * most, np.uint8)
-    sums, winner = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
+    sums, winner = (
+        np.empty(most + 2 * TILE * LANES, np.uint16),
+        np.empty((6, left.shape[1] + TILE), np.int16),
+    )
     claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)
     paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
     paths[:BLOCK] = FAR
@@ -95,16 +110,28 @@ def match_rows(
                 if inside and sweep == 1:
                     _choose(sums, own, origin, winner, claims)
                     maps = found[0][y + row], found[1][y + row], found[2][y + row]
-                    _judge(winner, claims, MARGIN + origin, (scale, least_uniqueness), maps, on_edge[y // TILE])
+                    _judge(
+                        winner,
+                        claims,
+                        MARGIN + origin,
+                        (scale, least_uniqueness),
+                        maps,
+                        on_edge[y // TILE],
+                    )
 
 
 @compiled
 def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, rows: int) -> Any:
-    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows; the
-    largest of them, and of the tiles'.
+    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,)
+    lengths of these rows; the largest of them, and of the tiles'.
     """
     tiles = lowest.shape[1]
-    bands, lengths, most, widest = np.empty((rows, 3, tiles), np.int64), np.empty(rows, np.int64), 0, 0
+    bands, lengths, most, widest = (
+        np.empty((rows, 3, tiles), np.int64),
+        np.empty(rows, np.int64),
+        0,
+        0,
+    )
     for row in range(rows):
         place = 0
         for tile in range(tiles):
@@ -120,7 +147,9 @@ def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, 
 
 @compiled
 def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int) -> None:
-    """The costs of some rows, ``most`` apart; beyond the rows' ends they are 0, with which a path has not begun."""
+    """The costs of some rows, ``most`` apart; beyond the rows' ends they are 0, with which a path
+    has not begun.
+    """
     rows, width = bits.shape
     for row in range(rows):
         for tile in range(band.shape[1]):
@@ -128,14 +157,28 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
                 place = row * most + band[PLACE, tile] + k * TILE
                 met = origin + band[LOW, tile] + k
                 for x in range(tile * TILE, min(tile * TILE + TILE, width)):
-                    steps.hamming(bits[row, x], others[row], met - x, cost, place + LANES * (x % TILE))
+                    steps.hamming(
+                        bits[row, x], others[row], met - x, cost, place + LANES * (x % TILE)
+                    )
                 if tile * TILE + TILE > width:
                     cost[place + LANES * (width % TILE) : place + LANES * TILE] = 0
 
 
 @compiled
-def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: int, paths: Any, widest: int) -> None:
-    """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1, to ``along``."""
+def _along(
+    sweep: int,
+    band: Any,
+    cost: Any,
+    along: Any,
+    most: int,
+    p2: Any,
+    y: int,
+    paths: Any,
+    widest: int,
+) -> None:
+    """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1,
+    to ``along``.
+    """
     tiles, p2_stride = band.shape[1], p2.shape[1]
     before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
     first = 0 if sweep == 0 else tiles - 1
@@ -151,7 +194,9 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: 
         place = band[PLACE, tile] + column * LANES
         j = y * p2_stride + tile * TILE + column + sweep
         if count == LANES:
-            steps.steps(paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride)
+            steps.steps(
+                paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride
+            )
             continue
         for _ in range(TILE):
             for half in range(0, TILE, PIXELS):
@@ -161,20 +206,27 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: 
                     cost, place + half * most, most, p2, j + half * p2_stride, p2_stride,
                 )  # fmt: skip
                 for k in range(0, count, LANES):
-                    steps.scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
+                    steps.scatter(
+                        paths, now + at + k * TILE, along, place + half * most + k * TILE, most
+                    )
             before, now = now, before
             place, j = place + onward * LANES, j + onward
 
 
 @compiled
-def _across(band: Any, cost: Any, row: int, p2: Any, y: int, paths: Any, before: int, now: int) -> None:
-    """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as a row's costs."""
+def _across(
+    band: Any, cost: Any, row: int, p2: Any, y: int, paths: Any, before: int, now: int
+) -> None:
+    """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as
+    a row's costs.
+    """
     for tile in range(band.shape[1]):
         for half in range(0, TILE, PIXELS):
             place = band[PLACE, tile] + half * LANES
             j = y * p2.shape[1] + tile * TILE + half
             _advance(
-                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, p2, j, 1
+                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, p2,
+                j, 1
             )  # fmt: skip
 
 
@@ -194,11 +246,23 @@ def _advance(
     for on in range(0, last - before + NEXT, NEXT):
         block = before + on
         below, above = block - NEXT if on else NOWHERE, block + NEXT if block < last else NOWHERE
-        steps.step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride)
+        steps.step_of_many(
+            paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride
+        )
 
 
 @compiled
-def _sum(sweep: int, paths: Any, now: int, along: Any, row: int, total: Any, place: int, length: int, sums: Any) -> None:
+def _sum(
+    sweep: int,
+    paths: Any,
+    now: int,
+    along: Any,
+    row: int,
+    total: Any,
+    place: int,
+    length: int,
+    sums: Any,
+) -> None:
     """Sum a row's paths: those of sweep 0 to total, all four to sums."""
     for k in range(0, length, BLOCK):
         if sweep == 0:
@@ -212,12 +276,24 @@ def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> Non
     """Carry a row of paths over to the bands of the next row of tiles."""
     for tile in range(band.shape[1]):
         source, target = before + band[PLACE, tile], now + new[PLACE, tile]
-        _slide(paths, source, target, band[LOW, tile], band[COUNT, tile], new[LOW, tile], new[COUNT, tile])
+        _slide(
+            paths,
+            source,
+            target,
+            band[LOW, tile],
+            band[COUNT, tile],
+            new[LOW, tile],
+            new[COUNT, tile],
+        )
 
 
 @compiled
-def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: int, new_count: int) -> None:
-    """Copy costs of TILE pixels over the band low.. to where the band new_low.. finds them; what only this one has is FAR."""
+def _slide(
+    paths: Any, source: int, target: int, low: int, count: int, new_low: int, new_count: int
+) -> None:
+    """Copy costs of TILE pixels over the band low.. to where the band new_low.. finds them; what
+    only this one has is FAR.
+    """
     for k in range(0, new_count, LANES):
         first = k + new_low - low
         block = first // LANES
@@ -225,12 +301,16 @@ def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: 
             piece = source + (block * TILE + pixel) * LANES
             lower = piece if 0 <= block < count // LANES else NOWHERE
             upper = piece + NEXT if -1 <= block < count // LANES - 1 else NOWHERE
-            steps.slide(paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES)
+            steps.slide(
+                paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES
+            )
 
 
 @compiled
 def _choose(sums: Any, band: Any, origin: int, winner: Any, claims: Any) -> None:
-    """One row: each left pixel's best disparity and the sums around it; each right pixel's best among all that look at it."""
+    """One row: each left pixel's best disparity and the sums around it; each right pixel's best
+    among all that look at it.
+    """
     width = winner.shape[1] - TILE
     claims[:] = 0xFFFFFFFF
     for tile in range(band.shape[1]):
@@ -243,8 +323,12 @@ def _choose(sums: Any, band: Any, origin: int, winner: Any, claims: Any) -> None
                 _winner(sums, place + LANES * x, low, count, winner, first + x)
         for k in range(0, count, LANES):
             if tile == band.shape[1] - 1:
-                sums[place + k * TILE + LANES * (width - first) : place + (k + LANES) * TILE] = 0xFFFF
-            steps.claim(sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k)
+                sums[place + k * TILE + LANES * (width - first) : place + (k + LANES) * TILE] = (
+                    0xFFFF
+                )
+            steps.claim(
+                sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k
+            )
 
 
 @compiled(inline=True)
@@ -269,18 +353,28 @@ def _place(at: int, k: int) -> int:
 
 
 @compiled
-def _judge(winner: Any, claims: Any, met: int, limits: tuple[Any, Any], found: Any, on_edge: Any) -> None:
-    """One row of disparities, with the parabola's fraction, where they pass the checks; of all of them; and of uniqueness.
+def _judge(
+    winner: Any, claims: Any, met: int, limits: tuple[Any, Any], found: Any, on_edge: Any
+) -> None:
+    """One row of disparities, with the parabola's fraction, where they pass the checks; of all of
+    them; and of uniqueness.
 
     limits: 1 / P2, and the least uniqueness.
     """
     scale, least_uniqueness = limits
     disparity_row, any_row, uniqueness = found
     width = disparity_row.size
-    chosen_row, best_row, least_row, second_row = winner[CHOSEN], winner[BEST], winner[LEAST], winner[SECOND]
+    chosen_row, best_row, least_row, second_row = (
+        winner[CHOSEN],
+        winner[BEST],
+        winner[LEAST],
+        winner[SECOND],
+    )
     below_row, above_row = winner[BELOW], winner[ABOVE]
     for x in range(width):
-        chosen_row[x] = np.int32(claims[met - x + np.int64(best_row[x])] & np.uint32(0xFFFF)) + NEVER
+        chosen_row[x] = (
+            np.int32(claims[met - x + np.int64(best_row[x])] & np.uint32(0xFFFF)) + NEVER
+        )
         on_edge[x // TILE] += (below_row[x] < 0) | (above_row[x] < 0)
     half, one, unknown = np.float32(0.5), np.float32(1), np.float32(np.nan)
     for x in range(width):

@@ -1,8 +1,10 @@
-"""Four pixels, sixteen disparities each, at a time: the few vector steps that semi-global matching is made of.
+"""Four pixels, sixteen disparities each, at a time: the few vector steps that semi-global matching
+is made of.
 
-Numba widens 8 and 16-bit arithmetic to 64 bits and so misses the vector unit, so each step is written out as LLVM vector
-code, which every processor that numba knows can run. All arrays are C contiguous; a slice a[i:] means the elements that the
-step needs from i on, and nothing checks that they exist. A block is PIXELS pieces, a piece one pixel's LANES costs.
+Numba widens 8 and 16-bit arithmetic to 64 bits and so misses the vector unit, so each step is
+written out as LLVM vector code, which every processor that numba knows can run. All arrays are C
+contiguous; a slice a[i:] means the elements that the step needs from i on, and nothing checks that
+they exist. A block is PIXELS pieces, a piece one pixel's LANES costs.
 """
 
 from collections.abc import Callable
@@ -19,7 +21,11 @@ from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, P1_SHIFT, PIXEL
 _vector_code: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
 _BYTE, _SHORT, _WORD, _PIECE_BITS = (ir.IntType(bits) for bits in (8, 16, 32, 128))
-_PIECE, _BLOCK, _PER_PIXEL = ir.VectorType(_BYTE, LANES), ir.VectorType(_BYTE, BLOCK), ir.VectorType(_BYTE, PIXELS)
+_PIECE, _BLOCK, _PER_PIXEL = (
+    ir.VectorType(_BYTE, LANES),
+    ir.VectorType(_BYTE, BLOCK),
+    ir.VectorType(_BYTE, PIXELS),
+)
 _SHORTS, _WORDS = ir.VectorType(_SHORT, LANES), ir.VectorType(_WORD, LANES)
 _TILE_SHORTS = ir.VectorType(_SHORT, TILE)
 _WINDOW, _WIDE_WINDOW = ir.VectorType(_SHORT, WINDOW), ir.VectorType(_WORD, WINDOW)
@@ -30,7 +36,9 @@ _FAR = ir.Constant(_BLOCK, [FAR] * BLOCK)
 
 @dataclass(frozen=True)
 class _Memory:
-    """An array argument of a step: where its elements are loaded from and stored to. align: of an element, bytes."""
+    """An array argument of a step: where its elements are loaded from and stored to. align: of an
+    element, bytes.
+    """
 
     context: Any
     builder: Any
@@ -40,11 +48,14 @@ class _Memory:
 
     @classmethod
     def of(cls, emitter: tuple[Any, Any, Any, Any], *positions: int) -> "tuple[_Memory, ...]":
-        """The arguments at these positions, of what numba gives a step: context, builder, signature, arguments."""
+        """The arguments at these positions, of what numba gives a step: context, builder,
+        signature, arguments.
+        """
         context, builder, signature, arguments = emitter
         aligns = (max(1, signature.args[n].dtype.bitwidth // 8) for n in positions)
         return tuple(
-            cls(context, builder, signature.args[n], arguments[n], align) for n, align in zip(positions, aligns, strict=True)
+            cls(context, builder, signature.args[n], arguments[n], align)
+            for n, align in zip(positions, aligns, strict=True)
         )
 
     def load(self, index: Any, vector: Any) -> Any:
@@ -64,13 +75,17 @@ class _Memory:
 
 @_vector_code
 def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> Any:
-    """cost[c:] (a piece) = number of bits in which ``bits`` (uint32) differs from each of others[i:] (uint32)."""
+    """cost[c:] (a piece) = number of bits in which ``bits`` (uint32) differs from each of
+    others[i:] (uint32).
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bits, _, i, _, c = arguments
         others, cost = _Memory.of((context, builder, signature, arguments), 1, 3)
         met = others.load(i, _WORDS)
-        count = _call(builder, "llvm.ctpop.v16i32", _WORDS, builder.xor(met, _splat(builder, bits, _WORDS)))
+        count = _call(
+            builder, "llvm.ctpop.v16i32", _WORDS, builder.xor(met, _splat(builder, bits, _WORDS))
+        )
         cost.store(c, builder.trunc(count, _PIECE))
         return context.get_dummy_value()
 
@@ -82,11 +97,12 @@ def step(
     typing: Any, paths: Any, before: Any, now: Any,
     cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any,
 ) -> Any:  # fmt: skip
-    """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller 2008, eq. 13).
+    """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller
+    2008, eq. 13).
 
-    paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + P2) - floor for b = paths[before:], floor
-    each pixel's least b, P1 = P2 >> P1_SHIFT. The pixels' costs lie cost_stride apart from cost[c] on, their P2 p2_stride from
-    p2[j] on.
+    paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + P2) - floor for b
+    = paths[before:], floor each pixel's least b, P1 = P2 >> P1_SHIFT. The pixels' costs lie
+    cost_stride apart from cost[c] on, their P2 p2_stride from p2[j] on.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -94,7 +110,13 @@ def step(
         paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 3, 6)
         same = paths.load(before, _BLOCK)
         penalties = _penalties(p2, j, p2_stride)
-        result = _step(builder, (_FAR, same, _FAR), _floor(builder, same), _gather(cost, c, cost_stride), penalties)
+        result = _step(
+            builder,
+            (_FAR, same, _FAR),
+            _floor(builder, same),
+            _gather(cost, c, cost_stride),
+            penalties,
+        )
         paths.store(now, result)
         return context.get_dummy_value()
 
@@ -107,7 +129,8 @@ def steps(
     typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
     p2: Any, j: Any, j_onward: Any, p2_stride: Any,
 ) -> Any:  # fmt: skip
-    """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each also to ``along``, laid out as ``cost``.
+    """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each also to
+    ``along``, laid out as ``cost``.
 
     From one step to the next, costs lie ``onward`` and P2 ``j_onward`` apart.
     """
@@ -119,9 +142,14 @@ def steps(
         same = [paths.load(half, _BLOCK) for half in halves]
         for _ in range(TILE):
             for half in range(len(halves)):
-                row, p2_row = _nth(builder, c, stride, half * PIXELS), _nth(builder, j, p2_stride, half * PIXELS)
+                row, p2_row = (
+                    _nth(builder, c, stride, half * PIXELS),
+                    _nth(builder, j, p2_stride, half * PIXELS),
+                )
                 here, penalties = _gather(cost, row, stride), _penalties(p2, p2_row, p2_stride)
-                same[half] = _step(builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties)
+                same[half] = _step(
+                    builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties
+                )
                 _scatter(along, row, stride, same[half])
             c, j = builder.add(c, onward), builder.add(j, j_onward)
         for half, result in zip(halves, same, strict=True):
@@ -137,14 +165,24 @@ def step_of_many(
     typing: Any, paths: Any, below: Any, before: Any, above: Any, floor: Any, now: Any,
     cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any,
 ) -> Any:  # fmt: skip
-    """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it, the floor is paths[floor:]'s."""
+    """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it,
+    the floor is paths[floor:]'s.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         _, below, before, above, floor, now, _, c, cost_stride, _, j, p2_stride = arguments
         paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 6, 9)
-        under, same, over, least = (paths.load(place, _BLOCK) for place in (below, before, above, floor))
+        under, same, over, least = (
+            paths.load(place, _BLOCK) for place in (below, before, above, floor)
+        )
         penalties = _penalties(p2, j, p2_stride)
-        result = _step(builder, (under, same, over), _floor(builder, least), _gather(cost, c, cost_stride), penalties)
+        result = _step(
+            builder,
+            (under, same, over),
+            _floor(builder, least),
+            _gather(cost, c, cost_stride),
+            penalties,
+        )
         paths.store(now, result)
         return context.get_dummy_value()
 
@@ -192,14 +230,17 @@ def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
 
 
 @_vector_code
-def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total: Any, t: Any) -> Any:
+def add_wide(
+    typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total: Any, t: Any
+) -> Any:
     """total[t:] (uint16) = a[i:] + b[j:] + c[k:], a block."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         _, i, _, j, _, k, _, t = arguments
         *added, total = _Memory.of((context, builder, signature, arguments), 0, 2, 4, 6)
         first, second, third = (
-            builder.zext(memory.load(place, _BLOCK), _BLOCK_SHORTS) for memory, place in zip(added, (i, j, k), strict=True)
+            builder.zext(memory.load(place, _BLOCK), _BLOCK_SHORTS)
+            for memory, place in zip(added, (i, j, k), strict=True)
         )
         total.store(t, builder.add(first, builder.add(second, third)))
         return context.get_dummy_value()
@@ -209,7 +250,9 @@ def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total:
 
 @_vector_code
 def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
-    """a[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and a[high:] put end to end."""
+    """a[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and
+    a[high:] put end to end.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         _, low, high, by, t = arguments
@@ -225,10 +268,11 @@ def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
 
 @_vector_code
 def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride: Any) -> Any:
-    """The least of each of the TILE x LANES uint16 sums[i:], all below 4096, of pixels whose bands start at ``low`` (int16).
+    """The least of each of the TILE x LANES uint16 sums[i:], all below 4096, of pixels whose bands
+    start at ``low`` (int16).
 
-    To facts[x:] (int16) go their disparities; ``stride`` further the sums there; then the least beyond +-1 of it; then those one
-    below and one above it, -1 where the band ends.
+    To facts[x:] (int16) go their disparities; ``stride`` further the sums there; then the least
+    beyond +-1 of it; then those one below and one above it, -1 where the band ends.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -236,16 +280,29 @@ def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride
         sums, facts = _Memory.of((context, builder, signature, arguments), 0, 3)
         pixels = [sums.load(_further(builder, i, pixel * LANES), _SHORTS) for pixel in range(TILE)]
         four = ir.Constant(_SHORTS, [4] * LANES)
-        keys = _least_of_each(builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels])
+        keys = _least_of_each(
+            builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels]
+        )
         lanes = builder.and_(keys, ir.Constant(_TILE_SHORTS, [LANES - 1] * TILE))
         before = builder.sub(lanes, ir.Constant(_TILE_SHORTS, [1] * TILE))
         never = ir.Constant(_SHORTS, [0xFFFF] * LANES)
-        offsets = [builder.sub(_LANE, builder.shuffle_vector(before, before, _mask([pixel] * LANES))) for pixel in range(TILE)]
+        offsets = [
+            builder.sub(_LANE, builder.shuffle_vector(before, before, _mask([pixel] * LANES)))
+            for pixel in range(TILE)
+        ]
 
         def least_where(condition: str, offset: int) -> Any:
             bound = ir.Constant(_SHORTS, [offset] * LANES)
-            kept = [builder.icmp_unsigned(condition, offsets[pixel], bound) for pixel in range(TILE)]
-            return _least_of_each(builder, [builder.select(keep, values, never) for keep, values in zip(kept, pixels, strict=True)])
+            kept = [
+                builder.icmp_unsigned(condition, offsets[pixel], bound) for pixel in range(TILE)
+            ]
+            return _least_of_each(
+                builder,
+                [
+                    builder.select(keep, values, never)
+                    for keep, values in zip(kept, pixels, strict=True)
+                ],
+            )
 
         found = (
             builder.add(lanes, _splat(builder, low, _TILE_SHORTS)),
@@ -276,14 +333,18 @@ def smallest(typing: Any, a: Any, i: Any) -> Any:
 
 @_vector_code
 def smallest_but(typing: Any, a: Any, i: Any, center: Any) -> Any:
-    """min(a[i:]) of LANES uint16 without the lanes center - 1, center and center + 1 (center: int16, may lie outside)."""
+    """min(a[i:]) of LANES uint16 without the lanes center - 1, center and center + 1 (center:
+    int16, may lie outside).
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         _, i, center = arguments
         (a,) = _Memory.of((context, builder, signature, arguments), 0)
         values = a.load(i, _SHORTS)
         first = _splat(builder, builder.sub(center, ir.Constant(_SHORT, 1)), _SHORTS)
-        near = builder.icmp_unsigned("<", builder.sub(_LANE, first), ir.Constant(_SHORTS, [3] * LANES))
+        near = builder.icmp_unsigned(
+            "<", builder.sub(_LANE, first), ir.Constant(_SHORTS, [3] * LANES)
+        )
         others = builder.select(near, ir.Constant(_SHORTS, [0xFFFF] * LANES), values)
         return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, others)
 
@@ -292,10 +353,12 @@ def smallest_but(typing: Any, a: Any, i: Any, center: Any) -> Any:
 
 @_vector_code
 def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
-    """The TILE x LANES uint16 sums[i:] of a row of a tile claim the pixels of the right image that they look at.
+    """The TILE x LANES uint16 sums[i:] of a row of a tile claim the pixels of the right image that
+    they look at.
 
-    best (uint32): sum * 2^16 + disparity - NEVER, the least wins, then the first pixel. Lane l of pixel p looks at
-    best[j - p + l], with disparity first + l (int16). A sum of 2^16 - 1 claims nothing.
+    best (uint32): sum * 2^16 + disparity - NEVER, the least wins, then the first pixel. Lane l of
+    pixel p looks at best[j - p + l], with disparity first + l (int16). A sum of 2^16 - 1 claims
+    nothing.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -306,13 +369,23 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
             lead = TILE - 1 - pixel
             values = sums.load(_further(builder, i, pixel * LANES - lead), _WINDOW)
             own = [pixel if lead <= lane < lead + LANES else 0xFFFF for lane in range(WINDOW)]
-            key = builder.or_(builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own))
+            key = builder.or_(
+                builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own)
+            )
             keys = _minimum(builder, keys, key)
         place = _further(builder, j, 1 - TILE)
         wide = builder.zext(keys, _WIDE_WINDOW)
         pixel = builder.and_(wide, ir.Constant(_WIDE_WINDOW, [TILE - 1] * WINDOW))
-        cost = builder.shl(builder.lshr(wide, ir.Constant(_WIDE_WINDOW, [3] * WINDOW)), ir.Constant(_WIDE_WINDOW, [16] * WINDOW))
-        lane = builder.add(pixel, ir.Constant(_WIDE_WINDOW, [(lane - TILE + 1 + 0x8000) & 0xFFFFFFFF for lane in range(WINDOW)]))
+        cost = builder.shl(
+            builder.lshr(wide, ir.Constant(_WIDE_WINDOW, [3] * WINDOW)),
+            ir.Constant(_WIDE_WINDOW, [16] * WINDOW),
+        )
+        lane = builder.add(
+            pixel,
+            ir.Constant(
+                _WIDE_WINDOW, [(lane - TILE + 1 + 0x8000) & 0xFFFFFFFF for lane in range(WINDOW)]
+            ),
+        )
         disparity = builder.add(lane, _splat(builder, builder.sext(first, _WORD), _WIDE_WINDOW))
         claimed = builder.or_(cost, disparity)
         best.store(place, _minimum(builder, best.load(place, _WIDE_WINDOW), claimed))
@@ -321,11 +394,17 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
     return types.void(sums, types.intp, types.int16, best, types.intp), generate
 
 
-def _step(builder: Any, beside: tuple[Any, Any, Any], floor: Any, here: Any, penalties: tuple[Any, Any]) -> Any:
-    """beside: the block below, the block itself, and the one above it. penalties: P1 and P2 of each pixel."""
+def _step(
+    builder: Any, beside: tuple[Any, Any, Any], floor: Any, here: Any, penalties: tuple[Any, Any]
+) -> Any:
+    """beside: the block below, the block itself, and the one above it. penalties: P1 and P2 of each
+    pixel.
+    """
     under, same, over = beside
     p1, p2 = penalties
-    below = builder.shuffle_vector(under, same, _mask(_beside([LANES - 1, *range(BLOCK, BLOCK + LANES - 1)])))
+    below = builder.shuffle_vector(
+        under, same, _mask(_beside([LANES - 1, *range(BLOCK, BLOCK + LANES - 1)]))
+    )
     above = builder.shuffle_vector(same, over, _mask(_beside([*range(1, LANES), BLOCK])))
     slope = _saturated(builder, _minimum(builder, below, above), p1)
     best = _minimum(builder, _minimum(builder, same, slope), _saturated(builder, floor, p2))
@@ -333,39 +412,59 @@ def _step(builder: Any, beside: tuple[Any, Any, Any], floor: Any, here: Any, pen
 
 
 def _beside(lanes: list[int]) -> list[int]:
-    """Of two blocks end to end: ``lanes``, given for a block's first pixel, for each of its pixels."""
+    """Of two blocks end to end: ``lanes``, given for a block's first pixel, for each of its
+    pixels.
+    """
     return [pixel * LANES + lane for pixel in range(PIXELS) for lane in lanes]
 
 
 def _least_of_each(builder: Any, pixels: list[Any]) -> Any:
-    """The least of each of TILE vectors of LANES, as one vector: halved and joined in pairs until one is left."""
+    """The least of each of TILE vectors of LANES, as one vector: halved and joined in pairs until
+    one is left.
+    """
     lanes = LANES
     while len(pixels) > 1:
         half, groups = lanes // 2, LANES // lanes
         low, high = (
             _mask(
-                [side * LANES + group * lanes + first + lane for group in range(groups) for side in (0, 1) for lane in range(half)]
+                [
+                    side * LANES + group * lanes + first + lane
+                    for group in range(groups)
+                    for side in (0, 1)
+                    for lane in range(half)
+                ]
             )
             for first in (0, half)
         )
         pairs = list(zip(pixels[::2], pixels[1::2], strict=True))
-        pixels = [_minimum(builder, builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high)) for a, b in pairs]
+        pixels = [
+            _minimum(builder, builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high))
+            for a, b in pairs
+        ]
         lanes = half
     mirrored_bits = (0, 4, 2, 6, 1, 5, 3, 7)  # the order that joining in pairs leaves the pixels in
     even, odd = (_mask([2 * place + first for place in mirrored_bits]) for first in (0, 1))
-    return _minimum(builder, *(builder.shuffle_vector(pixels[0], pixels[0], mask) for mask in (even, odd)))
+    return _minimum(
+        builder, *(builder.shuffle_vector(pixels[0], pixels[0], mask) for mask in (even, odd))
+    )
 
 
 def _floor(builder: Any, block: Any) -> Any:
     """Each piece's least value, in all its lanes."""
     for turn in (8, 4, 2, 1):
-        turned = [pixel * LANES + (lane + turn) % LANES for pixel in range(PIXELS) for lane in range(LANES)]
+        turned = [
+            pixel * LANES + (lane + turn) % LANES
+            for pixel in range(PIXELS)
+            for lane in range(LANES)
+        ]
         block = _minimum(builder, block, builder.shuffle_vector(block, block, _mask(turned)))
     return block
 
 
 def _gather(costs: _Memory, index: Any, stride: Any) -> Any:
-    a, b, c, d = (costs.load(_nth(costs.builder, index, stride, pixel), _PIECE) for pixel in range(PIXELS))
+    a, b, c, d = (
+        costs.load(_nth(costs.builder, index, stride, pixel), _PIECE) for pixel in range(PIXELS)
+    )
     two = _mask(range(2 * LANES))
     shuffle = costs.builder.shuffle_vector
     return shuffle(shuffle(a, b, two), shuffle(c, d, two), _mask(range(BLOCK)))
@@ -373,7 +472,9 @@ def _gather(costs: _Memory, index: Any, stride: Any) -> Any:
 
 def _scatter(rows: _Memory, index: Any, stride: Any, block: Any) -> None:
     for pixel in range(PIXELS):
-        piece = rows.builder.shuffle_vector(block, block, _mask(range(pixel * LANES, (pixel + 1) * LANES)))
+        piece = rows.builder.shuffle_vector(
+            block, block, _mask(range(pixel * LANES, (pixel + 1) * LANES))
+        )
         rows.store(_nth(rows.builder, index, stride, pixel), piece)
 
 
@@ -385,7 +486,9 @@ def _penalties(p2: _Memory, index: Any, stride: Any) -> tuple[Any, Any]:
         values = builder.insert_element(values, value, ir.Constant(_WORD, pixel))
     lanes = _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)])
     slopes = builder.lshr(values, ir.Constant(_PER_PIXEL, [P1_SHIFT] * PIXELS))
-    return builder.shuffle_vector(slopes, slopes, lanes), builder.shuffle_vector(values, values, lanes)
+    return builder.shuffle_vector(slopes, slopes, lanes), builder.shuffle_vector(
+        values, values, lanes
+    )
 
 
 def _further(builder: Any, index: Any, by: int) -> Any:
@@ -417,5 +520,7 @@ def _saturated(builder: Any, a: Any, b: Any) -> Any:
 
 def _call(builder: Any, name: str, result: Any, *arguments: Any) -> Any:
     declare: Any = cgutils.get_or_insert_function
-    function = declare(builder.module, ir.FunctionType(result, [argument.type for argument in arguments]), name)
+    function = declare(
+        builder.module, ir.FunctionType(result, [argument.type for argument in arguments]), name
+    )
     return builder.call(function, arguments)

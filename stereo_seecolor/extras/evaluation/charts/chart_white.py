@@ -1,8 +1,10 @@
-"""The white point of a survey from targets of known color in its frames: grays of charts, white cards.
+"""The white point of a survey from targets of known color in its frames: grays of charts, white
+cards.
 
     (I - B(z)) / A(z) = white * reflectance * brightness of the target
 
-Charts at several ranges also test the water: the color of their white is the same only if A and B are right.
+Charts at several ranges also test the water: the color of their white is the same only if A and B
+are right.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,11 +38,17 @@ class WhiteSettings:
     least_reflectance: float = 0.05
     """Darker grays are mostly haze."""
     least_direct: float = 0.2
-    """Fraction of a patch's light that is not backscatter, in each channel: below, errors of the backscatter are multiplied."""
+    """Fraction of a patch's light that is not backscatter, in each channel: below, errors of the
+    backscatter are multiplied.
+    """
     least_relief: float = 0.1
-    """Least difference of the farthest and the nearest target's range, fraction of their mean, for a trend with range."""
+    """Least difference of the farthest and the nearest target's range, fraction of their mean, for
+    a trend with range.
+    """
     likely: float = 3.0
-    """Standard errors by which the white of something found, which looks like a card, may differ from the fitted one."""
+    """Standard errors by which the white of something found, which looks like a card, may differ
+    from the fitted one.
+    """
 
 
 SETTINGS = WhiteSettings()
@@ -48,8 +56,9 @@ SETTINGS = WhiteSettings()
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A patch of a target. light (3,): linear, with the water removed, NaN where too little of the patch was seen. haze (3,): the
-    backscatter that was subtracted, divided by attenuation as the light. range_m: median.
+    """A patch of a target. light (3,): linear, with the water removed, NaN where too little of the
+    patch was seen. haze (3,): the backscatter that was subtracted, divided by attenuation as the
+    light. range_m: median.
     """
 
     light: Array
@@ -66,9 +75,11 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class SeenWhite:
-    """The white of a target. range_m: median. white (3,): its color, as logarithms of mean 0. error: standard error of each.
+    """The white of a target. range_m: median. white (3,): its color, as logarithms of mean 0.
+    error: standard error of each.
 
-    patches: those of a chart, in the order of its type; empty for a card. type: of the chart, None for a card.
+    patches: those of a chart, in the order of its type; empty for a card. type: of the chart, None
+    for a card.
     """
 
     frame: str
@@ -80,11 +91,17 @@ class SeenWhite:
     type: ChartType | None = None
 
 
-def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Map, water: Water) -> Iterator[SeenWhite]:
-    """The white of each target in a frame that shows enough of it. image: uncorrected, with the survey's light divided out."""
+def seen_whites(
+    frame: str, targets: Sequence[Target], image: Image, range_m: Map, water: Water
+) -> Iterator[SeenWhite]:
+    """The white of each target in a frame that shows enough of it. image: uncorrected, with the
+    survey's light divided out.
+    """
     light = decoded_values(8 * image.dtype.itemsize, water.input_encoding)
     for target in targets:
-        patches = tuple(_patch(light, image[patch], range_m[patch], water) for patch in target.patches)
+        patches = tuple(
+            _patch(light, image[patch], range_m[patch], water) for patch in target.patches
+        )
         colors, ranges_m = _white_of_grays(patches, target)
         if not colors:
             continue
@@ -103,9 +120,15 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
 
 
 def _white_of_grays(patches: Sequence[Patch], target: Target) -> tuple[list[Array], list[float]]:
-    """The color of white (3,), as logarithms of mean 0, by each usable gray patch of a target, and its range."""
+    """The color of white (3,), as logarithms of mean 0, by each usable gray patch of a target, and
+    its range.
+    """
     grays = patches[target.type.grays] if target.type else patches
-    published = decode_srgb(target.type.srgb[target.type.grays]) if target.type else np.array([target.reflectance] * len(grays))
+    published = (
+        decode_srgb(target.type.srgb[target.type.grays])
+        if target.type
+        else np.array([target.reflectance] * len(grays))
+    )
     colors, ranges_m = [], []
     for gray, color in zip(grays, published, strict=True):
         if color.mean() >= SETTINGS.least_reflectance and np.isfinite(gray.white).all():
@@ -116,16 +139,24 @@ def _white_of_grays(patches: Sequence[Patch], target: Target) -> tuple[list[Arra
 
 
 def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:
-    """The targets found in the frames of a dive that are used: charts; without any, cards whose white is within the standard errors
-    of the water's white point.
+    """The targets found in the frames of a dive that are used: charts; without any, cards whose
+    white is within the standard errors of the water's white point.
     """
     charts = [one for one in seen if one.type]
     fitted = np.log(water.white) - np.log(water.white).mean()
-    error = np.nan_to_num(water.standard_errors.get("white", np.full(3, np.nan)) / water.white, nan=np.inf)
-    return charts or [one for one in seen if (np.abs(one.white - fitted) <= SETTINGS.likely * np.hypot(error, one.error)).all()]
+    error = np.nan_to_num(
+        water.standard_errors.get("white", np.full(3, np.nan)) / water.white, nan=np.inf
+    )
+    return charts or [
+        one
+        for one in seen
+        if (np.abs(one.white - fitted) <= SETTINGS.likely * np.hypot(error, one.error)).all()
+    ]
 
 
-def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water) -> Patch:
+def _patch(
+    decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water
+) -> Patch:
     """A patch from its (N, 3) pixels at (N,) ranges. decoded: linear light of each value."""
     light = np.stack([decoded[pixels[:, c]] for c in range(3)], axis=1)
     bright = np.asarray((light >= SETTINGS.brightest).any(axis=-1))
@@ -141,8 +172,8 @@ def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray
 
 @dataclass(frozen=True, eq=False)
 class WhiteTrend:
-    """The trend of the white with range. per_m, error (2,): change of the logarithm of red and blue over green for every meter; 0
-    where the water is right. near_m, far_m: ranges of the targets.
+    """The trend of the white with range. per_m, error (2,): change of the logarithm of red and blue
+    over green for every meter; 0 where the water is right. near_m, far_m: ranges of the targets.
     """
 
     per_m: Array
@@ -153,15 +184,21 @@ class WhiteTrend:
 
 @dataclass(frozen=True, eq=False)
 class ChartWhite:
-    """The white point of a survey. white (3,): its color, logarithms of mean 0. error (3,): standard errors. seen: its targets."""
+    """The white point of a survey. white (3,): its color, logarithms of mean 0. error (3,):
+    standard errors. seen: its targets.
+    """
 
     white: Array
     error: Array
     seen: tuple[SeenWhite, ...]
 
     def patches_in(self, water: Water) -> tuple[SeenPatches | None, ...]:
-        """The patches of each target with ``water``, which has this white point, removed; None for a card."""
-        return tuple(_patches(one.patches, one.type, water) if one.type else None for one in self.seen)
+        """The patches of each target with ``water``, which has this white point, removed; None for
+        a card.
+        """
+        return tuple(
+            _patches(one.patches, one.type, water) if one.type else None for one in self.seen
+        )
 
     def trend(self) -> WhiteTrend | None:
         """The trend of the targets' white with range; None where they are at one range."""
@@ -173,18 +210,25 @@ class ChartWhite:
         from_middle = z_m - np.average(z_m, weights=weight)
         spread = float((weight * from_middle**2).sum())
         per_m = (weight * from_middle) @ against_green / spread
-        left = against_green - np.average(against_green, axis=0, weights=weight) - from_middle[:, None] * per_m
+        left = (
+            against_green
+            - np.average(against_green, axis=0, weights=weight)
+            - from_middle[:, None] * per_m
+        )
         worse = np.maximum((weight[:, None] * left**2).sum(axis=0) / max(len(z_m) - 2, 1), 1.0)
         return WhiteTrend(per_m, np.sqrt(worse / spread), float(z_m.min()), float(z_m.max()))
 
     @property
     def residuals_deg(self) -> tuple[float, ...]:
-        """The angle between each target's white, with the water removed, and the survey's, degrees."""
+        """The angle between each target's white, with the water removed, and the survey's,
+        degrees.
+        """
         return tuple(_angle_deg(one.white - self.white) for one in self.seen)
 
     def set_in(self, water: Water) -> Water:
-        """The water with this white point (``with_white``). Its standard errors are those of colors at the water's typical range:
-        they include those of the attenuation over the difference of that range and the targets'.
+        """The water with this white point (``with_white``). Its standard errors are those of colors
+        at the water's typical range: they include those of the attenuation over the difference of
+        that range and the targets'.
         """
         rate = np.nan_to_num(water.standard_errors.get("y", np.zeros(3)))
         range_m = float(np.median([one.range_m for one in self.seen]))
@@ -193,7 +237,9 @@ class ChartWhite:
 
 
 def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPatches | None:
-    """Patches of a chart relative to its own brightness, which its grays give; None where no gray can be used."""
+    """Patches of a chart relative to its own brightness, which its grays give; None where no gray
+    can be used.
+    """
     light = np.stack([patch.light for patch in patches]) / water.white
     haze = np.stack([patch.haze for patch in patches]) / water.white
     published = decode_srgb(type.srgb)
@@ -205,22 +251,30 @@ def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPat
     brightness = float((light[grays] * published[grays]).sum() / (published[grays] ** 2).sum())
     haze /= brightness
     error = MATRIX.backscatter_error * haze.mean(axis=1)
-    error = np.hypot(error, np.maximum(MATRIX.print_error * published.max(axis=1), MATRIX.least_error))
+    error = np.hypot(
+        error, np.maximum(MATRIX.print_error * published.max(axis=1), MATRIX.least_error)
+    )
     clipped = sum(patch.clipped for patch in patches)
     return SeenPatches(type, light / brightness, error, np.nanmean(haze, axis=0), clipped)
 
 
 def survey_white(seen: Sequence[SeenWhite]) -> ChartWhite:
-    """The weighted mean of the white of one target or more; its error from their differences, at least from their own errors."""
+    """The weighted mean of the white of one target or more; its error from their differences, at
+    least from their own errors.
+    """
     weights = np.array([one.error**-2 for one in seen])
     colors = np.stack([one.white for one in seen])
     white = np.average(colors, axis=0, weights=weights)
     own = np.sqrt(1 / weights.sum())
-    between = np.sqrt(np.average((colors - white) ** 2, axis=0, weights=weights) / max(len(seen) - 1, 1))
+    between = np.sqrt(
+        np.average((colors - white) ** 2, axis=0, weights=weights) / max(len(seen) - 1, 1)
+    )
     return ChartWhite(white, np.maximum(between, own), tuple(seen))
 
 
 def _angle_deg(difference: Array) -> float:
     """Angle between gray and a gray multiplied by the exponentials of these logarithms, degrees."""
     color = np.exp(difference)
-    return float(np.degrees(np.arccos(np.clip(color.sum() / (np.sqrt(3) * np.linalg.norm(color)), -1, 1))))
+    return float(
+        np.degrees(np.arccos(np.clip(color.sum() / (np.sqrt(3) * np.linalg.norm(color)), -1, 1)))
+    )

@@ -1,4 +1,6 @@
-"""Finds color charts in an image: whole and partly seen ones by their patches, small ones by matched filters."""
+"""Finds color charts in an image: whole and partly seen ones by their patches, small ones by
+matched filters.
+"""
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from stereo_seecolor.records import Image
 
 
 def find_charts(image: Image) -> tuple[FoundChart, ...]:
-    """Every chart in an image of 8 or 16 bits, (H, W, 3) RGB, by falling score. Of overlapping outlines that with most patches."""
+    """Every chart in an image of 8 or 16 bits, (H, W, 3) RGB, by falling score. Of overlapping
+    outlines that with most patches.
+    """
     picture = np.asarray(eight_bit(image) / np.float32(255), np.float32)
     grids = [lattice for patches in flat_patches(picture) for lattice in lattices(patches)]
     read = [read_lattice(picture, lattice, type) for lattice in grids for type in CHART_TYPES]
@@ -29,4 +33,7 @@ def _keep(kept: list[FoundChart], found: list[FoundChart]) -> None:
 
 def _overlap(one: FoundChart, other: FoundChart) -> bool:
     distance = np.hypot(*(one.corners.mean(axis=0) - other.corners.mean(axis=0)))
-    return bool(distance < 0.5 * max(np.hypot(*(chart.corners[1] - chart.corners[0])) for chart in (one, other)))
+    return bool(
+        distance
+        < 0.5 * max(np.hypot(*(chart.corners[1] - chart.corners[0])) for chart in (one, other))
+    )

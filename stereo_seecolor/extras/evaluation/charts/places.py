@@ -1,4 +1,6 @@
-"""Finds places of small color charts: colorful places that correlate with a chart in green, over sizes and angles."""
+"""Finds places of small color charts: colorful places that correlate with a chart in green, over
+sizes and angles.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,14 +25,20 @@ class PlaceLimits:
     """Widths that are searched: of larger charts the patches are seen one by one."""
     size_step: float = 1.2
     """Ratio of one size to the next; between them the correlation falls by less than a tenth."""
-    angles_deg: tuple[float, ...] = tuple(90.0 * turn + tilt for turn in range(4) for tilt in (-15, 0, 15))
+    angles_deg: tuple[float, ...] = tuple(
+        90.0 * turn + tilt for turn in range(4) for tilt in (-15, 0, 15)
+    )
     template_px: int = 12
     """Width of the chart in the picture that is searched."""
     most_alike: float = 0.6
-    """Correlation of two channels of a place of many colors: four real charts and 36 drawn ones had 0.53 at most, in their two
-    channels that are least alike. Light, shade and water leave channels alike."""
+    """Correlation of two channels of a place of many colors: four real charts and 36 drawn ones had
+    0.53 at most, in their two channels that are least alike. Light, shade and water leave channels
+    alike.
+    """
     least_color: float = 0.012
-    """Spread of one of these that the other does not have, fraction of full scale: above the noise. The same charts: 0.017."""
+    """Spread of one of these that the other does not have, fraction of full scale: above the noise.
+    The same charts: 0.017.
+    """
     window: float = 0.66
     """Width of what is compared, of the chart's: the height of its patches."""
     reach: float = 0.15
@@ -38,9 +46,13 @@ class PlaceLimits:
     least_green: float = 0.4
     """Correlation in green alone below which no place is examined."""
     candidates: int = 30
-    """Places of the green channel's best correlation that are examined in all channels, for each size and kind of chart."""
+    """Places of the green channel's best correlation that are examined in all channels, for each
+    size and kind of chart.
+    """
     most_places: float = 0.03
-    """Fraction of a picture, the most colorful, about which charts are looked for: bounds the time of colorful scenes."""
+    """Fraction of a picture, the most colorful, about which charts are looked for: bounds the time
+    of colorful scenes.
+    """
     batch: int = 8192
     """Places at a time: they take 15 MB."""
 
@@ -61,12 +73,16 @@ class ChartPlace:
     angle_deg: float
 
 
-def chart_places(picture: Floats, types: Sequence[ChartType]) -> Iterator[tuple[ChartType, ChartPlace]]:
+def chart_places(
+    picture: Floats, types: Sequence[ChartType]
+) -> Iterator[tuple[ChartType, ChartPlace]]:
     """The best places for a chart of each type and size in an image (H, W, 3), over all angles.
 
     No place is nearer to a better one of its size than a third of its width.
     """
-    half: Floats = np.asarray(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32)
+    half: Floats = np.asarray(
+        cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32
+    )
     matched = [_templates(type) for type in types]
     size_px = LIMITS.least_px
     while size_px < min(LIMITS.most_px, *picture.shape[:2]):
@@ -75,12 +91,19 @@ def chart_places(picture: Floats, types: Sequence[ChartType]) -> Iterator[tuple[
         for type, (scores, angles) in zip(types, windows.best_angles(matched), strict=True):
             for best in _apart(scores, middles, 0.3 * size_px):
                 x_px, y_px = middles[best].tolist()
-                yield type, ChartPlace(float(scores[best]), x_px, y_px, size_px, LIMITS.angles_deg[angles[best]])
+                yield (
+                    type,
+                    ChartPlace(
+                        float(scores[best]), x_px, y_px, size_px, LIMITS.angles_deg[angles[best]]
+                    ),
+                )
         size_px *= LIMITS.size_step
 
 
 def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
-    """(H, W) True where the middle of a chart of this width may lie, since two channels of its surroundings differ."""
+    """(H, W) True where the middle of a chart of this width may lie, since two channels of its
+    surroundings differ.
+    """
     width = max(3, round(LIMITS.window * size_px))
 
     def mean(values: Floats) -> Floats:
@@ -90,7 +113,9 @@ def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
     variance = np.maximum(mean(picture * picture) - means * means, 1e-9)
     color = np.zeros(picture.shape[:2], np.float32)
     for one, other in combinations(range(3), 2):
-        covariance = mean(picture[..., one] * picture[..., other]) - means[..., one] * means[..., other]
+        covariance = (
+            mean(picture[..., one] * picture[..., other]) - means[..., one] * means[..., other]
+        )
         alike = covariance / np.sqrt(variance[..., one] * variance[..., other])
         own = np.minimum(variance[..., one], variance[..., other]) * (1 - alike**2)
         np.maximum(color, np.where(alike < LIMITS.most_alike, own, 0), out=color)
@@ -102,38 +127,54 @@ def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class _Windows:
-    """Surroundings of colorful places. green: image scaled so that a chart has the templates' size. corners: (N,) flat index of the
-    first pixel of each in it. middles: (N, 2) pixels of the whole image.
+    """Surroundings of colorful places. green: image scaled so that a chart has the templates' size.
+    corners: (N,) flat index of the first pixel of each in it. middles: (N, 2) pixels of the whole
+    image.
     """
 
     green: Floats
     corners: NDArray[np.intp]
     middles: NDArray[np.float64]
 
-    def best_angles(self, matched: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, NDArray[np.intp]]]:
-        """For each set of templates: (N,) the highest correlation over the pixels of its weight, and (N,) the angle's number.
+    def best_angles(
+        self, matched: Sequence[tuple[Floats, Floats]]
+    ) -> list[tuple[Floats, NDArray[np.intp]]]:
+        """For each set of templates: (N,) the highest correlation over the pixels of its weight,
+        and (N,) the angle's number.
 
-        matched: templates (P, K) and weights (P, K / 2): a chart upside down has the weights of one that is not.
+        matched: templates (P, K) and weights (P, K / 2): a chart upside down has the weights of one
+        that is not.
         """
         offsets = (np.arange(_SIDE)[:, None] * self.green.shape[1] + np.arange(_SIDE)).ravel()
-        found = [(np.zeros(len(self.corners), np.float32), np.zeros(len(self.corners), np.intp)) for _ in matched]
+        found = [
+            (np.zeros(len(self.corners), np.float32), np.zeros(len(self.corners), np.intp))
+            for _ in matched
+        ]
         for first in range(0, len(self.corners), LIMITS.batch):
             part = slice(first, first + LIMITS.batch)
             values = self.green.ravel()[self.corners[part, None] + offsets]
             squares = values**2
             for (templates, weights), (scores, angles) in zip(matched, found, strict=True):
                 variance = squares @ weights - (values @ weights) ** 2 / weights.sum(axis=0)
-                each = values @ templates / np.sqrt(np.maximum(np.hstack([variance, variance]), 1e-6))
+                each = (
+                    values @ templates / np.sqrt(np.maximum(np.hstack([variance, variance]), 1e-6))
+                )
                 angles[part], scores[part] = each.argmax(axis=1), each.max(axis=1)
         return found
 
 
 def _windows(green: Floats, colorful: NDArray[np.bool_], size_px: float) -> _Windows:
     scale = LIMITS.template_px / size_px
-    small = np.asarray(cv2.resize(green, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32)
-    y, x = np.nonzero(cv2.resize(colorful.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST))
+    small = np.asarray(
+        cv2.resize(green, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32
+    )
+    y, x = np.nonzero(
+        cv2.resize(colorful.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    )
     side = _SIDE // 2
-    small = np.asarray(cv2.copyMakeBorder(small, side, side, side, side, cv2.BORDER_REFLECT_101), np.float32)
+    small = np.asarray(
+        cv2.copyMakeBorder(small, side, side, side, side, cv2.BORDER_REFLECT_101), np.float32
+    )
     middles = (np.stack([x, y], axis=1).astype(np.float64) + 0.5) / scale - 0.5
     return _Windows(small, y * small.shape[1] + x, middles)
 
@@ -151,7 +192,9 @@ def _apart(scores: Floats, middles: NDArray[np.float64], distance_px: float) -> 
 
 
 def _templates(type: ChartType) -> tuple[Floats, Floats]:
-    """(P, K) the green channel of the chart at each angle, of mean 0 and norm 1; and (P, K / 2) True for pixels of the chart."""
+    """(P, K) the green channel of the chart at each angle, of mean 0 and norm 1; and (P, K / 2)
+    True for pixels of the chart.
+    """
     green = type.template[..., 1]
     height, width = green.shape
     scale = LIMITS.template_px / width

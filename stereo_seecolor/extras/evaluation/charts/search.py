@@ -1,4 +1,6 @@
-"""Color charts in the frames of a run: their patches before and after correction, compared with the published colors."""
+"""Color charts in the frames of a run: their patches before and after correction, compared with the
+published colors.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,7 +28,9 @@ Floats = NDArray[np.float64]
 
 
 def look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:
-    """Search all frames for color charts, compare views of the same spots, and keep both results for the page."""
+    """Search all frames for color charts, compare views of the same spots, and keep both results
+    for the page.
+    """
     found: list[ShownChart] = []
     listener.begin("charts", len(run.frames))
     for frame, charts in zip(run.frames, find_all(FrameFiles.of(run), run.frames), strict=True):
@@ -39,8 +43,12 @@ def look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> 
     write_charts(folder, found, spread)
 
 
-def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tuple[ShownChart, ...]]:
-    """The charts of each frame, searched on all cores; two seconds of processor time for a frame of 1.4 megapixels."""
+def find_all(
+    files: FrameFiles, frames: Sequence[FinishedFrame]
+) -> Iterator[tuple[ShownChart, ...]]:
+    """The charts of each frame, searched on all cores; two seconds of processor time for a frame of
+    1.4 megapixels.
+    """
 
     def of(frame: FinishedFrame) -> tuple[ShownChart, ...]:
         try:
@@ -52,7 +60,9 @@ def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tup
 
 
 def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[ShownChart, ...]:
-    """The charts in a frame's corrected image, with their colors before correction where the input image is there."""
+    """The charts in a frame's corrected image, with their colors before correction where the input
+    image is there.
+    """
     corrected = eight_bit(frame.read("corrected"))
     found = find_charts(corrected)
     try:
@@ -64,12 +74,23 @@ def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[ShownChart, ...]:
         target = found_chart("chart", one, corrected.shape[:2])
         after, after_difference = patch_colors(target, corrected)
         before, difference = patch_colors(target, raw) if raw is not None else ([], None)
-        made.append(ShownChart(frame.name, one.type.name, _css(one.type.srgb), before, after, difference, after_difference))
+        made.append(
+            ShownChart(
+                frame.name,
+                one.type.name,
+                _css(one.type.srgb),
+                before,
+                after,
+                difference,
+                after_difference,
+            )
+        )
     return tuple(made)
 
 
 def patch_colors(target: Target, image: NDArray[np.uint8]) -> tuple[list[str], float]:
-    """The mean color of each patch of a chart in an image (H, W, 3), after one exposure gain, as CSS, and their median CIEDE2000.
+    """The mean color of each patch of a chart in an image (H, W, 3), after one exposure gain, as
+    CSS, and their median CIEDE2000.
 
     Patches that are not seen are transparent and left out of the median.
     """
@@ -77,7 +98,9 @@ def patch_colors(target: Target, image: NDArray[np.uint8]) -> tuple[list[str], f
     seen = np.array([patch.any() for patch in target.patches])
     if not seen.any():
         return ["transparent"] * len(seen), float("nan")
-    means = np.stack([decode_srgb(image[patch] / 255.0).mean(axis=0) for patch in target.patches if patch.any()])
+    means = np.stack(
+        [decode_srgb(image[patch] / 255.0).mean(axis=0) for patch in target.patches if patch.any()]
+    )
     truth = decode_srgb(target.type.srgb[seen])
     exposed = means * exposure_gain(means, truth)
     shown = iter(_css(encode_srgb(np.clip(exposed, 0, 1))))
@@ -86,19 +109,25 @@ def patch_colors(target: Target, image: NDArray[np.uint8]) -> tuple[list[str], f
 
 
 def _css(colors: Floats) -> list[str]:
-    return ["rgb({} {} {})".format(*np.rint(np.clip(color, 0, 1) * 255).astype(int)) for color in colors]
+    return [
+        "rgb({} {} {})".format(*np.rint(np.clip(color, 0, 1) * 255).astype(int)) for color in colors
+    ]
 
 
 # Differences of the same patch between charts at several ranges, which a correction should
 # remove; needs no known colors.
 
 MOST_CLIPPED = 0.1
-"""Largest fraction of a patch's pixels that may be clipped: with more, its mean is not that of the light."""
+"""Largest fraction of a patch's pixels that may be clipped: with more, its mean is not that of the
+light.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenChart:
-    """A chart corrected by a method. colors: (N, 3) linear means of its patches, NaN where a patch is unknown or clipped."""
+    """A chart corrected by a method. colors: (N, 3) linear means of its patches, NaN where a patch
+    is unknown or clipped.
+    """
 
     method: str
     type: ChartType
@@ -108,11 +137,13 @@ class SeenChart:
 
 @dataclass(frozen=True)
 class SpreadRow:
-    """The differences between all charts of a kind, corrected by a method. nearest_m, farthest_m: of the charts' median ranges.
+    """The differences between all charts of a kind, corrected by a method. nearest_m, farthest_m:
+    of the charts' median ranges.
 
-    angle_deg: mean angle between a patch's color and its mean direction over the charts, in linear light, after a gain for each
-    channel makes the mean of all gray: else a method that leaves everything blue would score well. luminance: standard deviation of
-    the logarithm of a patch's luminance over the charts, mean over patches. NaN where no patch is known on two charts.
+    angle_deg: mean angle between a patch's color and its mean direction over the charts, in linear
+    light, after a gain for each channel makes the mean of all gray: else a method that leaves
+    everything blue would score well. luminance: standard deviation of the logarithm of a patch's
+    luminance over the charts, mean over patches. NaN where no patch is known on two charts.
     """
 
     method: str
@@ -125,9 +156,14 @@ class SpreadRow:
 
 
 def seen_chart(
-    method: str, target: Target, result: NDArray[np.float64], range_m: Map, clipped_by_camera: NDArray[np.bool_]
+    method: str,
+    target: Target,
+    result: NDArray[np.float64],
+    range_m: Map,
+    clipped_by_camera: NDArray[np.bool_],
 ) -> SeenChart | None:
-    """The patches of a chart in a method's result (H, W, 3), in [0, 1] as displayed, NaN where unknown. None for a white card.
+    """The patches of a chart in a method's result (H, W, 3), in [0, 1] as displayed, NaN where
+    unknown. None for a white card.
 
     clipped_by_camera: (H, W). Patches that the camera clipped are left out.
     """
@@ -149,7 +185,10 @@ def seen_chart(
 def spread_over_charts(seen: Sequence[SeenChart]) -> tuple[SpreadRow, ...]:
     """A row for each method and kind of chart that was seen at least twice."""
     groups = dict.fromkeys((chart.method, chart.type.name) for chart in seen)
-    members = {group: [chart for chart in seen if (chart.method, chart.type.name) == group] for group in groups}
+    members = {
+        group: [chart for chart in seen if (chart.method, chart.type.name) == group]
+        for group in groups
+    }
     return tuple(_row(charts) for charts in members.values() if len(charts) > 1)
 
 

@@ -1,7 +1,9 @@
-"""Finds whole color charts of few pixels by matched filters: their patches are too small to be found one by one.
+"""Finds whole color charts of few pixels by matched filters: their patches are too small to be
+found one by one.
 
-Water multiplies each channel of a flat chart and adds to it; normalized correlation does not depend on either. A chart's template
-is searched for in each channel, over sizes and angles. The best places are refined, and kept where the patches fit the chart's.
+Water multiplies each channel of a flat chart and adds to it; normalized correlation does not depend
+on either. A chart's template is searched for in each channel, over sizes and angles. The best
+places are refined, and kept where the patches fit the chart's.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +18,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from stereo_seecolor.extras.evaluation.charts.places import ChartPlace, chart_places
-from stereo_seecolor.extras.evaluation.charts.reading import ChartType, FoundChart, correlations, sampled
+from stereo_seecolor.extras.evaluation.charts.reading import (
+    ChartType,
+    FoundChart,
+    correlations,
+    sampled,
+)
 
 Floats = NDArray[np.float32]
 Affine = NDArray[np.float64]
@@ -29,11 +36,14 @@ Agreement = Callable[[Affine], NDArray[np.float64]]
 class SearchLimits:
     """Outlines that are tried at a place, and limits for accepting a chart.
 
-    Measured on four real charts 14 to 36 px wide, at 5 to 10 m; charts of 18 to 36 px drawn into real reefs; and reefs without one.
+    Measured on four real charts 14 to 36 px wide, at 5 to 10 m; charts of 18 to 36 px drawn into
+    real reefs; and reefs without one.
     """
 
     widths: tuple[float, ...] = (0.95, 1.15, 1.4, 1.7)
-    """Factors of the width that was found in green: some columns of patches can look like all of them."""
+    """Factors of the width that was found in green: some columns of patches can look like all of
+    them.
+    """
     heights: tuple[float, ...] = (1.0, 0.85)
     """Factors of the chart's own height: charts stand tilted."""
     shifts: tuple[float, ...] = (-0.8, 0.0, 0.8)
@@ -45,15 +55,21 @@ class SearchLimits:
     refined: int = 45
     """... and of those of all places, so many are refined ..."""
     least_start: float = 0.5
-    """... if they agree so well: charts that are found did by 0.57 and more, the best of a reef's places by 0.53."""
+    """... if they agree so well: charts that are found did by 0.57 and more, the best of a reef's
+    places by 0.53.
+    """
     climb: int = 10
     """Steps of these, all together ..."""
     least_climbed: float = 0.75
-    """... after which those are refined that agree so well in their two best channels: real charts have 0.77 to 0.86, drawn ones
-    0.90 and more, the best of all places that are none 0.749."""
+    """... after which those are refined that agree so well in their two best channels: real charts
+    have 0.77 to 0.86, drawn ones
+    0.90 and more, the best of all places that are none 0.749.
+    """
     least_of_three: float = 0.78
-    """Correlation of patches with the published colors, mean of three channels, of what is a chart: the same have 0.81 to 0.90,
-    0.98 and more, and at most 0.76 ..."""
+    """Correlation of patches with the published colors, mean of three channels, of what is a chart:
+    the same have 0.81 to 0.90,
+    0.98 and more, and at most 0.76 ...
+    """
     least_of_two: float = 0.88
     """... or of its two best channels, where the third is clipped or absorbed."""
 
@@ -63,20 +79,26 @@ _MOVES = np.vstack(
     [sign * np.diag([0.1, 0.1, 0.1, 0.1, 0.3, 0.3]) for sign in (-1, 1)]
     + [[[0, -sign, sign, 0, 0, 0], [sign, 0, 0, sign, 0, 0]] for sign in (-0.08, 0.08)]
 )
-"""Longest steps to better outlines: each side, each shear, along both sides; turned, and in size."""
+"""Longest steps to better outlines: each side, each shear, along both sides; turned, and in
+size.
+"""
 _BORDER = 0.1
 """Fraction of a patch at its sides with gap and blur."""
 
 
 def small_charts(picture: Floats, types: Sequence[ChartType]) -> Iterator[FoundChart]:
-    """Every chart of these types in (H, W, 3) encoded, fractions of full scale; several outlines of each."""
+    """Every chart of these types in (H, W, 3) encoded, fractions of full scale; several outlines of
+    each.
+    """
     places = list(chart_places(picture, types))
     for type in types:
         yield from _at(picture, type, [place for of, place in places if of is type])
 
 
 def _at(picture: Floats, type: ChartType, places: Sequence[ChartPlace]) -> Iterator[FoundChart]:
-    """The charts of a type at these places: the best initial outlines are improved in steps, then refined and judged."""
+    """The charts of a type at these places: the best initial outlines are improved in steps, then
+    refined and judged.
+    """
     units = _sample_points(type)
     reference = sampled(type.template, type.template_pixels(units)[None])[0]
 
@@ -91,7 +113,9 @@ def _at(picture: Floats, type: ChartType, places: Sequence[ChartPlace]) -> Itera
     colors = np.repeat(type.srgb, len(patches) // len(type.cells), axis=0)
 
     def inside(outlines: Affine) -> NDArray[np.float64]:
-        """``agreement``, with the patches counted twice, since charts of a type differ in their gaps and frames."""
+        """``agreement``, with the patches counted twice, since charts of a type differ in their
+        gaps and frames.
+        """
         of_patches = correlations(sampled(picture, _mapped(outlines, patches)), colors).mean(axis=1)
         return np.asarray(of_patches + agreement(outlines), np.float64)
 
@@ -108,39 +132,57 @@ def _best_starts(type: ChartType, places: Sequence[ChartPlace], agreement: Agree
     for place in places:
         starts = _starts(type, place)
         scores = agreement(starts)
-        found += [(float(scores[i]), starts[i]) for i in np.argsort(-scores)[: LIMITS.starts] if scores[i] > LIMITS.least_start]
+        found += [
+            (float(scores[i]), starts[i])
+            for i in np.argsort(-scores)[: LIMITS.starts]
+            if scores[i] > LIMITS.least_start
+        ]
     best = [start for _, start in nlargest(LIMITS.refined, found, key=itemgetter(0))]
     return np.array(best).reshape(-1, 2, 3)
 
 
 def _starts(type: ChartType, place: ChartPlace) -> Affine:
-    """(K, 2, 3) initial outlines of a refinement: rotated, wider, less high and shifted from the place that was found."""
+    """(K, 2, 3) initial outlines of a refinement: rotated, wider, less high and shifted from the
+    place that was found.
+    """
     choices = product(LIMITS.tilts_deg, LIMITS.widths, LIMITS.heights, LIMITS.shifts, LIMITS.shifts)
     tilt_deg, width, height, x, y = np.array(list(choices)).T
     angle = np.radians(place.angle_deg + tilt_deg)
     scale = width * place.width_px / (type.size[0] + 2 * type.frame)
     cosine, sine = scale * np.cos(angle), scale * np.sin(angle)
-    A = np.stack([np.stack([cosine, -sine * height], axis=-1), np.stack([sine, cosine * height], axis=-1)], axis=-2)
+    A = np.stack(
+        [np.stack([cosine, -sine * height], axis=-1), np.stack([sine, cosine * height], axis=-1)],
+        axis=-2,
+    )
     middle = np.array(type.size) / 2
-    center = np.array([place.x_px, place.y_px]) + np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+    center = np.array([place.x_px, place.y_px]) + np.stack(
+        [cosine * x - sine * y, sine * x + cosine * y], axis=-1
+    )
     return np.concatenate([A, (center - A @ middle)[..., None]], axis=-1)
 
 
 def _climbed(type: ChartType, outlines: Affine, agreement: Agreement) -> Iterator[Affine]:
-    """Improve outlines (K, 2, 3) in steps, all together; yields the best of those at each place, best first."""
+    """Improve outlines (K, 2, 3) in steps, all together; yields the best of those at each place,
+    best first.
+    """
     if not len(outlines):
         return
     scores, step = agreement(outlines), np.ones(len(outlines))
     each = np.arange(len(outlines))
     for _ in range(LIMITS.climb):
-        tried = np.asarray(_moved(type, outlines[:, None], step[:, None, None] * _MOVES), np.float64)
+        tried = np.asarray(
+            _moved(type, outlines[:, None], step[:, None, None] * _MOVES), np.float64
+        )
         of_tried = agreement(tried.reshape(-1, 2, 3)).reshape(len(outlines), -1)
         best = of_tried.argmax(axis=1)
         better = of_tried[each, best] > scores
         outlines = np.where(better[:, None, None], tried[each, best], outlines)
         scores = np.where(better, of_tried[each, best], scores)
         step = np.where(better, step, step / 2)
-    middles, widths = _mapped(outlines, np.array([type.size]) / 2)[:, 0], np.hypot(*outlines[:, :, 0].T) * type.size[0]
+    middles, widths = (
+        _mapped(outlines, np.array([type.size]) / 2)[:, 0],
+        np.hypot(*outlines[:, :, 0].T) * type.size[0],
+    )
     left = np.argsort(-scores)
     while len(left):
         best = left[0]
@@ -149,7 +191,9 @@ def _climbed(type: ChartType, outlines: Affine, agreement: Agreement) -> Iterato
 
 
 def _moved(type: ChartType, M: Affine, change: NDArray[np.float64]) -> Affine:
-    """Outlines (..., 2, 3) stretched and sheared by change[..., :4] about their middles, and moved by change[..., 4:] units."""
+    """Outlines (..., 2, 3) stretched and sheared by change[..., :4] about their middles, and moved
+    by change[..., 4:] units.
+    """
     A, middle = M[..., :2], np.array(type.size) / 2
     stretched = A @ (np.eye(2) + change[..., :4].reshape(*change.shape[:-1], 2, 2))
     center = A @ (middle + change[..., 4:])[..., None] + M[..., 2:]
@@ -169,18 +213,24 @@ def _refined(type: ChartType, start: Affine, agreement: Agreement) -> Affine:
 
 
 def _judged(picture: Floats, type: ChartType, M: Affine) -> FoundChart | None:
-    """The chart, if its patches correlate with the published colors and its outline is plausible; else None."""
+    """The chart, if its patches correlate with the published colors and its outline is plausible;
+    else None.
+    """
     each = np.sort(correlations(_patch_means(picture, type, M)[None], type.srgb)[0])
     believed = each.mean() > LIMITS.least_of_three or each[1:].mean() > LIMITS.least_of_two
     if not believed or not _is_plausible(M):
         return None
-    return FoundChart(type, _mapped(M, type.corners), float(each.mean()), np.ones(len(type.cells), bool))
+    return FoundChart(
+        type, _mapped(M, type.corners), float(each.mean()), np.ones(len(type.cells), bool)
+    )
 
 
 def _mapped(M: Affine, units: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., N, 2) pixels of points (N, 2) by outlines (..., 2, 3)."""
     homogeneous = np.vstack([units.T, np.ones(len(units))])
-    return np.asarray(np.swapaxes((M.reshape(-1, 3) @ homogeneous).reshape(*M.shape[:-1], -1), -1, -2), np.float64)
+    return np.asarray(
+        np.swapaxes((M.reshape(-1, 3) @ homogeneous).reshape(*M.shape[:-1], -1), -1, -2), np.float64
+    )
 
 
 def _sample_points(type: ChartType) -> NDArray[np.float64]:
@@ -193,7 +243,9 @@ def _sample_points(type: ChartType) -> NDArray[np.float64]:
 
 def _patch_points(type: ChartType) -> NDArray[np.float64]:
     """(N, 25, 2): points all over each patch but its border, units."""
-    inner = np.stack(np.meshgrid(*[np.linspace(_BORDER, 1 - _BORDER, 5)] * 2), axis=-1).reshape(-1, 2)
+    inner = np.stack(np.meshgrid(*[np.linspace(_BORDER, 1 - _BORDER, 5)] * 2), axis=-1).reshape(
+        -1, 2
+    )
     return np.asarray(type.cells[:, None, :2] + inner * type.cells[:, None, 2:], np.float64)
 
 

@@ -1,4 +1,6 @@
-"""Finds plain white or light gray cards in an image: even regions with four straight sides, brighter than their surroundings."""
+"""Finds plain white or light gray cards in an image: even regions with four straight sides,
+brighter than their surroundings.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +10,13 @@ import cv2
 import numpy as np
 
 from stereo_seecolor.extras.evaluation.charts.flat_patches import FLAT_PATCHES_LIMITS as FLAT
-from stereo_seecolor.extras.evaluation.charts.flat_patches import Array, Floats, Levels, flat_regions, pyramid
+from stereo_seecolor.extras.evaluation.charts.flat_patches import (
+    Array,
+    Floats,
+    Levels,
+    flat_regions,
+    pyramid,
+)
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Image
@@ -17,14 +25,22 @@ from stereo_seecolor.robust_statistics import deviation_about_zero
 
 @dataclass(frozen=True)
 class CardLimits:
-    """Limits of a card. Lengths without a unit are fractions of its side (the square root of its area)."""
+    """Limits of a card. Lengths without a unit are fractions of its side (the square root of its
+    area).
+    """
 
     area_px: tuple[int, int] = (60, 900)
-    """Least and largest area of its flat part, in an image that is halved until it is so small: cards of 15 to 300 pixels."""
+    """Least and largest area of its flat part, in an image that is halved until it is so small:
+    cards of 15 to 300 pixels.
+    """
     least_fill: float = 0.85
-    """Least fraction of its convex hull that is flat, and of the hull that its four corners fill."""
+    """Least fraction of its convex hull that is flat, and of the hull that its four corners
+    fill.
+    """
     corner: float = 0.06
-    """Largest distance of the hull from its four corners' outline, as a fraction of the hull's length."""
+    """Largest distance of the hull from its four corners' outline, as a fraction of the hull's
+    length.
+    """
     least_side_px: float = 12.0
     most_stretch: float = 3.5
     """Long over short side: A4, tilted by 65 degrees."""
@@ -33,14 +49,17 @@ class CardLimits:
     least_corner_sine: float = 0.66
     """Least sine of the angle between sides that meet: a card tilted by 45 degrees."""
     reach: tuple[float, float] = (0.22, 0.055)
-    """Distance from its expected place within which a side is searched for, in each of two rounds."""
+    """Distance from its expected place within which a side is searched for, in each of two
+    rounds.
+    """
     samples: int = 32
     """Profiles along a side."""
     step: float = 0.15
     """Logarithm by which a card is brighter than what lies beside it."""
     least_brighter: float = 0.8
-    """Least fraction of the places along each side that must be brighter. In 31 real pictures without a card no region of this
-    shape has more than 0.54."""
+    """Least fraction of the places along each side that must be brighter. In 31 real pictures
+    without a card no region of this shape has more than 0.54.
+    """
     uneven: float = 0.06
     """Robust spread of its light about a plane, fraction: more is no card, or one with writing."""
     apart: float = 3.0
@@ -53,19 +72,31 @@ BLACK = 0.002
 
 
 def white_cards(image: Image) -> tuple[Array, ...]:
-    """(4, 2) corners, pixels, of each possible card in an image of 8 or 16 bits, (H, W, 3) RGB; its true color is not known."""
+    """(4, 2) corners, pixels, of each possible card in an image of 8 or 16 bits, (H, W, 3) RGB; its
+    true color is not known.
+    """
     picture = np.asarray(eight_bit(image) / np.float32(255), np.float32)
     light = np.asarray(decode_srgb(picture) @ LUMINANCE, np.float32)
     found: list[Array] = []
     for rough in _flat_quadrangles(picture):
         corners = _outlined(light, rough)
-        if corners is not None and _is_card(light, corners) and not any(_distance(corners, other) < 0.5 for other in found):
+        if (
+            corners is not None
+            and _is_card(light, corners)
+            and not any(_distance(corners, other) < 0.5 for other in found)
+        ):
             found.append(corners)
-    return tuple(card for card in found if not any(other is not card and _of_one_board(card, other) for other in found))
+    return tuple(
+        card
+        for card in found
+        if not any(other is not card and _of_one_board(card, other) for other in found)
+    )
 
 
 def _flat_quadrangles(picture: Floats) -> Iterator[Array]:
-    """Rough corners of flat regions with four corners, widened to their outlines; the smallest first."""
+    """Rough corners of flat regions with four corners, widened to their outlines; the smallest
+    first.
+    """
     for sized, pixel in pyramid(picture):
         if pixel >= 1:
             for corners in _quadrangles_of_size(sized):
@@ -73,7 +104,9 @@ def _flat_quadrangles(picture: Floats) -> Iterator[Array]:
 
 
 def _quadrangles_of_size(picture: Levels) -> Iterator[Array]:
-    """(4, 2) corners of flat regions with four corners in an image in which a card has about LIMITS.area_px."""
+    """(4, 2) corners of flat regions with four corners in an image in which a card has about
+    LIMITS.area_px.
+    """
     labels, stats = flat_regions(picture)
     area = stats[:, cv2.CC_STAT_AREA]
     least, most = LIMITS.area_px
@@ -82,19 +115,28 @@ def _quadrangles_of_size(picture: Levels) -> Iterator[Array]:
         if number == 0 or max(width, height) > 4 * min(width, height):
             continue
         region = np.pad((labels[y : y + height, x : x + width] == number).astype(np.uint8), 2)
-        outlines, _ = cv2.findContours(cv2.dilate(region, np.ones((3, 3))), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        outlines, _ = cv2.findContours(
+            cv2.dilate(region, np.ones((3, 3))), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
         hull = cv2.convexHull(max(outlines, key=len))
         four = cv2.approxPolyDP(hull, LIMITS.corner * cv2.arcLength(hull, True), True)
         whole, border = cv2.contourArea(hull), cv2.arcLength(hull, True)
-        full = area[number] >= LIMITS.least_fill * (whole - border) and cv2.contourArea(four) >= LIMITS.least_fill * whole
+        full = (
+            area[number] >= LIMITS.least_fill * (whole - border)
+            and cv2.contourArea(four) >= LIMITS.least_fill * whole
+        )
         if len(four) == 4 and full:
             corners, side = four[:, 0].astype(np.float64), np.sqrt(area[number])
             middle = corners.mean(axis=0)
-            yield middle + (corners - middle) * (side + FLAT.border_px) / (side + 2) + [x - 2, y - 2]
+            yield (
+                middle + (corners - middle) * (side + FLAT.border_px) / (side + 2) + [x - 2, y - 2]
+            )
 
 
 def _outlined(light: Floats, corners: Array) -> Array | None:
-    """The corners moved onto the edges next to them; None where four sides cannot be found, or do not have the shape of a card."""
+    """The corners moved onto the edges next to them; None where four sides cannot be found, or do
+    not have the shape of a card.
+    """
     for reach in LIMITS.reach:
         if not _has_shape(corners, light.shape):
             return None
@@ -102,7 +144,12 @@ def _outlined(light: Floats, corners: Array) -> Array | None:
         known = [line for line in lines if line is not None]
         if len(known) < 4:
             return None
-        met = np.array([np.cross(before, line) for before, line in zip([known[-1], *known[:-1]], known, strict=True)])
+        met = np.array(
+            [
+                np.cross(before, line)
+                for before, line in zip([known[-1], *known[:-1]], known, strict=True)
+            ]
+        )
         if not met[:, 2].all():
             return None
         corners = met[:, :2] / met[:, 2:]
@@ -118,18 +165,28 @@ def _has_shape(corners: Array, shape: tuple[int, ...]) -> bool:
     """Whether the outline is nearly a parallelogram, not too narrow, and inside the image."""
     sides = np.roll(corners, -1, axis=0) - corners
     length = np.hypot(*sides.T)
-    if not np.isfinite(length).all() or length.min() < LIMITS.least_side_px or length.max() > LIMITS.most_stretch * length.min():
+    if (
+        not np.isfinite(length).all()
+        or length.min() < LIMITS.least_side_px
+        or length.max() > LIMITS.most_stretch * length.min()
+    ):
         return False
     along = sides / length[:, None]
     sine = along[:, 0] * np.roll(along[:, 1], -1) - along[:, 1] * np.roll(along[:, 0], -1)
     turned = along[:2, 0] * along[2:, 1] - along[:2, 1] * along[2:, 0]
     unlike = np.maximum(np.abs(turned), np.abs(np.log(length[:2] / length[2:])))
     inside = (corners >= 2).all() and (corners <= np.array(shape[1::-1]) - 3).all()
-    return bool(inside and (unlike < LIMITS.parallel).all() and (np.abs(sine) > LIMITS.least_corner_sine).all())
+    return bool(
+        inside
+        and (unlike < LIMITS.parallel).all()
+        and (np.abs(sine) > LIMITS.least_corner_sine).all()
+    )
 
 
 def _side(light: Floats, start: Array, end: Array, reach_px: float) -> Array | None:
-    """(3,) the line a x + b y + c = 0 through the steepest point of each profile across a side; None where these do not agree."""
+    """(3,) the line a x + b y + c = 0 through the steepest point of each profile across a side;
+    None where these do not agree.
+    """
     along = end - start
     across = np.array([-along[1], along[0]]) / np.hypot(*along)
     offsets = np.arange(-max(reach_px, 2), max(reach_px, 2) + 0.25, 0.5)
@@ -146,13 +203,17 @@ def _side(light: Floats, start: Array, end: Array, reach_px: float) -> Array | N
 
 
 def _is_card(light: Floats, corners: Array) -> bool:
-    """Whether the region is brighter than its surroundings along all four sides, and even inside."""
+    """Whether the region is brighter than its surroundings along all four sides, and even
+    inside.
+    """
     middle, offset_px = corners.mean(axis=0), np.clip(0.06 * _size(corners), 2, 6)
     for start, end in _sides(corners):
         across = np.array([-(end - start)[1], (end - start)[0]]) / np.hypot(*(end - start))
         inward = offset_px * across * np.sign(across @ (middle - start))
         places = start + np.linspace(0.12, 0.88, LIMITS.samples)[:, None] * (end - start)
-        step = np.log(_sampled(light, places + inward) + BLACK) - np.log(_sampled(light, places - inward) + BLACK)
+        step = np.log(_sampled(light, places + inward) + BLACK) - np.log(
+            _sampled(light, places - inward) + BLACK
+        )
         if (step > LIMITS.step).mean() < LIMITS.least_brighter:
             return False
     return _unevenness(light, inner(corners)) < LIMITS.uneven
@@ -178,9 +239,9 @@ def _unevenness(light: Floats, corners: Array) -> float:
 def _sampled(light: Floats, points: Array) -> Floats:
     """The light at (..., 2) points, pixels."""
     x, y = np.moveaxis(points.reshape(len(points), -1, 2).astype(np.float32), -1, 0)
-    return np.asarray(cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32).reshape(
-        points.shape[:-1]
-    )
+    return np.asarray(
+        cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
+    ).reshape(points.shape[:-1])
 
 
 def _size(corners: Array) -> float:

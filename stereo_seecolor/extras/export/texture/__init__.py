@@ -1,1 +1,3 @@
-"""Texturing of the map's surface: fewer triangles within a bound, each with its best view, seams leveled."""
+"""Texturing of the map's surface: fewer triangles within a bound, each with its best view, seams
+leveled.
+"""

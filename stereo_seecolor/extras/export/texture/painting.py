@@ -1,4 +1,6 @@
-"""Painting of a page of texture: pixels of the images, with the corrections that level the seams."""
+"""Painting of a page of texture: pixels of the images, with the corrections that level the
+seams.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,9 +29,9 @@ BLOCK_PX = 4
 class Page:
     """A page of texture.
 
-    size: (width, height). step: pixels of the images to one of the page. charts (n,), and for each the rectangle of its view,
-    source (n, 4) as left, top, width, height, and its place (n, 2) in the page. unseen (m,): triangles without a view, and block
-    (m, 2): their places.
+    size: (width, height). step: pixels of the images to one of the page. charts (n,), and for each
+    the rectangle of its view, source (n, 4) as left, top, width, height, and its place (n, 2) in
+    the page. unseen (m,): triangles without a view, and block (m, 2): their places.
     """
 
     size: tuple[int, int]
@@ -43,7 +45,8 @@ class Page:
 
 @dataclass(frozen=True, eq=False)
 class PageMesh:
-    """The triangles of a page. vertex (N,): numbers in the surface. uv (N, 2): from the page's top left corner, 0 to 1.
+    """The triangles of a page. vertex (N,): numbers in the surface. uv (N, 2): from the page's top
+    left corner, 0 to 1.
 
     triangles (F, 3): into them.
     """
@@ -63,18 +66,32 @@ def pack(charts: Charts, group: int, unseen: NDArray[np.int64], step: int) -> li
         chart, block = chosen < len(own), chosen >= len(own)
         of_chart = chosen[chart]
         faces = unseen[chosen[block] - len(own)]
-        pages.append(Page(size, step, own[of_chart], source[of_chart], places[chart], faces, places[block]))
+        pages.append(
+            Page(size, step, own[of_chart], source[of_chart], places[chart], faces, places[block])
+        )
     return pages
 
 
-def page_mesh(charts: Charts, page: Page, triangles: NDArray[np.int32], of_chart: Sequence[NDArray[np.int64]]) -> PageMesh:
-    """Vertices of a page, with their places in it. triangles: of the surface. of_chart: the triangles of each chart."""
-    faces = np.concatenate([of_chart[chart] for chart in page.charts]) if len(page.charts) else np.zeros(0, np.int64)
+def page_mesh(
+    charts: Charts, page: Page, triangles: NDArray[np.int32], of_chart: Sequence[NDArray[np.int64]]
+) -> PageMesh:
+    """Vertices of a page, with their places in it. triangles: of the surface. of_chart: the
+    triangles of each chart.
+    """
+    faces = (
+        np.concatenate([of_chart[chart] for chart in page.charts])
+        if len(page.charts)
+        else np.zeros(0, np.int64)
+    )
     nodes, inverse = np.unique(charts.node[faces], return_inverse=True)
     position = np.zeros(len(charts.view), np.int64)
     position[page.charts] = np.arange(len(page.charts))
     at = position[charts.chart[nodes]]
-    uv = (charts.pixel[nodes] + 0.5 - page.source[at, :2]) / page.step + page.place[at] if len(nodes) else np.zeros((0, 2))
+    uv = (
+        (charts.pixel[nodes] + 0.5 - page.source[at, :2]) / page.step + page.place[at]
+        if len(nodes)
+        else np.zeros((0, 2))
+    )
     corners = np.array([[0.5, 0.5], [BLOCK_PX - 0.5, 0.5], [0.5, BLOCK_PX - 0.5]])
     blocks = (page.block[:, None] + corners).reshape(-1, 2)
     vertex = np.concatenate([charts.vertex[nodes], triangles[page.unseen].ravel()])
@@ -93,8 +110,12 @@ def _sources(charts: Charts, own: NDArray[np.int64], step: int) -> NDArray[np.in
     return np.concatenate([start, end - start], axis=1).astype(np.int64)
 
 
-def _shelves(sizes: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]]:
-    """Rectangles (width, height) in rows of falling height: which are on a page, their places, and the page's size."""
+def _shelves(
+    sizes: NDArray[np.int64],
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]]:
+    """Rectangles (width, height) in rows of falling height: which are on a page, their places, and
+    the page's size.
+    """
     if not len(sizes):
         return
     most = max(MOST_PX, int(sizes.max()))
@@ -114,8 +135,16 @@ def _shelves(sizes: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], NDAr
     yield order[begun:], places[order[begun:]], (width, y + shelf)
 
 
-def paint(views: Views, surface: Surface, charts: Charts, page: Page, of_chart: Sequence[NDArray[np.int64]]) -> NDArray[np.uint8]:
-    """Paint a page: (H, W, 3) RGB. of_chart: the triangles of each chart. Raises InputError if an image is gone or damaged."""
+def paint(
+    views: Views,
+    surface: Surface,
+    charts: Charts,
+    page: Page,
+    of_chart: Sequence[NDArray[np.int64]],
+) -> NDArray[np.uint8]:
+    """Paint a page: (H, W, 3) RGB. of_chart: the triangles of each chart. Raises InputError if an
+    image is gone or damaged.
+    """
     width, height = page.size
     result = np.zeros((height, width, 3), np.uint8)
     for i in np.argsort(charts.view[page.charts], kind="stable"):  # each image is read once
@@ -123,14 +152,20 @@ def paint(views: Views, surface: Surface, charts: Charts, page: Page, of_chart: 
         left, top, w, h = page.source[i]
         image = views.image(int(charts.view[chart]))
         rows, columns = (
-            np.clip(np.arange(a, a + n), 0, size - 1) for a, n, size in ((top, h, len(image)), (left, w, image.shape[1]))
+            np.clip(np.arange(a, a + n), 0, size - 1)
+            for a, n, size in ((top, h, len(image)), (left, w, image.shape[1]))
         )
         corners = charts.node[of_chart[chart]]
         patch = _leveled(
-            image[np.ix_(rows, columns)], charts.pixel[corners] - (left, top), charts.correction[corners], PAD_PX * page.step
+            image[np.ix_(rows, columns)],
+            charts.pixel[corners] - (left, top),
+            charts.correction[corners],
+            PAD_PX * page.step,
         )
         if page.step > 1:
-            patch = cv2.resize(patch, (int(w) // page.step, int(h) // page.step), interpolation=cv2.INTER_AREA)
+            patch = cv2.resize(
+                patch, (int(w) // page.step, int(h) // page.step), interpolation=cv2.INTER_AREA
+            )
         x, y = page.place[i]
         result[y : y + len(patch), x : x + patch.shape[1]] = patch
     ramp = np.linspace(0, 1, BLOCK_PX)
@@ -142,9 +177,14 @@ def paint(views: Views, surface: Surface, charts: Charts, page: Page, of_chart: 
 
 
 def _leveled(
-    patch: NDArray[np.uint8], corners: NDArray[np.float64], correction: NDArray[np.float32], margin_px: int
+    patch: NDArray[np.uint8],
+    corners: NDArray[np.float64],
+    correction: NDArray[np.float32],
+    margin_px: int,
 ) -> NDArray[np.uint8]:
-    """A patch with the corrections of its triangles, (F, 3, 2) pixels and (F, 3, 3); beyond them its mean color."""
+    """A patch with the corrections of its triangles, (F, 3, 2) pixels and (F, 3, 3); beyond them
+    its mean color.
+    """
     added = np.zeros(patch.shape, np.float32)
     inside = np.zeros(patch.shape[:2], np.uint8)
     spread(added, inside, corners, correction, margin_px)
@@ -156,7 +196,9 @@ def _leveled(
 
 @compiled
 def spread(added, inside, corners, correction, margin_px):  # type: ignore[no-untyped-def]
-    """Interpolate corrections over triangles, and up to ``margin_px`` beyond them. inside: 2 in a triangle, 1 beside one."""
+    """Interpolate corrections over triangles, and up to ``margin_px`` beyond them. inside: 2 in a
+    triangle, 1 beside one.
+    """
     height, width = inside.shape
     for f in range(len(corners)):
         ax, ay, bx, by = corners[f, 0, 0], corners[f, 0, 1], corners[f, 1, 0], corners[f, 1, 1]
@@ -183,7 +225,9 @@ def spread(added, inside, corners, correction, margin_px):  # type: ignore[no-un
                     total = u + v + w
                     u, v, w = u / total, v / total, w / total
                 for k in range(3):
-                    added[y, x, k] = u * correction[f, 0, k] + v * correction[f, 1, k] + w * correction[f, 2, k]
+                    added[y, x, k] = (
+                        u * correction[f, 0, k] + v * correction[f, 1, k] + w * correction[f, 2, k]
+                    )
                 inside[y, x] = 2 if within else 1
 
 
@@ -195,7 +239,9 @@ def spread(added, inside, corners, correction, margin_px):  # type: ignore[no-un
 # whole are those of the map's vertices, which all frames made.
 
 SMOOTH = 0.5
-"""Weight of equal corrections of neighbors, against 1 of a seam: what differs from seam to seam is noise and parallax."""
+"""Weight of equal corrections of neighbors, against 1 of a seam: what differs from seam to seam is
+noise and parallax.
+"""
 MAP = 0.1
 """Weight of the map's color at a vertex."""
 ALONG = np.linspace(0, 1, 7)
@@ -204,7 +250,9 @@ BLUR_PX = 2.0
 """Before colors are compared: a seam may be off by a pixel or two."""
 
 LIGHT_STD = 20.0
-"""Of 255: larger differences between views come from different content (edges of objects) rather than from light."""
+"""Of 255: larger differences between views come from different content (edges of objects) rather
+than from light.
+"""
 
 
 def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int64]) -> Charts:
@@ -223,7 +271,9 @@ def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int
     seam = coo_array((signs, (row, column)), shape=(count, nodes)).tocsr()
     inner = _inner_edges(charts)
     signs = np.tile([1.0, -1.0], len(inner))
-    smooth = coo_array((signs, (np.repeat(np.arange(len(inner)), 2), inner.ravel())), shape=(len(inner), nodes)).tocsr()
+    smooth = coo_array(
+        (signs, (np.repeat(np.arange(len(inner)), 2), inner.ravel())), shape=(len(inner), nodes)
+    ).tocsr()
     normal = seam.T @ seam + SMOOTH**2 * (smooth.T @ smooth) + diags_array((MAP * sure_of_map) ** 2)
     right = seam.T @ (sure[:, None] * difference) + (MAP * sure_of_map[:, None]) ** 2 * to_map
     solved = splu(normal.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(np.asarray(right))
@@ -235,11 +285,17 @@ def _sureness(difference: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(1 / np.sqrt(1 + (np.abs(difference).max(axis=1, initial=0) / LIGHT_STD) ** 2))
 
 
-def _seams(charts: Charts, across: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _seams(
+    charts: Charts, across: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(S, 2) nodes of edges between two charts, as one sees them and as the other."""
     face, corner = np.nonzero(across >= 0)
     beyond = across[face, corner]
-    apart = (face < beyond) & (charts.of_face[face] != charts.of_face[beyond]) & (charts.of_face[[face, beyond]] >= 0).all(axis=0)
+    apart = (
+        (face < beyond)
+        & (charts.of_face[face] != charts.of_face[beyond])
+        & (charts.of_face[[face, beyond]] >= 0).all(axis=0)
+    )
     face, corner, beyond = face[apart], corner[apart], beyond[apart]
     one = np.stack([charts.node[face, corner], charts.node[face, (corner + 1) % 3]], axis=1)
     candidates = charts.node[beyond]
@@ -263,8 +319,12 @@ def _colors(views: Views, charts: Charts, edges: NDArray[np.int64]) -> NDArray[n
         start, end = charts.pixel[edges[of_view, 0]], charts.pixel[edges[of_view, 1]]
         places = (start[:, None] + ALONG[:, None] * (end - start)[:, None]).astype(np.float32)
         sampled = [
-            cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for part in np.array_split(places, 1 + len(places) // 30000)  # remap takes at most 32767 rows
+            cv2.remap(
+                image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+            for part in np.array_split(
+                places, 1 + len(places) // 30000
+            )  # remap takes at most 32767 rows
         ]
         result[of_view] = np.concatenate(sampled).mean(axis=1)
     return result

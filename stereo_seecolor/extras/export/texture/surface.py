@@ -13,14 +13,18 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 BOUND_VOXELS = 0.5
 """Of the bound, in voxels of the map: finer than its surface was sampled."""
 LONGEST = 0.1
-"""Of an edge, as a fraction of the images' lower side on the bottom: a triangle is to lie in one image as a whole."""
+"""Of an edge, as a fraction of the images' lower side on the bottom: a triangle is to lie in one
+image as a whole.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """position (V, 3) float64 meters, map coordinates; normal (V, 3) float32, color (V, 3) uint8; triangles (F, 3) int32.
+    """position (V, 3) float64 meters, map coordinates; normal (V, 3) float32, color (V, 3) uint8;
+    triangles (F, 3) int32.
 
-    bound_m: how far it may be from the map's own surface. largest_m, rms_m: how far the vertices of that one are from it.
+    bound_m: how far it may be from the map's own surface. largest_m, rms_m: how far the vertices of
+    that one are from it.
     original: how many triangles that one has.
     """
 
@@ -34,7 +38,9 @@ class Surface:
     original: int
 
     def simplified(self, bound_m: float, longest_m: float) -> "Surface":
-        """Simplify further: ``bound_m`` further away at most, no new edge longer than ``longest_m``."""
+        """Simplify further: ``bound_m`` further away at most, no new edge longer than
+        ``longest_m``.
+        """
         found = simplify(self.position, self.triangles, bound_m, longest_m)
         return Surface(
             self.position[found.kept],
@@ -53,8 +59,14 @@ def read_surface(posed: PosedRun) -> Surface:
     longest_m = longest_edge_m(posed)
     path = posed.map_folder / MESH
     vertices, triangles = read_vertices(path), np.array(read_triangles(path)["indices"], np.int32)
-    arrays = np.array(vertices["position"], np.float64), np.array(vertices["normal"]), np.array(vertices["color"])
-    return Surface(*arrays, triangles, 0.0, 0.0, 0.0, len(triangles)).simplified(BOUND_VOXELS * posed.voxel_m, longest_m)
+    arrays = (
+        np.array(vertices["position"], np.float64),
+        np.array(vertices["normal"]),
+        np.array(vertices["color"]),
+    )
+    return Surface(*arrays, triangles, 0.0, 0.0, 0.0, len(triangles)).simplified(
+        BOUND_VOXELS * posed.voxel_m, longest_m
+    )
 
 
 def longest_edge_m(posed: PosedRun) -> float:
@@ -63,8 +75,15 @@ def longest_edge_m(posed: PosedRun) -> float:
 
 
 def neighbors(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Find the triangle across each edge, k from corner k to k + 1: (F, 3); -1 at the boundary, and where more than two meet."""
-    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64), axis=1)
+    """Find the triangle across each edge, k from corner k to k + 1: (F, 3); -1 at the boundary, and
+    where more than two meet.
+    """
+    ends = np.sort(
+        np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
+        .reshape(-1, 2)
+        .astype(np.int64),
+        axis=1,
+    )
     key = ends[:, 0] << 32 | ends[:, 1]
     order = np.argsort(key, kind="stable")
     ordered = key[order]

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.texture.painting import PageMesh, level, pack, page_mesh, paint
 from stereo_seecolor.extras.export.texture.surface import Surface, neighbors, read_surface
-from stereo_seecolor.extras.export.texture.views import Charts, Views, build_charts, candidates, choose
+from stereo_seecolor.extras.export.texture.views import (
+    Charts,
+    Views,
+    build_charts,
+    candidates,
+    choose,
+)
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 
@@ -23,7 +29,8 @@ class Textured:
     group: NDArray[np.int64]
 
     def pages(self, group: int = 0, step: int = 1) -> Iterator[tuple[PageMesh, NDArray[np.uint8]]]:
-        """A group's triangles and their textures (H, W, 3) RGB. step: pixels of the images to one of the texture.
+        """A group's triangles and their textures (H, W, 3) RGB. step: pixels of the images to one
+        of the texture.
 
         Raises InputError if an image is gone or damaged.
         """
@@ -40,17 +47,23 @@ class Textured:
     def summary(self) -> str:
         """The outcome of the map's surface, for a person."""
         surface, pixel_mm = self.surface, 1000 * self.views.posed.pixel_m
-        largest_mm, bound_mm, rms_mm = (1000 * value for value in (surface.largest_m, surface.bound_m, surface.rms_m))
+        largest_mm, bound_mm, rms_mm = (
+            1000 * value for value in (surface.largest_m, surface.bound_m, surface.rms_m)
+        )
         seen, frames = float((self.charts.of_face >= 0).mean()), len(np.unique(self.charts.view))
         return (
-            f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices lie at most {largest_mm:.2f} mm "
-            f"from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} mm); texture at the images' {pixel_mm:.2f} mm a pixel "
+            f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices "
+            f"lie at most {largest_mm:.2f} mm "
+            f"from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} mm); texture at the images' "
+            f"{pixel_mm:.2f} mm a pixel "
             f"from {frames} frames, on {seen:.1%} of the triangles"
         )
 
 
 def open_surface(posed: PosedRun) -> Surface:
-    """The run's mesh, with as few triangles as the bound allows. Raises InputError if it is empty."""
+    """The run's mesh, with as few triangles as the bound allows. Raises InputError if it is
+    empty.
+    """
     surface = read_surface(posed)
     if not len(surface.triangles):
         raise InputError(f"{posed.map_folder}: its mesh has no triangles")
@@ -58,7 +71,9 @@ def open_surface(posed: PosedRun) -> Surface:
 
 
 def textured(posed: PosedRun, surface: Surface, group: NDArray[np.int64] | None = None) -> Textured:
-    """Choose views, cut charts and level their seams. group (F,): zeros if None. Raises InputError as Views.image."""
+    """Choose views, cut charts and level their seams. group (F,): zeros if None. Raises InputError
+    as Views.image.
+    """
     views, across = Views(posed), neighbors(surface.triangles)
     of_face = np.zeros(len(surface.triangles), np.int64) if group is None else group
     label = choose(candidates(views, surface), across)

@@ -1,1 +1,3 @@
-"""Work on the processes of a Dask cluster: of this machine, of a scheduler that runs, or of jobs of a batch system."""
+"""Work on the processes of a Dask cluster: of this machine, of a scheduler that runs, or of jobs of
+a batch system.
+"""

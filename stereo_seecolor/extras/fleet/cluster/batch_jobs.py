@@ -1,4 +1,6 @@
-"""Asks a batch system for the state of the jobs that workers run in, the reasons, and their logs."""
+"""Asks a batch system for the state of the jobs that workers run in, the reasons, and their
+logs.
+"""
 
 import subprocess
 from dataclasses import dataclass
@@ -27,10 +29,14 @@ class BatchJobs:
     @property
     def numbers(self) -> list[str]:
         """Numbers of the jobs that were submitted."""
-        return [str(job.job_id) for job in self.started.workers.values() if getattr(job, "job_id", None)]
+        return [
+            str(job.job_id) for job in self.started.workers.values() if getattr(job, "job_id", None)
+        ]
 
     def states(self) -> dict[str, str]:
-        """Number -> state and reason of the jobs in the queue. Raises OSError where the queue cannot be asked."""
+        """Number -> state and reason of the jobs in the queue. Raises OSError where the queue
+        cannot be asked.
+        """
         numbers = self.numbers
         if self.kind != "slurm" or not numbers:
             return {}
@@ -44,13 +50,17 @@ class BatchJobs:
         return dict(line.split(" ", 1) for line in found.stdout.splitlines())
 
     def ended(self) -> str:
-        """Where all jobs have left the queue: their numbers, with log and its last line; else, or where it is unknown, ""."""
+        """Where all jobs have left the queue: their numbers, with log and its last line; else, or
+        where it is unknown, "".
+        """
         try:
             if self.kind != "slurm" or not self.numbers or self.states():
                 return ""
         except OSError:
             return ""
-        return "; ".join(f"job {number} has ended: {self._log(number)}" for number in self.numbers[:NAMED])
+        return "; ".join(
+            f"job {number} has ended: {self._log(number)}" for number in self.numbers[:NAMED]
+        )
 
     def text(self) -> str:
         """Text for a message: jobs with their states, and the folder of their logs."""
@@ -89,12 +99,16 @@ class Adaptive(BaseModel):
 
 
 class JobFile(BaseModel):
-    """Jobs, each with one worker. All other keys (queue, walltime, interface, ...) are passed to dask-jobqueue."""
+    """Jobs, each with one worker. All other keys (queue, walltime, interface, ...) are passed to
+    dask-jobqueue.
+    """
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     jobs: int | None = Field(None, ge=1, description="Jobs to submit.")
-    adaptive: Adaptive | None = Field(None, description="Instead of jobs: as many as there is work for.")
+    adaptive: Adaptive | None = Field(
+        None, description="Instead of jobs: as many as there is work for."
+    )
     cores: int = Field(ge=1, description="Cores of each; one batch of pairs runs on each core.")
     memory: str = Field(description="Memory of each, such as 16GB.")
     log_directory: str = Field("cluster-logs", description="Folder for one log file a job.")
@@ -117,10 +131,18 @@ class JobFile(BaseModel):
             first = error.errors()[0]
             where = "".join(f"{part}: " for part in first["loc"])
             raise ClusterError(
-                f"{path}: {where}{first['msg'].removeprefix('Value error, ')}: give at least jobs, cores and memory"
+                f"{path}: {where}{first['msg'].removeprefix('Value error, ')}: give at least "
+                "jobs, cores and memory"
             ) from error
 
     def arguments(self) -> dict[str, Any]:
-        """Arguments for a class of dask-jobqueue: one process for each job, with a thread for each core."""
-        own = {"cores": self.cores, "memory": self.memory, "log_directory": self.log_directory, "processes": 1}
+        """Arguments for a class of dask-jobqueue: one process for each job, with a thread for each
+        core.
+        """
+        own = {
+            "cores": self.cores,
+            "memory": self.memory,
+            "log_directory": self.log_directory,
+            "processes": 1,
+        }
         return {**own, **(self.model_extra or {})}

@@ -1,4 +1,6 @@
-"""Cuts items into batches: large enough to take about a minute, and small enough that all workers have some."""
+"""Cuts items into batches: large enough to take about a minute, and small enough that all workers
+have some.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass
@@ -13,13 +15,21 @@ class BatchSettings:
     """Settings of the size of a batch."""
 
     target_s: float = 60.0
-    """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more than this."""
+    """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more
+    than this.
+    """
     least_s: float = 5.0
-    """Seconds of work a batch at least, while all workers have some: of shorter ones the scheduler cannot send enough to 200."""
+    """Seconds of work a batch at least, while all workers have some: of shorter ones the scheduler
+    cannot send enough to 200.
+    """
     rounds: int = 4
-    """Batches a worker at least, where there are enough items, so that none idles long at the end."""
+    """Batches a worker at least, where there are enough items, so that none idles long at the
+    end.
+    """
     tail_s: float = 0.5
-    """Seconds of work of the last batches of a pass: shorter ones save no noticeable time, and each costs 10 ms."""
+    """Seconds of work of the last batches of a pass: shorter ones save no noticeable time, and each
+    costs 10 ms.
+    """
     most: int = 1000
     """Items a batch: their results are in memory together."""
 
@@ -28,7 +38,9 @@ SETTINGS = BatchSettings()
 
 
 class Batches(Generic[Item]):
-    """Items cut into batches as they are needed. Results do not depend on the cuts, so that these follow the measured time."""
+    """Items cut into batches as they are needed. Results do not depend on the cuts, so that these
+    follow the measured time.
+    """
 
     def __init__(self, items: Iterable[Item], most: int | None = None) -> None:
         """most: items of a batch at most."""
@@ -62,7 +74,12 @@ class Batches(Generic[Item]):
 
 
 def named(batch: Sequence[Any]) -> str:
-    """A name for a batch in messages: of its first and last pair, if it holds pairs or groups of pairs."""
-    ends = [item[end] if isinstance(item, list) else item for item, end in ((batch[0], 0), (batch[-1], -1))]
+    """A name for a batch in messages: of its first and last pair, if it holds pairs or groups of
+    pairs.
+    """
+    ends = [
+        item[end] if isinstance(item, list) else item
+        for item, end in ((batch[0], 0), (batch[-1], -1))
+    ]
     names = list(dict.fromkeys(str(item.name) for item in ends if hasattr(item, "name")))
     return f"the batch of {' to '.join(names)}" if names else "a batch"

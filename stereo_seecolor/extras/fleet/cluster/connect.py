@@ -1,4 +1,6 @@
-"""Connects to a cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
+"""Connects to a cluster by its name on the command line: ``local:4``, ``tcp://host:8786``,
+``slurm:cluster.yaml``.
+"""
 
 import gc
 import glob
@@ -19,7 +21,12 @@ from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.extras.fleet.cluster.local_workers import CAN_FORK, Orders, starter
-from stereo_seecolor.extras.fleet.cluster.ticket import WITHOUT_PAGES, in_files, run_keys, workers_part
+from stereo_seecolor.extras.fleet.cluster.ticket import (
+    WITHOUT_PAGES,
+    in_files,
+    run_keys,
+    workers_part,
+)
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
@@ -35,24 +42,37 @@ JOB_CLASSES = {
     "htcondor": "HTCondorCluster",
 }
 """Name on the command line -> class of dask-jobqueue."""
-FORMS = f"local:N, tcp://HOST:PORT, or {', '.join(JOB_CLASSES)} with a file, such as slurm:cluster.yaml"
+FORMS = (
+    f"local:N, tcp://HOST:PORT, or {', '.join(JOB_CLASSES)} with a file, such as slurm:cluster.yaml"
+)
 SCHEDULER_TIMEOUT_S, LOCAL_TIMEOUT_S = 20, 120
-"""Seconds to wait for a scheduler, which answers within one; and for a worker process, which imports modules for up to a minute."""
+"""Seconds to wait for a scheduler, which answers within one; and for a worker process, which
+imports modules for up to a minute.
+"""
 LOOK_S = 10.0
-"""Seconds between two queries of the queue while no worker is connected: batch systems must not be queried every second."""
+"""Seconds between two queries of the queue while no worker is connected: batch systems must not be
+queried every second.
+"""
 ADAPT_S, IDLE_LOOKS = "10s", 6
-"""Time between two decisions on the number of jobs, and the number of decisions for which a job is idle before it ends."""
+"""Time between two decisions on the number of jobs, and the number of decisions for which a job is
+idle before it ends.
+"""
 SCRATCH = f"stereo-seecolor-{platform.node()}-"
-"""Beginning of the name of local workers' folder, among temporary files; the client's process number follows."""
+"""Beginning of the name of local workers' folder, among temporary files; the client's process
+number follows.
+"""
 MARK = ".scratch-of-stereo-seecolor-workers"
-"""A file in each folder that this program made for workers: others with such a name are not deleted."""
+"""A file in each folder that this program made for workers: others with such a name are not
+deleted.
+"""
 MEMORY_FRACTION = 0.95
 """Fraction of the machine's memory that its workers together may take."""
 
 
 @contextmanager
 def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator["DaskCompute"]:
-    """A ``Compute`` on the cluster of that name, while the block runs. notice: called with a line on what is waited for.
+    """A ``Compute`` on the cluster of that name, while the block runs. notice: called with a line
+    on what is waited for.
 
     Raises ClusterError for an unknown name, or where the cluster cannot be reached.
     """
@@ -60,22 +80,31 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
     try:
         from distributed import Client
     except ImportError as error:
-        raise ClusterError(f"--cluster {name}: needs Dask: pip install 'stereo-seecolor[cluster]'") from error
+        raise ClusterError(
+            f"--cluster {name}: needs Dask: pip install 'stereo-seecolor[cluster]'"
+        ) from error
     import dask
 
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
 
-    with dask.config.set(DASK_SETTINGS), _hushed("distributed.client"), opener() as opened:  # what it logs is raised, too
+    with (
+        dask.config.set(DASK_SETTINGS),
+        _hushed("distributed.client"),
+        opener() as opened,
+    ):  # what it logs is raised, too
         try:
             client: Any = Client(  # type: ignore[no-untyped-call]
                 opened.where,
                 timeout=SCHEDULER_TIMEOUT_S,
                 set_as_default=False,
-                direct_to_workers=opened.where != name,  # a scheduler of this process would send on what it got from the same place
+                direct_to_workers=opened.where
+                # a scheduler of this process would send on what it got from the same place
+                != name,
             )
         except (OSError, TimeoutError, ValueError) as error:
             raise ClusterError(
-                f"{name}: no scheduler answers ({error}): start one with dask scheduler, and workers with dask worker {name}"
+                f"{name}: no scheduler answers ({error}): start one with dask scheduler, and "
+                f"workers with dask worker {name}"
             ) from error
         with client:
             _check_scheduler(client, name)
@@ -85,9 +114,11 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
 
 @dataclass(frozen=True, eq=False)
 class OpenedCluster:
-    """A cluster that was started. where: its scheduler's address, or Dask's object. revive: starts workers in place of lost ones.
+    """A cluster that was started. where: its scheduler's address, or Dask's object. revive: starts
+    workers in place of lost ones.
 
-    wait_s: seconds to wait for the first worker. jobs: batch jobs that workers run in, None where they run in none.
+    wait_s: seconds to wait for the first worker. jobs: batch jobs that workers run in, None where
+    they run in none.
     """
 
     where: Any
@@ -111,13 +142,18 @@ def _opener(name: str) -> Callable[[], Any]:
 def _local(workers: int) -> Iterator[OpenedCluster]:
     """Worker processes on this machine; they end with this process, however it ends."""
     remove_abandoned()
-    with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch, ExitStack() as ends:
+    with (
+        tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch,
+        ExitStack() as ends,
+    ):
         (Path(scratch) / MARK).touch()
         if not CAN_FORK:
             started = ends.enter_context(_scheduler(workers, scratch, run_keys(f"local:{workers}")))
             yield OpenedCluster(started, revive=lambda: started.scale(workers))
             return
-        start = ends.enter_context(starter())  # before the scheduler, whose threads it must not copy
+        start = ends.enter_context(
+            starter()
+        )  # before the scheduler, whose threads it must not copy
         keys = run_keys(f"local:{workers}")
         started = _scheduler(0, scratch, keys)
         ends.callback(started.close)
@@ -127,17 +163,26 @@ def _local(workers: int) -> Iterator[OpenedCluster]:
 
 
 def remove_abandoned() -> None:
-    """Delete the workers' folders of clients on this machine that were killed before they could delete them."""
+    """Delete the workers' folders of clients on this machine that were killed before they could
+    delete them.
+    """
     import psutil  # comes with Dask
 
     for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(SCRATCH)}*"):
         client = folder.name.removeprefix(SCRATCH).split("-")[0]
-        if (folder / MARK).is_file() and not folder.is_symlink() and client.isdecimal() and not psutil.pid_exists(int(client)):
+        if (
+            (folder / MARK).is_file()
+            and not folder.is_symlink()
+            and client.isdecimal()
+            and not psutil.pid_exists(int(client))
+        ):
             shutil.rmtree(folder, ignore_errors=True)  # of another user it stays
 
 
 def _scheduler(workers: int, scratch: str, keys: Any) -> Any:
-    """A scheduler in this process, with ``workers`` workers started by Dask, which serve those alone who have the keys."""
+    """A scheduler in this process, with ``workers`` workers started by Dask, which serve those
+    alone who have the keys.
+    """
     from distributed import LocalCluster
 
     return LocalCluster(  # type: ignore[no-untyped-call]
@@ -175,33 +220,48 @@ def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
     try:
         import dask_jobqueue
     except ImportError as error:
-        raise ClusterError(f"{kind}:{file}: needs dask-jobqueue: pip install 'stereo-seecolor[cluster]'") from error
+        raise ClusterError(
+            f"{kind}:{file}: needs dask-jobqueue: pip install 'stereo-seecolor[cluster]'"
+        ) from error
     with _key_folder(Path(content.log_directory)) as folder, ExitStack() as ends:
-        arguments = {**content.arguments(), "security": in_files(run_keys(f"{kind}:{file}"), Path(folder))}
+        arguments = {
+            **content.arguments(),
+            "security": in_files(run_keys(f"{kind}:{file}"), Path(folder)),
+        }
         arguments["scheduler_options"] = {**WITHOUT_PAGES, **arguments.get("scheduler_options", {})}
         try:
             started = getattr(dask_jobqueue, JOB_CLASSES[kind])(**arguments)
         except (TypeError, ValueError) as error:
             raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
         ends.enter_context(started)
-        with _hushed("tornado.application", "asyncio"):  # who tell of a refused job at length, before it is said in one line
+        with _hushed(
+            "tornado.application", "asyncio"
+        ):  # who tell of a refused job at length, before it is said in one line
             _submit(started, content, f"{kind}:{file}")
         revive = (lambda: None) if content.adaptive else lambda: started.scale(jobs=content.jobs)
-        yield OpenedCluster(started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory)))
+        yield OpenedCluster(
+            started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory))
+        )
 
 
 def _key_folder(logs: Path) -> "tempfile.TemporaryDirectory[str]":
-    """A folder beside the jobs' logs, which the nodes see and this user alone can read: the run's keys lie in it while it lasts."""
+    """A folder beside the jobs' logs, which the nodes see and this user alone can read: the run's
+    keys lie in it while it lasts.
+    """
     try:
         logs.mkdir(parents=True, exist_ok=True)
         return tempfile.TemporaryDirectory(prefix=".keys-", dir=logs.absolute())
     except OSError as error:
-        raise ClusterError(f"log_directory: {logs}: cannot be written: {error.strerror or error}") from error
+        raise ClusterError(
+            f"log_directory: {logs}: cannot be written: {error.strerror or error}"
+        ) from error
 
 
 @contextmanager
 def _hushed(*loggers: str) -> Iterator[None]:
-    """Suppress the messages of these loggers while the block runs, with those of tasks that are only then garbage-collected."""
+    """Suppress the messages of these loggers while the block runs, with those of tasks that are
+    only then garbage-collected.
+    """
     levels = {name: logging.getLogger(name).level for name in loggers}
     for name in loggers:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
@@ -214,7 +274,9 @@ def _hushed(*loggers: str) -> Iterator[None]:
 
 
 def _submit(started: Any, content: "JobFile", name: str) -> None:
-    """Submit the first jobs, and, for adaptive files, more as there is work. Raises ClusterError where one is refused."""
+    """Submit the first jobs, and, for adaptive files, more as there is work. Raises ClusterError
+    where one is refused.
+    """
     from distributed.core import Status
 
     async def submitted() -> None:
@@ -230,21 +292,38 @@ def _submit(started: Any, content: "JobFile", name: str) -> None:
     try:
         started.sync(submitted)
     except (RuntimeError, OSError) as error:
-        why = next((line.strip() for line in str(error).splitlines()[::-1] if "error" in line.lower()), str(error))
+        why = next(
+            (line.strip() for line in str(error).splitlines()[::-1] if "error" in line.lower()),
+            str(error),
+        )
         raise ClusterError(f"{name}: a job was refused: {why}") from error
     if adaptive:
-        started.adapt(minimum_jobs=adaptive.minimum, maximum_jobs=adaptive.maximum, interval=ADAPT_S, wait_count=IDLE_LOOKS)
+        started.adapt(
+            minimum_jobs=adaptive.minimum,
+            maximum_jobs=adaptive.maximum,
+            interval=ADAPT_S,
+            wait_count=IDLE_LOOKS,
+        )
 
 
 def _check_scheduler(client: Any, name: str) -> None:
-    """Raise ClusterError where the scheduler has another version of Dask: it would end with an unclear error."""
-    there, here = (client.get_versions()[side]["packages"]["distributed"] for side in ("scheduler", "client"))
+    """Raise ClusterError where the scheduler has another version of Dask: it would end with an
+    unclear error.
+    """
+    there, here = (
+        client.get_versions()[side]["packages"]["distributed"] for side in ("scheduler", "client")
+    )
     if there != here:
-        raise ClusterError(f"{name}: the scheduler has another version (distributed {there} there, {here} here): install the same")
+        raise ClusterError(
+            f"{name}: the scheduler has another version (distributed {there} there, {here} here): "
+            "install the same"
+        )
 
 
 def _wait(client: Any, opened: OpenedCluster, name: str, notice: Callable[[str], None]) -> None:
-    """For the first worker. Raises ClusterError with what the batch system says of the jobs, as soon as none of them can come."""
+    """For the first worker. Raises ClusterError with what the batch system says of the jobs, as
+    soon as none of them can come.
+    """
     jobs, end_s, noticed = opened.jobs, time.monotonic() + opened.wait_s, False
     while True:
         try:
@@ -258,6 +337,8 @@ def _wait(client: Any, opened: OpenedCluster, name: str, notice: Callable[[str],
                 continue
             why = jobs.text() if jobs else f"start some (dask worker {name})"
             if over:
-                raise ClusterError(f"{name}: no worker came within {opened.wait_s:.0f} s: {why}") from error
+                raise ClusterError(
+                    f"{name}: no worker came within {opened.wait_s:.0f} s: {why}"
+                ) from error
             notice(f"{name}: no worker yet; waiting for one for {opened.wait_s:.0f} s: {why}")
             noticed = True

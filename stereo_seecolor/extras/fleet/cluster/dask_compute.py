@@ -1,4 +1,6 @@
-"""The ``Compute`` of a Dask cluster: batches of items are sent to workers, and results returned in the items' order."""
+"""The ``Compute`` of a Dask cluster: batches of items are sent to workers, and results returned in
+the items' order.
+"""
 
 import logging
 import pickle
@@ -28,19 +30,26 @@ AHEAD = 2
 LOOK_S = 0.5
 """Seconds between two requests to the scheduler for the number of workers."""
 REVIVE_S = 15.0
-"""Seconds between two checks that all workers are connected: on a busy machine a worker takes several to start."""
+"""Seconds between two checks that all workers are connected: on a busy machine a worker takes
+several to start.
+"""
 
 TEMPORARY_PREFIX = ".writing-"
-"""Beginning of the names of files that the next run deletes if this one is killed (``files/atomic.py``)."""
+"""Beginning of the names of files that the next run deletes if this one is killed
+(``files/atomic.py``).
+"""
 UNKNOWN_NAME = "Can't get attribute"
 """Beginning of pickle's message for a name that a module of another version lacks."""
 LARGE_BYTES = 1 << 16
-"""Bytes of pickled work above which it is written to a file that all workers read once, instead of sent with every batch."""
+"""Bytes of pickled work above which it is written to a file that all workers read once, instead of
+sent with every batch.
+"""
 
 LOST = (OSError, CommClosedError, FutureCancelledError, AttributeError, UnboundLocalError)
-"""Exceptions of a client whose scheduler is gone: AttributeError where Dask asks the connection that it has just dropped (None),
-the last where it cancels its own question, and then returns the answer that it never had (``distributed.utils.sync``, which catches
-no CancelledError). """
+"""Exceptions of a client whose scheduler is gone: AttributeError where Dask asks the connection
+that it has just dropped (None), the last where it cancels its own question, and then returns the
+answer that it never had (``distributed.utils.sync``, which catches no CancelledError).
+"""
 
 Future = Any
 """A future of Dask, whose classes have no types."""
@@ -50,12 +59,19 @@ log = logging.getLogger(__name__)
 
 
 class DaskCompute:
-    """Runs work on the workers of a cluster. name: as on the command line. revive: starts workers in place of lost ones.
+    """Runs work on the workers of a cluster. name: as on the command line. revive: starts workers
+    in place of lost ones.
 
     notice: called with a line when all workers are lost.
     """
 
-    def __init__(self, client: Any, name: str, revive: Callable[[], object], notice: Callable[[str], None] = log.warning) -> None:
+    def __init__(
+        self,
+        client: Any,
+        name: str,
+        revive: Callable[[], object],
+        notice: Callable[[str], None] = log.warning,
+    ) -> None:
         self._client, self._name, self._revive, self._notice = client, name, revive, notice
         self._alone = False
         self._revived_s = time.monotonic()
@@ -69,7 +85,9 @@ class DaskCompute:
         """The resources of all workers, including lost ones, as of the last batch of each."""
         used = self._used.values()
         cores = sum(self._threads().values())
-        return Usage(cores, sum(seconds for seconds, _ in used), max((peak for _, peak in used), default=0))
+        return Usage(
+            cores, sum(seconds for seconds, _ in used), max((peak for _, peak in used), default=0)
+        )
 
     @property
     def parts(self) -> int:
@@ -78,7 +96,9 @@ class DaskCompute:
 
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
-        """Let every worker check, before its first batch, that it sees this ``folder`` and the ``inputs``."""
+        """Let every worker check, before its first batch, that it sees this ``folder`` and the
+        ``inputs``.
+        """
         file = (folder / f"{TEMPORARY_PREFIX}probe-{secrets.token_hex(4)}").absolute()
         seen = tuple(path.absolute() for path in inputs if path.exists())
         probe = Probe(file, secrets.token_hex(16), seen)
@@ -94,18 +114,25 @@ class DaskCompute:
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, in order. A lost worker's batch is done again by another."""
-        return self._ordered(do_batch, work, Batches(items), lambda nthreads: sum(nthreads.values()))
+        return self._ordered(
+            do_batch, work, Batches(items), lambda nthreads: sum(nthreads.values())
+        )
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every tile, in order: one at a time on each worker, with all its threads."""
         return self._ordered(do_tiles, work, Batches(tiles, most=1), len)
 
     def _ordered(
-        self, do: DoBatch, work: Callable[[Item], Result], batches: Batches[Item], at_once: Callable[[dict[str, int]], int]
+        self,
+        do: DoBatch,
+        work: Callable[[Item], Result],
+        batches: Batches[Item],
+        at_once: Callable[[dict[str, int]], int],
     ) -> Iterator[Result]:
         """``work`` of every item of ``batches``, in order.
 
-        at_once: the number of batches to do at once, from the number of threads of each worker, by address.
+        at_once: the number of batches to do at once, from the number of threads of each worker, by
+        address.
         """
         waiting: deque[tuple[Future, list[Item]]] = deque()
         done = False
@@ -129,7 +156,9 @@ class DaskCompute:
 
     @contextmanager
     def _parcel(self, work: Callable[[Item], Result]) -> Iterator[Parcel]:
-        """The pickled work as it is sent: if it is large, in a file of the shared folder, where there is one."""
+        """The pickled work as it is sent: if it is large, in a file of the shared folder, where
+        there is one.
+        """
         content = cloudpickle.dumps(work)
         if len(content) <= LARGE_BYTES or not self._probes:
             yield content
@@ -166,8 +195,10 @@ class DaskCompute:
                 return result
             except KilledWorker as error:
                 raise ClusterError(
-                    f"{self._name}: {named(batch)} ended {error.allowed_failures + 1} workers, most likely for want of memory: "
-                    "give workers more memory, or fewer threads (docs/fleets.md); what is done is kept"
+                    f"{self._name}: {named(batch)} ended {error.allowed_failures + 1} workers, "
+                    "most likely for want of memory: "
+                    "give workers more memory, or fewer threads (docs/fleets.md); what is done is "
+                    "kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
                 raise self._gone(error) from error
@@ -176,11 +207,15 @@ class DaskCompute:
                     raise
                 raise self._gone(error) from error
             except ImportError as error:
-                raise ClusterError(f"{self._name}: a worker lacks {error.name}: install stereo-seecolor there, too") from error
+                raise ClusterError(
+                    f"{self._name}: a worker lacks {error.name}: install stereo-seecolor there, too"
+                ) from error
             except AttributeError as error:
                 if not str(error).startswith(UNKNOWN_NAME):
                     raise
-                raise ClusterError(f"{self._name}: a worker has another version: install the same there ({error})") from error
+                raise ClusterError(
+                    f"{self._name}: a worker has another version: install the same there ({error})"
+                ) from error
             except TimeoutError:
                 self._look_after_workers()
 
@@ -202,7 +237,10 @@ class DaskCompute:
             raise self._gone(error) from error
 
     def _gone(self, error: Exception) -> ClusterError:
-        return ClusterError(f"{self._name}: the scheduler is gone ({error}): run the same line again, what is done is kept")
+        return ClusterError(
+            f"{self._name}: the scheduler is gone ({error}): run the same line again, what is "
+            "done is kept"
+        )
 
     def _cancel(self, futures: Iterable[Future]) -> None:
         left = list(futures)
@@ -215,8 +253,8 @@ class DaskCompute:
 class _Call:
     """A call that is made when it is unpickled.
 
-    A worker without this program, or with another version of it, then raises an error that the client receives. If it were sent a
-    function that it cannot find, it would lose its connection.
+    A worker without this program, or with another version of it, then raises an error that the
+    client receives. If it were sent a function that it cannot find, it would lose its connection.
     """
 
     do: Callable[..., Any]
@@ -231,4 +269,6 @@ def _written(file: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(f"{file}: cannot be written: {error.strerror or error}: free the place and run again") from error
+        raise OutputError(
+            f"{file}: cannot be written: {error.strerror or error}: free the place and run again"
+        ) from error

@@ -5,7 +5,9 @@ from typing import Any
 from stereo_seecolor.extras.fleet.cluster.ticket import NO_PAGES
 
 FAILURES_ALLOWED = 10
-"""Workers that a batch may lose before it is given up: machines may be withdrawn, but a batch that kills every worker must not."""
+"""Workers that a batch may lose before it is given up: machines may be withdrawn, but a batch that
+kills every worker must not.
+"""
 LOST_S = 60
 """Seconds for a lost worker to connect again, before another is started in its place."""
 
@@ -18,4 +20,6 @@ DASK_SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.monitor-interval": "500ms",
     **NO_PAGES,
 }
-"""Dask's monitoring, by default many times a second in each process, takes a twentieth of a core: here it is infrequent."""
+"""Dask's monitoring, by default many times a second in each process, takes a twentieth of a core:
+here it is infrequent.
+"""

@@ -1,7 +1,9 @@
-"""Worker processes of this machine, forked from one process that has imported all modules, which takes each worker 2 s else.
+"""Worker processes of this machine, forked from one process that has imported all modules, which
+takes each worker 2 s else.
 
-That process, the starter, is forked from the client if the client has only one thread, else started as a new program, which imports
-once more. It starts a new worker for one that ends, and ends all when its pipe from the client closes, however the client ends.
+That process, the starter, is forked from the client if the client has only one thread, else started
+as a new program, which imports once more. It starts a new worker for one that ends, and ends all
+when its pipe from the client closes, however the client ends.
 """
 
 import contextlib
@@ -44,9 +46,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Orders:
-    """The workers to start: number and scheduler's address. memory_bytes: a worker that takes more is ended.
+    """The workers to start: number and scheduler's address. memory_bytes: a worker that takes more
+    is ended.
 
-    scratch: a folder for their files. keys: their part of the run's keys, which goes through the pipe alone.
+    scratch: a folder for their files. keys: their part of the run's keys, which goes through the
+    pipe alone.
     """
 
     address: str
@@ -58,7 +62,9 @@ class Orders:
 
 @contextmanager
 def starter() -> Iterator[Callable[[Orders], None]]:
-    """A function that starts workers, which run until the block ends. Raises OSError where no process can be started."""
+    """A function that starts workers, which run until the block ends. Raises OSError where no
+    process can be started.
+    """
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
     orders, end = _forked() if _one_thread() else _started_anew()
@@ -76,7 +82,9 @@ def starter() -> Iterator[Callable[[Orders], None]]:
 
 
 def _one_thread() -> bool:
-    """Whether this process has only one thread, so that it may be forked: a lock held by another thread stays locked in a copy."""
+    """Whether this process has only one thread, so that it may be forked: a lock held by another
+    thread stays locked in a copy.
+    """
     try:
         return len(list(Path("/proc/self/task").iterdir())) == 1
     except OSError:  # only Linux says it
@@ -94,9 +102,15 @@ def _forked() -> tuple[BinaryIO, Callable[[], object]]:
 
 
 def _started_anew() -> tuple[BinaryIO, Callable[[], object]]:
-    path = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))  # what this process finds, workers must find
+    path = os.pathsep.join(
+        filter(None, [str(ROOT), *sys.path])
+    )  # what this process finds, workers must find
     line = f"import sys; from {__name__} import serve; serve(sys.stdin.buffer)"
-    started = subprocess.Popen([sys.executable, "-P", "-c", line], stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": path})
+    started = subprocess.Popen(
+        [sys.executable, "-P", "-c", line],
+        stdin=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": path},
+    )
     assert started.stdin is not None
     return started.stdin, started.wait  # type: ignore[return-value]
 
@@ -119,8 +133,14 @@ def _end_with(work: Callable[[], object]) -> NoReturn:
 
 
 def serve(pipe: BinaryIO) -> None:
-    """Keep the number of workers that was ordered through the pipe, until it closes; then end them and delete their files."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # of the terminal or the batch system: the client decides what they mean
+    """Keep the number of workers that was ordered through the pipe, until it closes; then end them
+    and delete their files.
+    """
+    for name in (
+        "SIGINT",
+        "SIGTERM",
+        "SIGHUP",
+    ):  # of the terminal or the batch system: the client decides what they mean
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
@@ -155,14 +175,18 @@ def _load() -> None:
 
 
 def _wait_for_threads() -> None:
-    """Wait until ended threads are gone: they still free OpenCV's data under a lock, which must not be held at a fork."""
+    """Wait until ended threads are gone: they still free OpenCV's data under a lock, which must not
+    be held at a fork.
+    """
     end_s = time.monotonic() + THREADS_END_S
     while not _one_thread() and time.monotonic() < end_s:
         time.sleep(0.001)
 
 
 def _replace_lost(running: set[int], orders: Orders) -> None:
-    """Start workers in place of those that have ended. running: process numbers of the workers; changed."""
+    """Start workers in place of those that have ended. running: process numbers of the workers;
+    changed.
+    """
     running -= {pid for pid in running if os.waitpid(pid, os.WNOHANG)[0]}
     while len(running) < orders.workers:
         pid = os.fork()
@@ -179,7 +203,10 @@ def _end_large(running: set[int], memory_bytes: int) -> None:
             taken = psutil.Process(pid).memory_info().rss
             if taken > memory_bytes:
                 os.kill(pid, signal.SIGKILL)
-                what = f"worker {pid} took {taken / 1e9:.2f} GB, more than its {memory_bytes / 1e9:.2f} GB: it was ended"
+                what = (
+                    f"worker {pid} took {taken / 1e9:.2f} GB, more than its "
+                    f"{memory_bytes / 1e9:.2f} GB: it was ended"
+                )
                 log.warning("%s, and another does its batch again", what)
 
 
@@ -192,7 +219,11 @@ def _work(orders: Orders) -> None:
     import dask
     from distributed import Worker
 
-    for name in ("distributed", "stereo_seecolor", "calibration"):  # the client's, where this is a copy of it
+    for name in (
+        "distributed",
+        "stereo_seecolor",
+        "calibration",
+    ):  # the client's, where this is a copy of it
         logging.getLogger(name).handlers.clear()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
 

@@ -1,4 +1,6 @@
-"""The ticket that a client sends with every batch, by which a worker checks before its first batch that it can do the work."""
+"""The ticket that a client sends with every batch, by which a worker checks before its first batch
+that it can do the work.
+"""
 
 import os
 import platform
@@ -34,7 +36,9 @@ def versions() -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class Probe:
-    """A file that the client wrote into the folder that workers write into, and its content. inputs: files that they read."""
+    """A file that the client wrote into the folder that workers write into, and its content.
+    inputs: files that they read.
+    """
 
     file: Path
     content: str
@@ -43,7 +47,9 @@ class Probe:
 
 @dataclass(frozen=True)
 class Ticket:
-    """Facts of the client. versions: see ``versions``. folder: its working folder, for relative paths."""
+    """Facts of the client. versions: see ``versions``. folder: its working folder, for relative
+    paths.
+    """
 
     versions: tuple[tuple[str, str], ...]
     folder: Path
@@ -57,7 +63,9 @@ class Ticket:
 
 @lru_cache(maxsize=8)
 def admit(ticket: Ticket) -> None:
-    """Check, once in a process, that it can do batches with this ticket, and set it up. Raises ClusterError."""
+    """Check, once in a process, that it can do batches with this ticket, and set it up. Raises
+    ClusterError.
+    """
     here = platform.node()
     differing = [
         f"{name} {mine} there, {theirs} here"
@@ -65,7 +73,10 @@ def admit(ticket: Ticket) -> None:
         if mine != theirs
     ]
     if differing:
-        raise ClusterError(f"worker on {here}: has other versions ({'; '.join(differing)}): install the same in both places")
+        raise ClusterError(
+            f"worker on {here}: has other versions ({'; '.join(differing)}): install the same in "
+            "both places"
+        )
     try:
         os.chdir(ticket.folder)
     except OSError as error:
@@ -85,14 +96,20 @@ def _look(here: str, probe: Probe) -> None:
     except OSError as error:
         raise ClusterError(_invisible(here, probe.file.parent, error)) from error
     if found != probe.content:
-        raise ClusterError(f"worker on {here}: {probe.file.parent} is another folder there: mount the same one at the same place")
+        raise ClusterError(
+            f"worker on {here}: {probe.file.parent} is another folder there: mount the same one "
+            "at the same place"
+        )
     for path in probe.inputs:
         if not path.exists():
             raise ClusterError(_invisible(here, path, FileNotFoundError("no such file or folder")))
 
 
 def _invisible(here: str, path: Path, error: OSError) -> str:
-    return f"worker on {here}: does not see {path} ({error.strerror or error}): mount it there at the same place"
+    return (
+        f"worker on {here}: does not see {path} ({error.strerror or error}): mount it there at "
+        "the same place"
+    )
 
 
 def _one_core() -> None:
@@ -113,19 +130,26 @@ def _one_core() -> None:
 # Without, whoever reaches a port of Dask's, as every user of the machine does, sends it pickled
 # code, which it runs.
 
-NO_PAGES: dict[str, Any] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+NO_PAGES: dict[str, Any] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
 WITHOUT_PAGES: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 """Settings and arguments of a scheduler: Dask's web pages know no keys, and none is served."""
 
 
 def run_keys(name: str) -> Any:
-    """Dask's ``Security`` with a key and a certificate, in memory alone. Raises ClusterError where no library makes them."""
+    """Dask's ``Security`` with a key and a certificate, in memory alone. Raises ClusterError where
+    no library makes them.
+    """
     from distributed.security import Security
 
     try:
         return Security.temporary()  # type: ignore[no-untyped-call]
     except ImportError as error:
-        raise ClusterError(f"--cluster {name}: needs cryptography: pip install 'stereo-seecolor[cluster]'") from error
+        raise ClusterError(
+            f"--cluster {name}: needs cryptography: pip install 'stereo-seecolor[cluster]'"
+        ) from error
 
 
 def workers_part(keys: Any) -> dict[str, str]:
@@ -140,11 +164,15 @@ def of_worker(part: dict[str, str]) -> Any:
 
 
 def in_files(keys: Any, folder: Path) -> Any:
-    """The same keys in files of ``folder``, which is this user's alone: jobs on other machines read them. Raises OSError."""
+    """The same keys in files of ``folder``, which is this user's alone: jobs on other machines read
+    them. Raises OSError.
+    """
     part = {}
     for name, content in workers_part(keys).items():
         part[name] = str(folder / f"{name}.pem")
-        with os.fdopen(os.open(part[name], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        with os.fdopen(
+            os.open(part[name], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w"
+        ) as file:
             file.write(content)
     return _security(("client", "scheduler", "worker"), part)
 

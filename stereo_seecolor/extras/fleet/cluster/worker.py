@@ -20,12 +20,16 @@ from stereo_seecolor.extras.fleet.cluster.batches import named
 from stereo_seecolor.extras.fleet.cluster.ticket import Ticket, admit
 
 WORKS_KEPT = 4
-"""Unpickled works, with tables such as those of rectification, that a worker keeps: for a few dives at once, some 50 MB each."""
+"""Unpickled works, with tables such as those of rectification, that a worker keeps: for a few dives
+at once, some 50 MB each.
+"""
 
 
 @dataclass(frozen=True)
 class SharedFile:
-    """A file of the shared folder, which others may be able to write; sha256: of the content that the client put there."""
+    """A file of the shared folder, which others may be able to write; sha256: of the content that
+    the client put there.
+    """
 
     path: Path
     sha256: bytes
@@ -40,7 +44,10 @@ class SharedFile:
         """The content. Raises ClusterError where it is not what the client wrote, OSError."""
         content = self.path.read_bytes()
         if hashlib.sha256(content).digest() != self.sha256:
-            raise ClusterError(f"{self.path}: somebody changed it, or it was cut; its code was not run: who may write there?")
+            raise ClusterError(
+                f"{self.path}: somebody changed it, or it was cut; its code was not run: who may "
+                "write there?"
+            )
         return content
 
 
@@ -54,7 +61,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Done:
-    """A batch's results in the items' order, pickled, and the seconds that it took. process: the worker, with its resources so far.
+    """A batch's results in the items' order, pickled, and the seconds that it took. process: the
+    worker, with its resources so far.
 
     Items and results are sent pickled: Dask would make arrays read-only or unaligned in memory.
     """
@@ -73,13 +81,18 @@ class Done:
 
 
 def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
-    """Do the pickled ``work`` on all pickled items. Raises ClusterError where this process cannot, and as ``work``."""
+    """Do the pickled ``work`` on all pickled items. Raises ClusterError where this process cannot,
+    and as ``work``.
+    """
     admit(ticket)
     start, do = time.perf_counter(), _unpickled(work)
     try:
         batch = pickle.loads(items)
         results = [do(item) for item in batch]
-    except (OutputError, DeviceError) as error:  # of this machine, most likely: a full disk, a library that is missing
+    except (
+        OutputError,
+        DeviceError,
+    ) as error:  # of this machine, most likely: a full disk, a library that is missing
         log.error("batch failed: %s", error)
         raise type(error)(f"worker on {platform.node()}: {error}") from error
     except Exception:
@@ -87,11 +100,19 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
         raise
     seconds = time.perf_counter() - start
     log.info("%s (%s): %d done in %.1f s", named(batch), type(do).__name__, len(results), seconds)
-    return Done(pickle.dumps(results), seconds, f"{platform.node()}:{os.getpid()}", core_seconds(), peak_bytes())
+    return Done(
+        pickle.dumps(results),
+        seconds,
+        f"{platform.node()}:{os.getpid()}",
+        core_seconds(),
+        peak_bytes(),
+    )
 
 
 def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
-    """``do_batch`` for work that fills the memory: one batch at a time in this process, with all threads of the worker."""
+    """``do_batch`` for work that fills the memory: one batch at a time in this process, with all
+    threads of the worker.
+    """
     from distributed import get_worker
 
     with _whole_worker:
@@ -106,5 +127,7 @@ def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
 @lru_cache(maxsize=WORKS_KEPT)
 def _unpickled(work: Parcel) -> Callable[[Any], Any]:
     content = work.read_bytes() if isinstance(work, SharedFile) else work
-    function: Callable[[Any], Any] = pickle.loads(content)  # from the client that this worker serves
+    function: Callable[[Any], Any] = pickle.loads(
+        content
+    )  # from the client that this worker serves
     return function

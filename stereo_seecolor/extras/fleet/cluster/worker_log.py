@@ -14,7 +14,8 @@ log = logging.getLogger("stereo_seecolor")
 
 
 def log_below(folder: Path) -> None:
-    """Write this process's log to ``folder``/logs/HOST-PROCESS.log from now on, with the traceback of a crash.
+    """Write this process's log to ``folder``/logs/HOST-PROCESS.log from now on, with the traceback
+    of a crash.
 
     Writes none where the file cannot be written: the work itself will fail with the reason.
     """
@@ -24,7 +25,9 @@ def log_below(folder: Path) -> None:
         handler.close()
     with suppress(OSError):
         (folder / FOLDER).mkdir(exist_ok=True)
-        handler = WorkerLog(folder / FOLDER / f"{platform.node()}-{os.getpid()}.log", encoding="utf-8")
+        handler = WorkerLog(
+            folder / FOLDER / f"{platform.node()}-{os.getpid()}.log", encoding="utf-8"
+        )
         handler.setFormatter(logging.Formatter(FORM))
         log.addHandler(handler)
         log.setLevel(logging.INFO)

@@ -27,20 +27,27 @@ SECOND_TRACK = "second_track.tum"
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The change of a site. files: written to the folder. joint: the second track, solved in one graph with the first, if asked."""
+    """The change of a site. files: written to the folder. joint: the second track, solved in one
+    graph with the first, if asked.
+    """
 
     change: SiteChange
     files: tuple[Path, ...]
     joint: JointTrack | None = None
 
 
-def compare(first: Path, second: Path, folder: Path | None = None, joint: bool = False) -> Comparison:
-    """Register the map in ``second`` to that in ``first``, and find where the bottom rose, sank or changed its color.
+def compare(
+    first: Path, second: Path, folder: Path | None = None, joint: bool = False
+) -> Comparison:
+    """Register the map in ``second`` to that in ``first``, and find where the bottom rose, sank or
+    changed its color.
 
-    folder: new or empty, for page, rasters, table and picture; None writes none. Both runs are left as they are.
-    joint: also solve the second's track in one graph with the first's, to fuse it again with; needs a folder.
-    Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot be compared; OutputError;
-    DeviceError if GTSAM is missing for ``joint``.
+    folder: new or empty, for page, rasters, table and picture; None writes none. Both runs are left
+    as they are.
+    joint: also solve the second's track in one graph with the first's, to fuse it again with; needs
+    a folder.
+    Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot
+    be compared; OutputError; DeviceError if GTSAM is missing for ``joint``.
     """
     if folder:
         refuse_filled(folder)
@@ -71,23 +78,31 @@ def _names(first: Path, second: Path) -> tuple[str, str]:
 
 
 def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None) -> SiteMetrics:
-    """Measure structure at several scales of the map in ``out``, and size and structure of each outline of ``polygons``.
+    """Measure structure at several scales of the map in ``out``, and size and structure of each
+    outline of ``polygons``.
 
-    polygons: GeoJSON, or a project of TagLab. folder: new or empty, for the tables; None writes none.
+    polygons: GeoJSON, or a project of TagLab. folder: new or empty, for the tables; None writes
+    none.
     Raises InputError for a run without a map, or a polygon file that cannot be used; OutputError.
     """
     site = open_site(out)
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
-    measured = measure_outlines(outlines, mesh, terrain, errors, height_std_m(open_run(out)) if outlines else 0.0)
+    measured = measure_outlines(
+        outlines, mesh, terrain, errors, height_std_m(open_run(out)) if outlines else 0.0
+    )
     colonies = tuple(colony for colony in measured if colony is not None)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
     result = SiteMetrics(
         structure=tuple(structure(mesh, terrain, errors)),
         colonies=colonies,
         cover=tuple(cover(colonies, seen_m2)),
-        unseen=tuple(outline.name for outline, colony in zip(outlines, measured, strict=True) if colony is None),
+        unseen=tuple(
+            outline.name
+            for outline, colony in zip(outlines, measured, strict=True)
+            if colony is None
+        ),
         cell_m=terrain.grid.cell_m,
         area_m2=seen_m2,
         height_std_m=errors.median_m,

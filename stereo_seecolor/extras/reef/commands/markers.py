@@ -1,4 +1,6 @@
-"""``markers``: tags and scale bars on the bottom, found in a fused run and compared with what is known of them."""
+"""``markers``: tags and scale bars on the bottom, found in a fused run and compared with what is
+known of them.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,7 +31,9 @@ from stereo_seecolor.run_folder.posed_run import PosedRun, SurveyFrames, open_po
 
 @dataclass(frozen=True)
 class Known:
-    """Known lengths and places of markers. edge_m: edge of the black border of each. bars, points: CSV files (docs/markers.md)."""
+    """Known lengths and places of markers. edge_m: edge of the black border of each. bars, points:
+    CSV files (docs/markers.md).
+    """
 
     edge_m: float | None = None
     family: str = "36h11"
@@ -39,10 +43,11 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class FoundMarkers:
-    """Markers found in a map. frames: number of frames of the map. markers: those seen in two frames or more.
+    """Markers found in a map. frames: number of frames of the map. markers: those seen in two
+    frames or more.
 
-    size: known against measured edge, of all markers. bars: the same of each scale bar, by its ends. control: fit to the surveyed
-    places. None where nothing is known.
+    size: known against measured edge, of all markers. bars: the same of each scale bar, by its
+    ends. control: fit to the surveyed places. None where nothing is known.
     """
 
     frames: int
@@ -55,13 +60,18 @@ class FoundMarkers:
     @property
     def wrong(self) -> bool:
         """Whether a given length cannot be right, or surveyed places do not fit the map."""
-        return any(check.wrong for check in (self.size, *self.bars.values()) if check) or bool(self.control and self.control.doubt)
+        return any(check.wrong for check in (self.size, *self.bars.values()) if check) or bool(
+            self.control and self.control.doubt
+        )
 
 
-def markers(out: Path, known: Known, folder: Path | None = None, listener: Listener | None = None) -> FoundMarkers:
+def markers(
+    out: Path, known: Known, folder: Path | None = None, listener: Listener | None = None
+) -> FoundMarkers:
     """Find markers in the corrected frames of the map in ``out``.
 
-    folder: new or empty, for markers.csv and, with control points, trajectory.tum, the track in their coordinates.
+    folder: new or empty, for markers.csv and, with control points, trajectory.tum, the track in
+    their coordinates.
     Raises InputError for a run without a map, or tables that cannot be used; OutputError.
     """
     if folder:
@@ -76,8 +86,12 @@ def markers(out: Path, known: Known, folder: Path | None = None, listener: Liste
     T = {frame.name: shift @ T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
     found = tuple(placed_markers(_sightings(posed, detector, listener or Silence()), T))
     if not found:
-        raise InputError(f"{out}: shows no marker of {known.family} in two frames or more: another --family?")
-    checks = {f"{first}-{second}": check for (first, second), check in bar_checks(found, bars).items()}
+        raise InputError(
+            f"{out}: shows no marker of {known.family} in two frames or more: another --family?"
+        )
+    checks = {
+        f"{first}-{second}": check for (first, second), check in bar_checks(found, bars).items()
+    }
     result = FoundMarkers(
         frames=len(posed.frames),
         markers=found,
@@ -90,7 +104,9 @@ def markers(out: Path, known: Known, folder: Path | None = None, listener: Liste
     return _written(result, T, folder) if folder else result
 
 
-def _sightings(posed: PosedRun, detector: MarkerDetector, listener: Listener) -> list[PlacedSighting]:
+def _sightings(
+    posed: PosedRun, detector: MarkerDetector, listener: Listener
+) -> list[PlacedSighting]:
     frames, placed = SurveyFrames(posed.run, posed.map.range_scale), []
     listener.begin("markers", len(frames))
     for number in range(len(frames)):
@@ -107,10 +123,17 @@ def _sightings(posed: PosedRun, detector: MarkerDetector, listener: Listener) ->
 def _written(result: FoundMarkers, T: dict[str, np.ndarray], folder: Path) -> FoundMarkers:
     rows = [vars(marker) for marker in result.markers]
     if result.control:
-        rows = [row | {"control_residual_m": result.control.residuals_m.get(row["number"], float("nan"))} for row in rows]
+        rows = [
+            row
+            | {"control_residual_m": result.control.residuals_m.get(row["number"], float("nan"))}
+            for row in rows
+        ]
     with new_folder(folder) as building:
         write_tables(building, {"markers": rows})
         if result.control:
             moved = np.array([result.control.T @ each for each in T.values()])
-            write_tum(building / "trajectory.tum", Trajectory(tuple(T), np.arange(len(T), dtype=float), moved))
+            write_tum(
+                building / "trajectory.tum",
+                Trajectory(tuple(T), np.arange(len(T), dtype=float), moved),
+            )
     return replace(result, files=tuple(sorted(files_below(folder))))

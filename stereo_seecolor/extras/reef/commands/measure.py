@@ -1,4 +1,6 @@
-"""``measure``: points, lengths and areas in the frames and on the map of a finished run, from a table of places."""
+"""``measure``: points, lengths and areas in the frames and on the map of a finished run, from a
+table of places.
+"""
 
 import math
 from collections.abc import Sequence
@@ -35,16 +37,19 @@ LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
 COLUMNS = ("measure", "frame", "kind", "label")
 FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
 CLICK_CELLS = 0.25
-"""Standard error of a click on the map where the table has none, in terrain cells: half a pixel of the mosaic, which is half a
-cell."""
+"""Standard error of a click on the map where the table has none, in terrain cells: half a pixel of
+the mosaic, which is half a cell.
+"""
 
 
 @dataclass(frozen=True)
 class Wanted:
     """One thing to measure, from a table of places.
 
-    measure: its name in the table. frame: "" for the map. places: (x, y) in pixels of the frame's rectified left image.
-    spots: (x_m, y_m, z_m, click_m) on the map: position and standard error of the click; height and click NaN where not given.
+    measure: its name in the table. frame: "" for the map. places: (x, y) in pixels of the frame's
+    rectified left image.
+    spots: (x_m, y_m, z_m, click_m) on the map: position and standard error of the click; height and
+    click NaN where not given.
     """
 
     measure: str
@@ -57,13 +62,17 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measurement with standard errors; None where the surface is not known at one of the places, or lies at a step.
+    """A measurement with standard errors; None where the surface is not known at one of the places,
+    or lies at a step.
 
-    value, std: straight length, planar area, or of a point its range (on the map its height); meters or square meters.
-    surface, surface_std: length or area along the surface; None for a point, and where the map does not show it from above.
+    value, std: straight length, planar area, or of a point its range (on the map its height);
+    meters or square meters.
+    surface, surface_std: length or area along the surface; None for a point, and where the map does
+    not show it from above.
     x_m, y_m, z_m: of a point, in the axes of the rectified left camera; on the map, in the map's.
-    known: of an area, the fraction of the outline in which the surface is known: the rest counts as that does, with a standard
-    error. Where corners are not known, surface is that of the known part alone. note: what is not known, and why.
+    known: of an area, the fraction of the outline in which the surface is known: the rest counts as
+    that does, with a standard error. Where corners are not known, surface is that of the known part
+    alone. note: what is not known, and why.
     """
 
     measure: str
@@ -82,11 +91,14 @@ class Measurement:
 
 
 def measure(out: Path, points: Path) -> list[Measurement]:
-    """Measure what a table asks for: columns measure, frame, kind (point, length or area), label, x_px, y_px; a row for each place.
+    """Measure what a table asks for: columns measure, frame, kind (point, length or area), label,
+    x_px, y_px; a row for each place.
 
-    Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the terrain. Rows with the same measure
-    belong together, in their order. The page writes such tables, and gives the same numbers.
-    Raises InputError if the table cannot be used, or the run knows no camera, not the frame, or no map.
+    Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the
+    terrain. Rows with the same measure belong together, in their order. The page writes such
+    tables, and gives the same numbers.
+    Raises InputError if the table cannot be used, or the run knows no camera, not the frame, or no
+    map.
     """
     run = open_run(out)
     wanted = read_wanted(points)
@@ -98,61 +110,96 @@ def measure(out: Path, points: Path) -> list[Measurement]:
             results.append(measured_on_map(ground, each, calibration))
             continue
         if each.frame not in surfaces:
-            surfaces = {each.frame: surface_of(run, each.frame)}  # tables are sorted by frame: one is kept
+            surfaces = {
+                each.frame: surface_of(run, each.frame)
+            }  # tables are sorted by frame: one is kept
         results.append(measured(surfaces[each.frame], each, calibration))
     return results
 
 
 def surface_of(run: FinishedRun, name: str) -> Surface:
-    """The surface that a frame of a run shows. Raises InputError if the run knows no camera, or not the frame."""
+    """The surface that a frame of a run shows. Raises InputError if the run knows no camera, or not
+    the frame.
+    """
     if run.geometry is None:
-        raise InputError(f"{run.root}: the run knows no camera (made by correct?): measuring needs the output of run")
+        raise InputError(
+            f"{run.root}: the run knows no camera (made by correct?): measuring needs the output "
+            "of run"
+        )
     frame = run.frame(name)
     range_m = frame.measured_range_m()
     if "range_std" in frame.products:
         std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
     else:
         std_m = estimated_range_std_m(range_m, run.geometry)
-    return Surface(run.geometry, range_m, std_from_codes(std_codes(std_m)))  # as the page holds them
+    return Surface(
+        run.geometry, range_m, std_from_codes(std_codes(std_m))
+    )  # as the page holds them
 
 
 def ground_of(run: FinishedRun) -> Ground:
-    """The terrain of a run's map. Raises InputError if it has none, or the library that reads it is missing."""
+    """The terrain of a run's map. Raises InputError if it has none, or the library that reads it is
+    missing.
+    """
     path = run.root / MAP / TERRAIN
     if not path.is_file():
-        raise InputError(f"{run.root}: holds no terrain ({MAP}/{TERRAIN}): make it with stereo-seecolor fuse and the geo extra")
+        raise InputError(
+            f"{run.root}: holds no terrain ({MAP}/{TERRAIN}): make it with stereo-seecolor fuse "
+            "and the geo extra"
+        )
     terrain = Terrain.open(path)
     if terrain is None:  # pragma: no cover: where the geo extra is missing
         raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'")
     about = terrain.about
     heights_m = terrain.heights_m((0, 0, about["width"], about["height"]))
     std_m = height_std_m(run)
-    return Ground(heights_m, about["west_m"], about["north_m"], about["pixel_m"], std_m if np.isfinite(std_m) else 0.0)
+    return Ground(
+        heights_m,
+        about["west_m"],
+        about["north_m"],
+        about["pixel_m"],
+        std_m if np.isfinite(std_m) else 0.0,
+    )
 
 
 def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
-    """Measure one thing on the map. calibration: relative standard error of a length by the calibration."""
+    """Measure one thing on the map. calibration: relative standard error of a length by the
+    calibration.
+    """
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     spots: list[Spot] = []
     for x_m, y_m, z_m, click_m in wanted.spots:
         click_std_m = CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m
         spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_std_m)
         if spot is None:
-            part = ground.known_area([each[:2] for each in wanted.spots], click_std_m) if wanted.kind == "area" else None
+            part = (
+                ground.known_area([each[:2] for each in wanted.spots], click_std_m)
+                if wanted.kind == "area"
+                else None
+            )
             return _partly_known(about, part, len(spots) + 1, calibration)
         spots.append(spot)
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in spots[0].point_m)
-        return Measurement(*about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m)
+        return Measurement(
+            *about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m
+        )
     straight = straight_length(spots) if wanted.kind == "length" else planar_area(spots)
     measurement = Measurement(*about, straight.value, straight.total_std(calibration))
     on_ground, known = _on_ground(ground, wanted.kind, spots)
     if on_ground is None:
         return measurement
-    return replace(measurement, surface=on_ground.value, surface_std=on_ground.total_std(calibration), known=known)
+    return replace(
+        measurement,
+        surface=on_ground.value,
+        surface_std=on_ground.total_std(calibration),
+        known=known,
+    )
 
 
-def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> tuple[Measured | None, float | None]:
+def _on_ground(
+    ground: Ground, kind: Kind, spots: Sequence[Spot]
+) -> tuple[Measured | None, float | None]:
     if kind == "area":
         return ground.area(spots) or (None, None)
     line = ground.along(spots)
@@ -160,19 +207,28 @@ def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> tuple[Measu
 
 
 def _partly_known(
-    about: tuple[str, str, Kind, str], part: tuple[Measured, float] | None, number: int, calibration: float
+    about: tuple[str, str, Kind, str],
+    part: tuple[Measured, float] | None,
+    number: int,
+    calibration: float,
 ) -> Measurement:
-    """A measurement of which place ``number`` is not known; part: the area of the outline's known part, and the fraction it is."""
+    """A measurement of which place ``number`` is not known; part: the area of the outline's known
+    part, and the fraction it is.
+    """
     what = f"place {number}: no surface is known there"
     if part is None or part[1] == 0:
         return Measurement(*about, None, None, note=what)
     area, known = part
     note = f"{what}; surface is that of the known part, {known:.0%} of the outline"
-    return Measurement(*about, None, None, area.value, area.total_std(calibration), known=known, note=note)
+    return Measurement(
+        *about, None, None, area.value, area.total_std(calibration), known=known, note=note
+    )
 
 
 def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
-    """Measure one thing in a frame. calibration: relative standard error of a length by the calibration."""
+    """Measure one thing in a frame. calibration: relative standard error of a length by the
+    calibration.
+    """
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     picks: list[Pick] = []
     for number, (x_px, y_px) in enumerate(wanted.places, 1):
@@ -181,16 +237,29 @@ def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measuremen
             part = known_area(surface, wanted.places) if wanted.kind == "area" else None
             return _partly_known(about, part, number, calibration)
         if near_m := surface.nearer_m(pick):
-            step = f"place {number} lies at a step, {pick.point_m[2]:.2f} m away beside something {near_m:.2f} m away"
-            return Measurement(*about, None, None, note=f"{step}: click inside the near thing, or over {STEP_PX} pixels beside it")
+            step = (
+                f"place {number} lies at a step, {pick.point_m[2]:.2f} m away beside something "
+                f"{near_m:.2f} m away"
+            )
+            return Measurement(
+                *about,
+                None,
+                None,
+                note=f"{step}: click inside the near thing, or over {STEP_PX} pixels beside it",
+            )
         picks.append(pick)
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in picks[0].point_m)
         value = range_of(picks[0])
-        return Measurement(*about, value.value, value.total_std(calibration), x_m=x_m, y_m=y_m, z_m=z_m)
+        return Measurement(
+            *about, value.value, value.total_std(calibration), x_m=x_m, y_m=y_m, z_m=z_m
+        )
     known: float | None = None
     if wanted.kind == "length":
-        straight, on_surface = straight_length(picks), straight_length(along_surface(surface, picks))
+        straight, on_surface = (
+            straight_length(picks),
+            straight_length(along_surface(surface, picks)),
+        )
     else:
         straight, (on_surface, known) = planar_area(picks), surface_area(surface, picks)
     stds = straight.total_std(calibration), on_surface.total_std(calibration)
@@ -198,45 +267,72 @@ def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measuremen
 
 
 def read_wanted(path: Path) -> list[Wanted]:
-    """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming the line, if it is bad."""
+    """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming
+    the line, if it is bad.
+    """
     names = csv_table.header(path)
-    places = FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
+    places = (
+        FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
+    )
     found: dict[str, Wanted] = {}
     for where, row in csv_table.rows(path, (*COLUMNS, *places)):
         each = _wanted(row, where)
         earlier = found.get(each.measure)
         if earlier and (earlier.frame, earlier.kind) != (each.frame, each.kind):
-            raise InputError(f"{where}: measure {each.measure!r} has another frame or kind than before")
+            raise InputError(
+                f"{where}: measure {each.measure!r} has another frame or kind than before"
+            )
         found[each.measure] = each if earlier is None else _joined(earlier, each)
     for each in found.values():
         if len(each.places) + len(each.spots) < LEAST_POINTS[each.kind]:
-            raise InputError(f"{path}: measure {each.measure!r}: {each.kind} needs at least {LEAST_POINTS[each.kind]} places")
-        if each.kind == "area" and crosses_itself(np.array(each.places or [spot[:2] for spot in each.spots])):
-            raise InputError(f"{path}: measure {each.measure!r}: the outline crosses itself: give its corners in order around it")
+            raise InputError(
+                f"{path}: measure {each.measure!r}: {each.kind} needs at least "
+                f"{LEAST_POINTS[each.kind]} places"
+            )
+        if each.kind == "area" and crosses_itself(
+            np.array(each.places or [spot[:2] for spot in each.spots])
+        ):
+            raise InputError(
+                f"{path}: measure {each.measure!r}: the outline crosses itself: give its corners "
+                "in order around it"
+            )
     return list(found.values())
 
 
 def _joined(earlier: Wanted, later: Wanted) -> Wanted:
-    return replace(earlier, places=(*earlier.places, *later.places), spots=(*earlier.spots, *later.spots))
+    return replace(
+        earlier, places=(*earlier.places, *later.places), spots=(*earlier.spots, *later.spots)
+    )
 
 
 def _wanted(row: dict[str, str], where: str) -> Wanted:
-    """One row of the table, as a thing to measure with one place. where: file and line, for errors. Raises InputError."""
+    """One row of the table, as a thing to measure with one place. where: file and line, for errors.
+    Raises InputError.
+    """
     kind = next((kind for kind in LEAST_POINTS if kind == row["kind"]), None)
     if kind is None:
         raise InputError(f"{where}: kind is {row['kind']!r}: give point, length or area")
     frame = row["frame"] or ""
     if frame:
-        return Wanted(row["measure"], frame, kind, row["label"] or "", (_numbers_measure(row, FRAME_COLUMNS, where),))
+        return Wanted(
+            row["measure"],
+            frame,
+            kind,
+            row["label"] or "",
+            (_numbers_measure(row, FRAME_COLUMNS, where),),
+        )
     x_m, y_m = _numbers_measure(row, MAP_COLUMNS, where)
     z_m, click_m = (
-        math.nan if (row.get(name) or "nan").lower() == "nan" else _number(row[name], name, where) for name in ("z_m", "click_m")
+        math.nan if (row.get(name) or "nan").lower() == "nan" else _number(row[name], name, where)
+        for name in ("z_m", "click_m")
     )
     spot = x_m, y_m, z_m, click_m
     return Wanted(row["measure"], frame, kind, row["label"] or "", (), (spot,))
 
 
-def _numbers_measure(row: dict[str, str], names: tuple[str, str], where: str) -> tuple[float, float]:
+def _numbers_measure(
+    row: dict[str, str], names: tuple[str, str], where: str
+) -> tuple[float, float]:
     x, y = (_number(row.get(name), name, where) for name in names)
     return x, y
 
@@ -256,23 +352,38 @@ def _number(text: str | None, name: str, where: str) -> float:
 
 ABOUT = ("OpCode", "Frame", "Time (mins)", "Family", "Genus", "Species", "Number", "Comment")
 NUMBERS = (
-    *("Length (mm)", "Precision (mm)", "RMS (mm)", "Range (mm)", "Direction (deg)", "Horz. Dir. (deg)", "Vert. Dir. (deg)"),
+    *(
+        "Length (mm)",
+        "Precision (mm)",
+        "RMS (mm)",
+        "Range (mm)",
+        "Direction (deg)",
+        "Horz. Dir. (deg)",
+        "Vert. Dir. (deg)",
+    ),
     *("Mid X (mm)", "Mid Y (mm)", "Mid Z (mm)"),
 )
-"""Columns of numbers, empty where unknown. Precision is one standard error. Range: from the rectified left camera to the middle of
-the length. Direction: angle of the middle from the optical axis, and its components to the right and down. Mid: x right, y down,
+"""Columns of numbers, empty where unknown. Precision is one standard error. Range: from the
+rectified left camera to the middle of
+the length. Direction: angle of the middle from the optical axis, and its components to the right
+and down. Mid: x right, y down,
 z forward. RMS is always empty: range maps have no residual of two rays.
 """
 
 
 def length_table(out: Path, points: Path) -> str:
-    """Tab-separated text with a row for each length in a frame; points, areas and lengths on the map are left out.
+    """Tab-separated text with a row for each length in a frame; points, areas and lengths on the
+    map are left out.
 
-    A label of three words is family, genus and species, one of two words genus and species; any other is a comment.
+    A label of three words is family, genus and species, one of two words genus and species; any
+    other is a comment.
     Raises InputError as ``measure``.
     """
     run, rows = open_run(out), ["\t".join((*ABOUT, *NUMBERS))]
-    calibration, stamps = calibration_std(run).total, [frame.timestamp_s for frame in run.frames if frame.timestamp_s is not None]
+    calibration, stamps = (
+        calibration_std(run).total,
+        [frame.timestamp_s for frame in run.frames if frame.timestamp_s is not None],
+    )
     for wanted in read_wanted(points):
         if wanted.kind != "length" or not wanted.frame:
             continue
@@ -283,7 +394,9 @@ def length_table(out: Path, points: Path) -> str:
         numbers: tuple[str, ...] = ("",) * len(NUMBERS)
         if found.value is not None and found.std is not None:
             numbers = _numbers_length_table(surface, wanted.places, found.value, found.std)
-        rows.append("\t".join((out.resolve().name, wanted.frame, time, *_label(wanted.label), *numbers)))
+        rows.append(
+            "\t".join((out.resolve().name, wanted.frame, time, *_label(wanted.label), *numbers))
+        )
     return "\n".join(rows) + "\n"
 
 
@@ -299,7 +412,9 @@ def _label(label: str) -> tuple[str, str, str, str, str]:
 def _numbers_length_table(
     surface: Surface, places: tuple[tuple[float, float], ...], length_m: float, std_m: float
 ) -> tuple[str, ...]:
-    """The columns of NUMBERS for a length between the first and the last place. length_m, std_m: with its standard error."""
+    """The columns of NUMBERS for a length between the first and the last place. length_m, std_m:
+    with its standard error.
+    """
     ends = [surface.pick(*places[number]) for number in (0, -1)]
     middle_m: NDArray[np.float64] = np.mean([end.point_m for end in ends if end], axis=0)
     x, y, z = middle_m

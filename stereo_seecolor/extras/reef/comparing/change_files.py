@@ -27,14 +27,16 @@ PANEL_PX = 900
 TITLE_PX = 30
 LEAST_SCALE_M = 0.02
 MOST_DELTA_E = 40.0
-RAMP = np.array([(33, 60, 150), (120, 160, 220), (240, 240, 240), (240, 160, 110), (160, 30, 30)], np.float32)
+RAMP = np.array(
+    [(33, 60, 150), (120, 160, 220), (240, 240, 240), (240, 160, 110), (160, 30, 30)], np.float32
+)
 """Loss blue, growth red, RGB."""
 INK = (20, 20, 20)
 
 
 def picture(change: SiteChange) -> Picture:
-    """Draw the first survey, the second in the first's colors, the change of height with its patches, and that of color: (H, W, 3)
-    RGB.
+    """Draw the first survey, the second in the first's colors, the change of height with its
+    patches, and that of color: (H, W, 3) RGB.
     """
     known = np.isfinite(change.difference.dz_m)
     heights = np.abs(change.difference.dz_m[known])
@@ -42,8 +44,14 @@ def picture(change: SiteChange) -> Picture:
     panels = [
         ("before", _colors(change.before.color, change.before.known)),
         ("after, in the colors of before", _colors(change.color.b_as_a, change.after.known)),
-        (f"height: blue -{100 * scale_m:.0f} cm, red +{100 * scale_m:.0f} cm", _ramp(change.difference.dz_m / scale_m)),
-        (f"color: white 0, red {MOST_DELTA_E:.0f} CIELAB units", _ramp(change.color.delta_e / MOST_DELTA_E)),
+        (
+            f"height: blue -{100 * scale_m:.0f} cm, red +{100 * scale_m:.0f} cm",
+            _ramp(change.difference.dz_m / scale_m),
+        ),
+        (
+            f"color: white 0, red {MOST_DELTA_E:.0f} CIELAB units",
+            _ramp(change.color.delta_e / MOST_DELTA_E),
+        ),
     ]
     drawn = [_titled(_sized(image), title) for title, image in panels]
     for number in (2, 3):
@@ -58,7 +66,9 @@ def _colors(color: NDArray[np.float32], known: NDArray[np.bool_]) -> Picture:
 def _ramp(values: NDArray[np.floating]) -> Picture:
     """-1 to 1 as RAMP; unknown white."""
     place = (np.clip(np.nan_to_num(values), -1, 1) + 1) * (len(RAMP) - 1) / 2
-    image = np.stack([np.interp(place, np.arange(len(RAMP)), RAMP[:, c]) for c in range(3)], axis=-1)
+    image = np.stack(
+        [np.interp(place, np.arange(len(RAMP)), RAMP[:, c]) for c in range(3)], axis=-1
+    )
     image[~np.isfinite(values)] = 255
     return np.asarray(image.astype(np.uint8))
 
@@ -70,8 +80,12 @@ def _sized(image: Picture) -> Picture:
 
 
 def _titled(image: Picture, title: str) -> Picture:
-    framed = cv2.copyMakeBorder(image, TITLE_PX, 4, 4, 4, cv2.BORDER_CONSTANT, value=(255, 255, 255))
-    cv2.putText(framed, title, (8, TITLE_PX - 9), cv2.FONT_HERSHEY_SIMPLEX, 0.6, INK, 1, cv2.LINE_AA)
+    framed = cv2.copyMakeBorder(
+        image, TITLE_PX, 4, 4, 4, cv2.BORDER_CONSTANT, value=(255, 255, 255)
+    )
+    cv2.putText(
+        framed, title, (8, TITLE_PX - 9), cv2.FONT_HERSHEY_SIMPLEX, 0.6, INK, 1, cv2.LINE_AA
+    )
     return np.asarray(framed)
 
 
@@ -82,11 +96,24 @@ def _outline(image: Picture, change: SiteChange, heights_too: bool) -> None:
     for patch in change.patches:
         if (patch.kind in ("growth", "loss")) != heights_too:
             continue
-        mask = cv2.resize(_mask(change, patch), None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
-        contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(4, TITLE_PX))
+        mask = cv2.resize(
+            _mask(change, patch), None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST
+        )
+        contours, _ = cv2.findContours(
+            mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(4, TITLE_PX)
+        )
         cv2.drawContours(image, contours, -1, INK, 1, cv2.LINE_AA)
         corner = max(contours, key=len)[:, 0].max(axis=0)
-        cv2.putText(image, f"{patch.number}", tuple(int(v) for v in corner), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+        cv2.putText(
+            image,
+            f"{patch.number}",
+            tuple(int(v) for v in corner),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.5,
+            INK,
+            1,
+            cv2.LINE_AA,
+        )
 
 
 def _mask(change: SiteChange, patch: Patch) -> Picture:
@@ -97,13 +124,21 @@ FORMAT = "stereo-seecolor/change"
 
 
 def write_change(folder: Path, change: SiteChange, place: Georeference) -> None:
-    """Write all files of a change, in the first survey's coordinates; GeoTIFFs where rasterio can be imported. Raises
+    """Write all files of a change, in the first survey's coordinates; GeoTIFFs where rasterio can
+    be imported. Raises
     OutputError.
     """
-    write_atomic(folder / "change.png", cv2.imencode(".png", picture(change)[..., ::-1])[1].tobytes())
-    write_atomic(folder / "change.json", (json.dumps(description(change), indent=2) + "\n").encode())
+    write_atomic(
+        folder / "change.png", cv2.imencode(".png", picture(change)[..., ::-1])[1].tobytes()
+    )
+    write_atomic(
+        folder / "change.json", (json.dumps(description(change), indent=2) + "\n").encode()
+    )
     names = [field.name for field in fields(Patch)]
-    write_atomic(folder / "patches.csv", csv_text(names, (vars(patch).values() for patch in change.patches)).encode())
+    write_atomic(
+        folder / "patches.csv",
+        csv_text(names, (vars(patch).values() for patch in change.patches)).encode(),
+    )
     if georeference.available():
         for name, bands in _rasters(change):
             _write_raster(folder, name, bands, change, place)
@@ -152,14 +187,27 @@ def _rasters(change: SiteChange) -> Iterator[tuple[str, dict[str, NDArray[Any]]]
         },
     )
     color = change.color
-    yield "color_change.tif", {"delta_e": color.delta_e, "lightness": color.change[..., 0], "chroma": color.change[..., 1]}
+    yield (
+        "color_change.tif",
+        {
+            "delta_e": color.delta_e,
+            "lightness": color.change[..., 0],
+            "chroma": color.change[..., 1],
+        },
+    )
 
 
-def _write_raster(folder: Path, name: str, bands: dict[str, NDArray[Any]], change: SiteChange, place: Georeference) -> None:
+def _write_raster(
+    folder: Path, name: str, bands: dict[str, NDArray[Any]], change: SiteChange, place: Georeference
+) -> None:
     scratch = folder / ".scratch" / name
     raster = BlockRaster(scratch, change.before.grid, len(bands), np.float32, np.nan)
     rows, columns = change.before.grid.shape
-    raster.write(slice(0, rows), slice(0, columns), np.stack([band.astype(np.float32) for band in bands.values()]))
+    raster.write(
+        slice(0, rows),
+        slice(0, columns),
+        np.stack([band.astype(np.float32) for band in bands.values()]),
+    )
     georeference.write_geotiff(folder / name, raster, place, tuple(bands))
 
 
@@ -168,17 +216,31 @@ def _write_raster(folder: Path, name: str, bands: dict[str, NDArray[Any]], chang
 UNSTABLE = 0.2
 """Fraction of the ground that may not fit before the page warns: few reefs change so much."""
 BENT = 0.1
-"""Fraction of cells outside of patches beyond the level of detection, above which the page warns: 5 % are expected by chance."""
+"""Fraction of cells outside of patches beyond the level of detection, above which the page warns: 5
+% are expected by chance.
+"""
 
 
 def write_change_page(folder: Path, change: SiteChange, first: str, second: str) -> None:
-    """Write index.html, which shows change.png and names the other files. first, second: the surveys' names.
+    """Write index.html, which shows change.png and names the other files. first, second: the
+    surveys' names.
 
     Raises OutputError.
     """
-    files = sorted(path.name for path in folder.iterdir() if path.is_file() and path.suffix != ".html")
-    values = {"first": first, "second": second, "change": change, "evidence": _evidence(change), "files": files}
-    write_atomic(folder / "index.html", filled_in("change.html.j2", line=_line(change), reasons=_reasons(change), **values))
+    files = sorted(
+        path.name for path in folder.iterdir() if path.is_file() and path.suffix != ".html"
+    )
+    values = {
+        "first": first,
+        "second": second,
+        "change": change,
+        "evidence": _evidence(change),
+        "files": files,
+    }
+    write_atomic(
+        folder / "index.html",
+        filled_in("change.html.j2", line=_line(change), reasons=_reasons(change), **values),
+    )
 
 
 def _line(change: SiteChange) -> str:
@@ -188,7 +250,10 @@ def _line(change: SiteChange) -> str:
         return f"No change was found on {change.overlap_m2:.1f} m² that both surveys show."
     parts = [
         f"{name} of {abs(liters):.2f} ± {std:.2f} l in {_count(kinds.count(kind))}"
-        for kind, name, (liters, std) in (("growth", "growth", change.growth_l), ("loss", "loss", change.loss_l))
+        for kind, name, (liters, std) in (
+            ("growth", "growth", change.growth_l),
+            ("loss", "loss", change.loss_l),
+        )
         if kind in kinds
     ]
     colors = sum(kind not in ("growth", "loss") for kind in kinds)
@@ -207,10 +272,14 @@ def _reasons(change: SiteChange) -> list[str]:
     beyond = float((np.abs(found.dz_m) > found.lod_m)[outside].mean()) if outside.any() else 0.0
     if beyond > BENT:
         reasons.append(
-            f"{beyond:.0%} of the cells outside all patches lie beyond the level of detection, where 5 % would: a map may be bent."
+            f"{beyond:.0%} of the cells outside all patches lie beyond the level of detection, "
+            "where 5 % would: a map may be bent."
         )
     if change.registration.stable < 1 - UNSTABLE:
-        reasons.append(f"Only {change.registration.stable:.0%} of the ground fits: much has changed, or a map is bent.")
+        reasons.append(
+            f"Only {change.registration.stable:.0%} of the ground fits: much has changed, or a "
+            "map is bent."
+        )
     return reasons
 
 
@@ -224,8 +293,17 @@ def _evidence(change: SiteChange) -> list[tuple[str, str]]:
         ),
         ("Ground that fits, and its spread", f"{at.stable:.0%}, {1000 * at.spread_m:.1f} mm"),
         ("Between features and surfaces", f"{1000 * at.apart_m:.1f} mm"),
-        ("Standard error of the registration: east, north, up", ", ".join(f"{value:.2f}" for value in std_mm[3:]) + " mm"),
-        ("The same of its turn about east, north, up", ", ".join(f"{value:.2f}" for value in std_mm[:3]) + " mrad"),
-        ("Level of detection, median", f"{1000 * float(np.nanmedian(change.difference.lod_m)):.1f} mm"),
+        (
+            "Standard error of the registration: east, north, up",
+            ", ".join(f"{value:.2f}" for value in std_mm[3:]) + " mm",
+        ),
+        (
+            "The same of its turn about east, north, up",
+            ", ".join(f"{value:.2f}" for value in std_mm[:3]) + " mrad",
+        ),
+        (
+            "Level of detection, median",
+            f"{1000 * float(np.nanmedian(change.difference.lod_m)):.1f} mm",
+        ),
         ("Cells beyond it (5 % where nothing changed)", f"{change.beyond_lod:.1%}"),
     ]

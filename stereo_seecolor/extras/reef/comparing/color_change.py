@@ -1,4 +1,6 @@
-"""Changes of color: the second survey's colors are matched to the first's over what has not changed, then compared in CIELAB."""
+"""Changes of color: the second survey's colors are matched to the first's over what has not
+changed, then compared in CIELAB.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -19,7 +21,9 @@ Mask = NDArray[np.bool_]
 
 
 NORMAL_80 = 1.281552
-"""Two-sided 80 % of a normal distribution, in standard deviations: up to a sixth of the ground may have changed."""
+"""Two-sided 80 % of a normal distribution, in standard deviations: up to a sixth of the ground may
+have changed.
+"""
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,9 @@ class ColorSettings:
 
     rounds: int = 8  # of the fit between both surveys' colors
     window_cells: int = 7  # colors are averaged over it: details need not meet to the cell
-    least_sigma: float = 2.0  # CIELAB units: colors of one spot seldom differ less from dive to dive
+    least_sigma: float = (
+        2.0  # CIELAB units: colors of one spot seldom differ less from dive to dive
+    )
 
 
 COLOR_CHANGE_SETTINGS = ColorSettings()
@@ -38,8 +44,10 @@ COLOR_CHANGE_SETTINGS = ColorSettings()
 class ColorChange:
     """The change of color.
 
-    delta_e: (H, W) distance in CIELAB (CIE 1976) after both were averaged over a window. change: (H, W, 2) of lightness, chroma. z:
-    delta_e in units of what is sure: patches begin at PatchSettings' sigmas. b_as_a: (H, W, 3) b's colors as a's, 0..255.
+    delta_e: (H, W) distance in CIELAB (CIE 1976) after both were averaged over a window. change:
+    (H, W, 2) of lightness, chroma. z:
+    delta_e in units of what is sure: patches begin at PatchSettings' sigmas. b_as_a: (H, W, 3) b's
+    colors as a's, 0..255.
     """
 
     delta_e: Float
@@ -53,19 +61,27 @@ def color_change(a: Terrain, b: Terrain) -> ColorChange:
     known = np.isfinite(a.color[..., 0]) & np.isfinite(b.color[..., 0])
     linear_a, linear_b = (decode_srgb(np.nan_to_num(terrain.color) / 255) for terrain in (a, b))
     mapped = encode_srgb(np.clip(_brought(linear_a, linear_b, known), 0, 1).astype(np.float32))
-    lab_a, lab_b = (_smooth_lab(colors, known) for colors in (encode_srgb(linear_a.astype(np.float32)), mapped))
+    lab_a, lab_b = (
+        _smooth_lab(colors, known) for colors in (encode_srgb(linear_a.astype(np.float32)), mapped)
+    )
     delta_e = np.linalg.norm(lab_b - lab_a, axis=-1)
     chroma = np.hypot(lab_b[..., 1], lab_b[..., 2]) - np.hypot(lab_a[..., 1], lab_a[..., 2])
     change = np.stack([lab_b[..., 0] - lab_a[..., 0], chroma], axis=-1)
-    usual = max(float(np.quantile(delta_e[known], 0.8)) / NORMAL_80, COLOR_CHANGE_SETTINGS.least_sigma)
+    usual = max(
+        float(np.quantile(delta_e[known], 0.8)) / NORMAL_80, COLOR_CHANGE_SETTINGS.least_sigma
+    )
     z = np.where(known, delta_e / usual, 0).astype(np.float64)
     unknown = ~known
     delta_e[unknown], change[unknown] = np.nan, np.nan
-    return ColorChange(delta_e.astype(np.float32), change.astype(np.float32), z, (255 * mapped).astype(np.float32))
+    return ColorChange(
+        delta_e.astype(np.float32), change.astype(np.float32), z, (255 * mapped).astype(np.float32)
+    )
 
 
 def _brought(a: NDArray[np.floating], b: NDArray[np.floating], known: Mask) -> NDArray[np.floating]:
-    """b's linear colors through the affine map (3 x 4) that most cells agree on: a light, a water, a white point of its own."""
+    """b's linear colors through the affine map (3 x 4) that most cells agree on: a light, a water,
+    a white point of its own.
+    """
     basis = np.concatenate([b[known], np.ones((int(known.sum()), 1))], axis=1)
     target, weight = a[known], np.ones(len(basis))
     M = np.zeros((4, 3))
@@ -81,7 +97,10 @@ def _smooth_lab(color: Float, known: Mask) -> Float:
     """(H, W, 3) CIELAB of sRGB in 0..1, averaged over a window of what is known."""
     size = (COLOR_CHANGE_SETTINGS.window_cells,) * 2
     share = cv2.blur(known.astype(np.float32), size)
-    mean = cv2.blur(color * known[..., None].astype(np.float32), size) / np.maximum(share, 1e-6)[..., None]
+    mean = (
+        cv2.blur(color * known[..., None].astype(np.float32), size)
+        / np.maximum(share, 1e-6)[..., None]
+    )
     return np.asarray(cv2.cvtColor(mean.astype(np.float32), cv2.COLOR_RGB2LAB))
 
 
@@ -96,17 +115,24 @@ Kind = Literal["growth", "loss", "paler", "darker", "other color"]
 class PatchSettings:
     """When changed ground is a patch."""
 
-    seed_sigmas: float = 5.0  # of a mean over a window: somewhere in a patch it is at least so far off
-    edge_sigmas: float = 2.5  # and everywhere so far, or in a mean over a wide window; since that reaches beyond a patch,
+    seed_sigmas: float = (
+        5.0  # of a mean over a window: somewhere in a patch it is at least so far off
+    )
+    # and everywhere so far, or in a mean over a wide window; since that reaches beyond a patch,
+    edge_sigmas: float = 2.5
     faint_sigmas: float = 1.0  # then by itself so far, and
     faint_fraction: float = 0.3  # by so much of the most that is found within the wide window
     fewest_cells: int = 25  # a window: smaller ones are errors of single cells
     fewest_color_cells: int = 98  # two windows of colors
-    sure_sigmas: float = (
-        5.0  # its volume over its standard error: a site has hundreds of places for a patch, and three are met by chance
+    # its volume over its standard error: a site has hundreds of places for a patch, and three are
+    # met by chance
+    sure_sigmas: float = 5.0
+    seen: float = (
+        0.1  # of its cells beyond their level of detection have a distance along the normal, and
     )
-    seen: float = 0.1  # of its cells beyond their level of detection have a distance along the normal, and
-    on_surface: float = 0.5  # of those also differ along the normal: at an edge, heights differ where nothing moved
+    on_surface: float = (
+        0.5  # of those also differ along the normal: at an edge, heights differ where nothing moved
+    )
 
 
 PATCHES_SETTINGS = PatchSettings()
@@ -116,9 +142,10 @@ PATCHES_SETTINGS = PatchSettings()
 class Patch:
     """A patch of changed ground.
 
-    number: in height_change.tif. x_m, y_m: of its middle, in the first survey's world. area_cm2: in plan. mean_m, most_m: change of
-    height. volume_l: liters more than before, with its standard error; NaN for a change of color. lightness, chroma: change of
-    CIELAB's L* and C*, mean over the patch.
+    number: in height_change.tif. x_m, y_m: of its middle, in the first survey's world. area_cm2: in
+    plan. mean_m, most_m: change of height. volume_l: liters more than before, with its standard
+    error; NaN for a change of color. lightness, chroma: change of CIELAB's L* and C*, mean over the
+    patch.
     """
 
     number: int
@@ -134,8 +161,12 @@ class Patch:
     chroma: float
 
 
-def height_patches(found: Difference, surface: SurfaceDistances, cell_m: float) -> list[tuple[Kind, Mask]]:
-    """Growth and loss whose volume is sure, and which the distances along the normal (H, W) show too."""
+def height_patches(
+    found: Difference, surface: SurfaceDistances, cell_m: float
+) -> list[tuple[Kind, Mask]]:
+    """Growth and loss whose volume is sure, and which the distances along the normal (H, W) show
+    too.
+    """
     with np.errstate(invalid="ignore"):
         clear = np.abs(found.dz_m) > found.lod_m
     known = clear & np.isfinite(surface.distance_m)
@@ -144,9 +175,13 @@ def height_patches(found: Difference, surface: SurfaceDistances, cell_m: float) 
     kept: list[tuple[Kind, Mask]] = []
     kinds: tuple[tuple[Kind, Array, Array], ...] = (("growth", z, wide), ("loss", -z, -wide))
     for kind, narrow, faint in kinds:
-        for mask in _regions(np.maximum(narrow, faint), _inside(narrow, faint), PATCHES_SETTINGS.fewest_cells):
+        for mask in _regions(
+            np.maximum(narrow, faint), _inside(narrow, faint), PATCHES_SETTINGS.fewest_cells
+        ):
             volume, std = volume_l(found, mask, cell_m)
-            seen = (mask & known).sum()  # where something tall is gone, few cylinders reach both surfaces
+            seen = (
+                mask & known
+            ).sum()  # where something tall is gone, few cylinders reach both surfaces
             agrees = (
                 seen >= PATCHES_SETTINGS.seen * (mask & clear).sum()
                 and moved[mask & known].sum() > PATCHES_SETTINGS.on_surface * seen
@@ -160,20 +195,27 @@ def _inside(narrow: Array, wide: Array) -> Mask:
     """(H, W) what may belong to a patch, by the means over both windows."""
     most = cv2.dilate(narrow, np.ones((DIFFERENCE.wide_cells, DIFFERENCE.wide_cells)))
     least = np.maximum(PATCHES_SETTINGS.faint_sigmas, PATCHES_SETTINGS.faint_fraction * most)
-    return np.asarray((narrow > PATCHES_SETTINGS.edge_sigmas) | ((wide > PATCHES_SETTINGS.edge_sigmas) & (narrow > least)))
+    return np.asarray(
+        (narrow > PATCHES_SETTINGS.edge_sigmas)
+        | ((wide > PATCHES_SETTINGS.edge_sigmas) & (narrow > least))
+    )
 
 
 def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float]:
-    """Liters and their standard error: of errors that the patch's cells share, and of the registration's, which all share."""
+    """Liters and their standard error: of errors that the patch's cells share, and of the
+    registration's, which all share.
+    """
     known = mask & np.isfinite(found.dz_m)
     alike = found.alike(max(int(known.sum()), 1))
-    variance = alike * float((found.std_m[known] ** 2).sum()) + float(found.shared_std_m[known].sum()) ** 2
+    variance = (
+        alike * float((found.std_m[known] ** 2).sum()) + float(found.shared_std_m[known].sum()) ** 2
+    )
     return 1000 * cell_m**2 * float(found.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
 
 
 def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mask]]:
-    """Find patches of changed color. z: (H, W) color change in spreads of stable ground. change: (H, W, 2) of lightness and
-    chroma.
+    """Find patches of changed color. z: (H, W) color change in spreads of stable ground. change:
+    (H, W, 2) of lightness and chroma.
     """
     regions = _regions(z, z > PATCHES_SETTINGS.edge_sigmas, PATCHES_SETTINGS.fewest_color_cells)
     return [(_color_kind(change[mask]), mask) for mask in regions]
@@ -187,7 +229,9 @@ def _color_kind(change: NDArray[np.float32]) -> Kind:
 
 
 def _regions(z: Array, inside: Mask, fewest: int) -> list[Mask]:
-    """Connected cells of those inside whose z (H, W) reaches seed_sigmas somewhere, and that are not too few."""
+    """Connected cells of those inside whose z (H, W) reaches seed_sigmas somewhere, and that are
+    not too few.
+    """
     count, labels = cv2.connectedComponents(inside.astype(np.uint8))
     seeds = np.unique(labels[z > PATCHES_SETTINGS.seed_sigmas])
     sizes = np.bincount(labels.ravel(), minlength=count)

@@ -1,8 +1,10 @@
-"""The difference of two terrains, cell by cell, with standard errors calibrated on stable ground of this site.
+"""The difference of two terrains, cell by cell, with standard errors calibrated on stable ground of
+this site.
 
-The errors of both terrains and of the registration add up. What they do not know, such as voxels that fall differently on rough
-ground, is read off ground that did not change: the spread of differences there, against what the errors say, as a function of
-what they say (Hugonnet et al. 2022, IEEE JSTARS 15; the same for slopes). The level of detection is then 1.96 standard errors.
+The errors of both terrains and of the registration add up. What they do not know, such as voxels
+that fall differently on rough ground, is read off ground that did not change: the spread of
+differences there, against what the errors say, as a function of what they say (Hugonnet et al.
+2022, IEEE JSTARS 15; the same for slopes). The level of detection is then 1.96 standard errors.
 """
 
 from dataclasses import dataclass
@@ -27,14 +29,22 @@ NORMAL_95 = 1.959964
 class DifferenceSettings:
     """How errors are learned from stable ground."""
 
-    slope_cells: float = 0.3  # standard error of where a surface lies sideways, cells: voxels round it off (1 / sqrt 12)
+    # standard error of where a surface lies sideways, cells: voxels round it off (1 / sqrt 12)
+    slope_cells: float = 0.3
     bins: int = 8  # of the stated standard error
     fewest: int = 200  # cells in a bin: its 95 % quantile is then known to 2 % of the cells
     window_cells: int = 5  # differences are averaged over it to tell change from noise,
     wide_cells: int = 9  # and over this where a change is faint
-    sharing_cells: tuple[int, ...] = (5, 11, 21, 41)  # squares for which it is learned how many cells share one error
+    sharing_cells: tuple[int, ...] = (
+        5,
+        11,
+        21,
+        41,
+    )  # squares for which it is learned how many cells share one error
     sharing_stable: float = 0.7  # of such a square must be stable
-    sharing_fewest: int = 10  # such squares side by side, or larger ones are taken to be as the last
+    sharing_fewest: int = (
+        10  # such squares side by side, or larger ones are taken to be as the last
+    )
     change_sigmas: float = 4.0  # of such a mean, beyond which ground is not taken to be stable
     grow_cells: int = 3  # around it neither
     rounds: int = 3
@@ -45,13 +55,15 @@ SETTINGS = DifferenceSettings()
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """The difference of two terrains. dz_m: (H, W) b less a, NaN where either is unknown. std_m: its standard error. stable: not
-    changed.
+    """The difference of two terrains. dz_m: (H, W) b less a, NaN where either is unknown. std_m:
+    its standard error. stable: not changed.
 
-    inflation: by how much more than stated the differences of stable ground spread, median over the cells. shared_std_m: (H, W)
-    the part of std_m that all cells share, the registration's. significance, wide_significance: (H, W) means over a window, and a
-    wide one, in spreads of such means on stable ground, 0 where unknown. sharing: (K, 2) cells of a square, and how many of its
-    cells share one error: ranges, tracks and registrations are off together over much more than a cell.
+    inflation: by how much more than stated the differences of stable ground spread, median over the
+    cells. shared_std_m: (H, W) the part of std_m that all cells share, the registration's.
+    significance, wide_significance: (H, W) means over a window, and a wide one, in spreads of such
+    means on stable ground, 0 where unknown. sharing: (K, 2) cells of a square, and how many of its
+    cells share one error: ranges, tracks and registrations are off together over much more than a
+    cell.
     """
 
     dz_m: Array
@@ -78,7 +90,13 @@ class Difference:
         return float(np.interp(np.log(cells), np.log(self.sharing[:, 0]), self.sharing[:, 1]))
 
 
-def difference(a: Terrain, b: Terrain, a_errors: TerrainErrors, b_errors: TerrainErrors, registration: Registration) -> Difference:
+def difference(
+    a: Terrain,
+    b: Terrain,
+    a_errors: TerrainErrors,
+    b_errors: TerrainErrors,
+    registration: Registration,
+) -> Difference:
     """Subtract two terrains on one grid."""
     dz = b.height_m - a.height_m
     shared = registration.std_m(np.nan_to_num(a.points_m), np.nan_to_num(a.slopes))
@@ -91,13 +109,17 @@ def difference(a: Terrain, b: Terrain, a_errors: TerrainErrors, b_errors: Terrai
         stable = known & ~_changed(dz, stated * factor, stable)
     std = np.where(known, stated * factor, np.nan)
     inflation = float(np.median(factor[known])) if known.any() else float("nan")
-    return Difference(dz, std, stable, inflation, np.where(known, shared, np.nan), *in_spreads(dz, std, stable))
+    return Difference(
+        dz, std, stable, inflation, np.where(known, shared, np.nan), *in_spreads(dz, std, stable)
+    )
 
 
 def relearned(found: Difference, changed: Mask) -> Difference:
-    """Estimate the errors again from all ground but what certainly changed, which is known only at the end.
+    """Estimate the errors again from all ground but what certainly changed, which is known only at
+    the end.
 
-    While patches were looked for, ground that differed much was left out, whether it had changed or its errors were large.
+    While patches were looked for, ground that differed much was left out, whether it had changed or
+    its errors were large.
     """
     known = np.isfinite(found.dz_m)
     stable = known & ~_around(changed)
@@ -107,7 +129,9 @@ def relearned(found: Difference, changed: Mask) -> Difference:
     for _ in range(SETTINGS.rounds):  # between the bins' middles a first round only comes near
         std = std * spread_by(np.abs(found.dz_m) / std, std, stable)
     inflation = found.inflation * float(np.median((std / found.std_m)[known]))
-    return Difference(found.dz_m, std, stable, inflation, found.shared_std_m, *in_spreads(found.dz_m, std, stable))
+    return Difference(
+        found.dz_m, std, stable, inflation, found.shared_std_m, *in_spreads(found.dz_m, std, stable)
+    )
 
 
 def _steepness(terrain: Terrain) -> Array:
@@ -116,10 +140,11 @@ def _steepness(terrain: Terrain) -> Array:
 
 
 def spread_by(size: Array, std: Array, stable: Mask) -> Array:
-    """Estimate the spread of what should be of unit spread, as a function of std: (H, W), such that 95 % of stable ground lie
-    within 1.96.
+    """Estimate the spread of what should be of unit spread, as a function of std: (H, W), such that
+    95 % of stable ground lie within 1.96.
 
-    size: (H, W) absolute values. A value for each bin of std, between the bins' middles interpolated.
+    size: (H, W) absolute values. A value for each bin of std, between the bins' middles
+    interpolated.
     """
     used = stable & np.isfinite(std) & np.isfinite(size)
     bins = int(min(SETTINGS.bins, used.sum() // SETTINGS.fewest))
@@ -135,10 +160,13 @@ def spread_by(size: Array, std: Array, stable: Mask) -> Array:
 
 
 def in_spreads(dz: Array, std: Array, stable: Mask) -> tuple[Array, Array, Array]:
-    """Compute means of differences over both windows, in units of the spread of such means on stable ground: (H, W) each; and the
-    sharing of errors (K, 2).
+    """Compute means of differences over both windows, in units of the spread of such means on
+    stable ground: (H, W) each; and the sharing of errors (K, 2).
     """
-    narrow, wide = (_significance(dz, std, stable, cells) for cells in (SETTINGS.window_cells, SETTINGS.wide_cells))
+    narrow, wide = (
+        _significance(dz, std, stable, cells)
+        for cells in (SETTINGS.window_cells, SETTINGS.wide_cells)
+    )
     return narrow, wide, _sharing(dz, std, stable)
 
 
@@ -148,10 +176,14 @@ def _significance(dz: Array, std: Array, stable: Mask, cells: int) -> Array:
 
 
 def _sharing(dz: Array, std: Array, stable: Mask) -> Array:
-    """Variances of means over squares of stable ground, in those of independent errors (Hugonnet et al. 2022, eq. 15)."""
+    """Variances of means over squares of stable ground, in those of independent errors (Hugonnet et
+    al. 2022, eq. 15).
+    """
     own, found = np.where(stable, dz, np.nan), [(1.0, 1.0)]
     for cells in SETTINGS.sharing_cells:
-        full = cv2.boxFilter(stable.astype(np.float64), -1, (cells, cells)) > SETTINGS.sharing_stable
+        full = (
+            cv2.boxFilter(stable.astype(np.float64), -1, (cells, cells)) > SETTINGS.sharing_stable
+        )
         inside = full & stable
         if inside.sum() < SETTINGS.sharing_fewest * cells**2:
             break
@@ -161,19 +193,26 @@ def _sharing(dz: Array, std: Array, stable: Mask) -> Array:
 
 
 def _changed(dz: Array, std: Array, stable: Mask) -> Mask:
-    """Where the mean over a window is further off than such means are on stable ground; and around that."""
+    """Where the mean over a window is further off than such means are on stable ground; and around
+    that.
+    """
     z = _significance(dz, std, stable, SETTINGS.window_cells)
     return _around(np.abs(z) > SETTINGS.change_sigmas)
 
 
 def _around(changed: Mask) -> Mask:
     size = 2 * SETTINGS.grow_cells + 1
-    return np.asarray(cv2.dilate(changed.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))) > 0)
+    return np.asarray(
+        cv2.dilate(
+            changed.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        )
+        > 0
+    )
 
 
 def window_mean(dz: Array, std: Array, cells: int) -> Array:
-    """Compute the sum of dz / std^2 over a window, over the square root of the sum of 1 / std^2: (H, W), NaN where dz is
-    unknown.
+    """Compute the sum of dz / std^2 over a window, over the square root of the sum of 1 / std^2:
+    (H, W), NaN where dz is unknown.
     """
     known = np.isfinite(dz) & np.isfinite(std)
     weight = np.where(known, 1 / np.where(known, std, 1) ** 2, 0)

@@ -1,7 +1,9 @@
-"""Joint optimization of both surveys' tracks: matches between frames of both dives remove the bending of the second track.
+"""Joint optimization of both surveys' tracks: matches between frames of both dives remove the
+bending of the second track.
 
-A registration is one rigid motion; two tracks without loops bend against each other by millimeters over tens of meters. The first
-survey stays as it is mapped. The second must be fused again by the track that is found here.
+A registration is one rigid motion; two tracks without loops bend against each other by millimeters
+over tens of meters. The first survey stays as it is mapped. The second must be fused again by the
+track that is found here.
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +31,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointSettings:
-    """How far the first survey may give way, and when its frames are taken to constrain the second's."""
+    """How far the first survey may give way, and when its frames are taken to constrain the
+    second's.
+    """
 
     position_std_m: float = 2e-4  # of the first's frames: its map is there, and stays
     attitude_std_rad: float = 1e-4
@@ -45,7 +49,8 @@ SETTINGS = JointSettings()
 class JointTrack:
     """The second survey's track in the first's world.
 
-    trajectory: of the second's frames. pairs: of frames across the dives. bent_m: RMS by which it moved.
+    trajectory: of the second's frames. pairs: of frames across the dives. bent_m: RMS by which it
+    moved.
     """
 
     trajectory: Trajectory
@@ -54,34 +59,54 @@ class JointTrack:
 
 
 def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) -> JointTrack:
-    """Optimize both tracks together. Raises ComparingError where too few frames of one dive match frames of the other; DeviceError
-    without GTSAM.
+    """Optimize both tracks together. Raises ComparingError where too few frames of one dive match
+    frames of the other; DeviceError without GTSAM.
     """
     T_b, count = registration.T_a_b @ b.posed.T_map_camera, len(a.posed.frames)
-    frames, T = RecoveredFrames(_BothDives(a.posed, b.posed)), np.concatenate([a.posed.T_map_camera, T_b])
+    frames, T = (
+        RecoveredFrames(_BothDives(a.posed, b.posed)),
+        np.concatenate([a.posed.T_map_camera, T_b]),
+    )
     index = FrameIndex.build(frames, a.posed.geometry, compute=compute)
-    survey = Survey(frames, a.posed.geometry, replace(index, timestamps_s=np.full(len(T), np.nan)), compute=compute)
+    survey = Survey(
+        frames,
+        a.posed.geometry,
+        replace(index, timestamps_s=np.full(len(T), np.nan)),
+        compute=compute,
+    )
     track = odometry.follow(survey)
     points = ((i, transformed(T[i], index.points_m[i])) for i in range(len(T)))
     pairs = [(i, j) for i, j in loops.by_overlap(points, odometry.SETTINGS.window) if j >= count]
     track.edges = [edge for edge in track.edges if min(edge.i, edge.j) >= count]
     track.edges += track.measure(pairs, "frames of both dives", loop=True)
-    fixed, loose = (SETTINGS.position_std_m, SETTINGS.attitude_std_rad), (SETTINGS.loose_m, SETTINGS.loose_rad)
+    fixed, loose = (
+        (SETTINGS.position_std_m, SETTINGS.attitude_std_rad),
+        (SETTINGS.loose_m, SETTINGS.loose_rad),
+    )
     stds = [fixed if i < count else loose for i in range(len(T))]
-    priors = [Prior(i, T[i], np.full(3, position), attitude) for i, (position, attitude) in enumerate(stds)]
+    priors = [
+        Prior(i, T[i], np.full(3, position), attitude)
+        for i, (position, attitude) in enumerate(stds)
+    ]
     T_solved, false = loops.solve(T, range(len(T)), track.edges, priors)
     track.edges = [edge for edge in track.edges if edge not in false]
     across = sum(edge.i < count <= edge.j for edge in track.edges)
     if across < SETTINGS.fewest:
         raise ComparingError(
-            f"the second track cannot be bent onto the first: {across} pairs of frames of both dives see the same (needed: "
-            f"{SETTINGS.fewest}): were they taken from like places, in colors that are corrected alike?"
+            f"the second track cannot be bent onto the first: {across} pairs of frames of both "
+            "dives see the same (needed: "
+            f"{SETTINGS.fewest}): were they taken from like places, in colors that are corrected "
+            "alike?"
         )
-    better = refined(track, Placement(T_solved, np.zeros(len(T), np.int64)), priors).T_world_camera[count:]
+    better = refined(track, Placement(T_solved, np.zeros(len(T), np.int64)), priors).T_world_camera[
+        count:
+    ]
     bent_m = float(np.sqrt(((better - T_b)[:, :3, 3] ** 2).sum(axis=1).mean()))
     better[:, :3, 3] += a.posed.offset_m
     names = tuple(frame.name for frame in b.posed.frames)
-    times = np.array([np.nan if frame.timestamp_s is None else frame.timestamp_s for frame in b.posed.frames])
+    times = np.array(
+        [np.nan if frame.timestamp_s is None else frame.timestamp_s for frame in b.posed.frames]
+    )
     return JointTrack(Trajectory(names, times, better, origin=a.posed.origin), across, bent_m)
 
 

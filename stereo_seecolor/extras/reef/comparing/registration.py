@@ -1,4 +1,6 @@
-"""Registration of a second survey of a site to the first, with the evidence; it is refused where the evidence is not enough."""
+"""Registration of a second survey of a site to the first, with the evidence; it is refused where
+the evidence is not enough.
+"""
 
 from dataclasses import dataclass
 
@@ -27,7 +29,8 @@ class LandmarkSettings:
 
     per_m2: int = 2000  # of the ground that was seen; more are too small to last a year
     most: int = 60_000  # matching them takes a minute
-    lowe_ratio: float = 0.85  # looser than Lowe's 0.8: a rigid motion is searched in what is left, and few wrong ones fit it
+    # looser than Lowe's 0.8: a rigid motion is searched in what is left, and few wrong ones fit it
+    lowe_ratio: float = 0.85
     margin_px: int = 5  # from holes and the edge, where the picture is none of the bottom
 
 
@@ -36,8 +39,8 @@ LANDMARKS_SETTINGS = LandmarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """The landmarks of a site. points_m: (n, 3) in the terrain's coordinates. descriptors: (n, 128) float32, square roots of
-    normalized SIFT.
+    """The landmarks of a site. points_m: (n, 3) in the terrain's coordinates. descriptors: (n, 128)
+    float32, square roots of normalized SIFT.
     """
 
     points_m: Array
@@ -45,16 +48,27 @@ class Landmarks:
 
 
 def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
-    """SIFT (Lowe 2004) with root normalization (Arandjelovic and Zisserman 2012) on local contrast, where the ground is known."""
+    """SIFT (Lowe 2004) with root normalization (Arandjelovic and Zisserman 2012) on local contrast,
+    where the ground is known.
+    """
     known = photo.gray > 0
     contrast = local_contrast(photo.gray, 1.0)
-    mask = cv2.erode(known.astype(np.uint8), np.ones((2 * LANDMARKS_SETTINGS.margin_px + 1,) * 2, np.uint8), borderValue=0)
-    count = min(LANDMARKS_SETTINGS.most, round(LANDMARKS_SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2))
+    mask = cv2.erode(
+        known.astype(np.uint8),
+        np.ones((2 * LANDMARKS_SETTINGS.margin_px + 1,) * 2, np.uint8),
+        borderValue=0,
+    )
+    count = min(
+        LANDMARKS_SETTINGS.most,
+        round(LANDMARKS_SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
+    )
     pixels, descriptors = keypoints(contrast, mask, max(count, 100))
     if not len(pixels):
         return Landmarks(np.zeros((0, 3)), descriptors)
     places = _places(photo, terrain, pixels)
-    root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)).astype(
+        np.float32
+    )
     high = np.isfinite(places[:, 2])
     return Landmarks(places[high], root[high])
 
@@ -62,16 +76,25 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
 def _places(photo: Orthophoto, terrain: Terrain, pixels: Array) -> Array:
     """(n, 3) of pixels (n, 2); heights between the terrain's cells, NaN beside a hole."""
     grid = photo.grid
-    x, y = grid.west_m + (pixels[:, 0] + 0.5) * grid.cell_m, grid.north_m - (pixels[:, 1] + 0.5) * grid.cell_m
+    x, y = (
+        grid.west_m + (pixels[:, 0] + 0.5) * grid.cell_m,
+        grid.north_m - (pixels[:, 1] + 0.5) * grid.cell_m,
+    )
     at = terrain.grid.pixels(np.stack([x, y], axis=-1)).astype(np.float32)
     outside = float("nan")
-    z = cv2.remap(terrain.height_m.astype(np.float32), at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderValue=outside)
+    z = cv2.remap(
+        terrain.height_m.astype(np.float32),
+        at[:, None, 0],
+        at[:, None, 1],
+        cv2.INTER_LINEAR,
+        borderValue=outside,
+    )
     return np.stack([x, y, z[:, 0].astype(np.float64)], axis=-1)
 
 
 def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
-    """Match landmarks of a and b, each the other's best and better than the next best by Lowe's ratio: places (n, 3) of a, and of
-    b.
+    """Match landmarks of a and b, each the other's best and better than the next best by Lowe's
+    ratio: places (n, 3) of a, and of b.
     """
     index_a, index_b = alike(a.descriptors, b.descriptors, LANDMARKS_SETTINGS.lowe_ratio)
     return a.points_m[index_a], b.points_m[index_b]
@@ -106,7 +129,9 @@ class RigidFit:
 
 
 def rigid_fit(a: Array, b: Array, tolerance_m: float) -> RigidFit | None:
-    """Fit the rigid motion of matched points (n, 3), of which those within tolerance_m agree; None where no three do."""
+    """Fit the rigid motion of matched points (n, 3), of which those within tolerance_m agree; None
+    where no three do.
+    """
     best: tuple[int, Array] | None = None
     for triple in _alike_triples(a, b, tolerance_m):
         T = rigid_alignment(b[triple], a[triple])
@@ -123,7 +148,11 @@ def rigid_fit(a: Array, b: Array, tolerance_m: float) -> RigidFit | None:
         T = rigid_alignment(b[inliers], a[inliers])
     distances = _distances(T, a, b)
     inliers = distances < tolerance_m
-    return RigidFit(T, inliers, float(np.sqrt((distances[inliers] ** 2).mean()))) if inliers.sum() >= 3 else None
+    return (
+        RigidFit(T, inliers, float(np.sqrt((distances[inliers] ** 2).mean())))
+        if inliers.sum() >= 3
+        else None
+    )
 
 
 def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
@@ -134,7 +163,10 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
     triples = rng.integers(0, len(a), (RIGID_SETTINGS.triples, 3))
     alike = np.ones(len(triples), bool)
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        side_a, side_b = (np.linalg.norm(points[triples[:, i]] - points[triples[:, j]], axis=1) for points in (a, b))
+        side_a, side_b = (
+            np.linalg.norm(points[triples[:, i]] - points[triples[:, j]], axis=1)
+            for points in (a, b)
+        )
         alike &= (np.abs(side_a - side_b) < tolerance_m) & (side_a > 10 * tolerance_m)
     return np.asarray(triples[alike][: RIGID_SETTINGS.tried])
 
@@ -148,10 +180,13 @@ class RegistrationSettings:
     """When a registration is accepted."""
 
     tolerance_cells: float = 3.0  # matched points that lie nearer agree
-    fewest: int = 12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
+    fewest: int = (
+        12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
+    )
     fraction: float = 0.05  # of the matches; RANSAC finds no motion below
     apart_cells: float = 5.0  # most that registrations by features and by surfaces may differ
-    stable: float = 0.5  # of the ground over both must fit: what moved cannot be told from what did not otherwise
+    # of the ground over both must fit: what moved cannot be told from what did not otherwise
+    stable: float = 0.5
 
 
 REGISTRATION_SETTINGS = RegistrationSettings()
@@ -159,10 +194,12 @@ REGISTRATION_SETTINGS = RegistrationSettings()
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """T_a_b: (4, 4) from b's coordinates to a's. covariance: (6, 6) of (turn in rad, shift in m) about center_m.
+    """T_a_b: (4, 4) from b's coordinates to a's. covariance: (6, 6) of (turn in rad, shift in m)
+    about center_m.
 
-    matches, agreeing: features, and those that agree on the motion, within feature_rms_m. stable: fraction of the ground over both
-    that fits. spread_m: robust standard deviation of the distances there. apart_m: between features and surfaces.
+    matches, agreeing: features, and those that agree on the motion, within feature_rms_m. stable:
+    fraction of the ground over both that fits. spread_m: robust standard deviation of the distances
+    there. apart_m: between features and surfaces.
     """
 
     T_a_b: Array
@@ -176,9 +213,11 @@ class Registration:
     apart_m: float
 
     def std_m(self, points_m: Array, slopes: Array) -> Array:
-        """(...,) standard error of the height over a place, through the registration alone, of ground through points (..., 3).
+        """(...,) standard error of the height over a place, through the registration alone, of
+        ground through points (..., 3).
 
-        slopes: (2, ...) its rise to the east and to the north: there a shift sideways is one of height.
+        slopes: (2, ...) its rise to the east and to the north: there a shift sideways is one of
+        height.
         """
         arm, (east, north) = points_m - self.center_m, slopes
         normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
@@ -187,7 +226,9 @@ class Registration:
 
 
 def register(a: Site, b: Site, cell_m: float) -> Registration:
-    """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be relied on."""
+    """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be
+    relied on.
+    """
     found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
     coarse = rigid_fit(*found, REGISTRATION_SETTINGS.tolerance_cells * cell_m)
@@ -195,7 +236,8 @@ def register(a: Site, b: Site, cell_m: float) -> Registration:
     needed = max(REGISTRATION_SETTINGS.fewest, round(REGISTRATION_SETTINGS.fraction * count))
     if coarse is None or agreeing < needed:
         raise ComparingError(
-            f"the surveys cannot be registered: of {count} features that look alike {agreeing} agree on one place (needed: {needed}"
+            f"the surveys cannot be registered: of {count} features that look alike {agreeing} "
+            f"agree on one place (needed: {needed}"
             "): do they show the same site, in colors that are corrected alike?"
         )
     fine = surface_fit(a.mesh, b.mesh, coarse.T, REGISTRATION_SETTINGS.apart_cells * cell_m)
@@ -208,16 +250,36 @@ def _landmarks(site: Site, cell_m: float) -> Landmarks:
     return landmarks(orthophoto(site.posed, terrain), terrain)
 
 
-def _checked(coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float) -> Registration:
+def _checked(
+    coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float
+) -> Registration:
     """The registration by features and surfaces together, if they agree."""
     if fine is None:
-        raise ComparingError("the surveys cannot be registered: features agree, but the surfaces do not overlap there")
+        raise ComparingError(
+            "the surveys cannot be registered: features agree, but the surfaces do not overlap "
+            "there"
+        )
     back = transformed(coarse.T @ np.linalg.inv(fine.T), places)
     apart_m = float(np.sqrt(((back - places) ** 2).sum(axis=1).mean()))
-    if fine.stable < REGISTRATION_SETTINGS.stable or apart_m > REGISTRATION_SETTINGS.apart_cells * cell_m:
+    if (
+        fine.stable < REGISTRATION_SETTINGS.stable
+        or apart_m > REGISTRATION_SETTINGS.apart_cells * cell_m
+    ):
         raise ComparingError(
-            f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: {REGISTRATION_SETTINGS.stable:.0%}); features "
-            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most {1000 * REGISTRATION_SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+            f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: "
+            f"{REGISTRATION_SETTINGS.stable:.0%}); features "
+            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most "
+            f"{1000 * REGISTRATION_SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
         )
     agreeing = int(coarse.inliers.sum())
-    return Registration(fine.T, fine.covariance, fine.center_m, count, agreeing, coarse.rms_m, fine.stable, fine.spread_m, apart_m)
+    return Registration(
+        fine.T,
+        fine.covariance,
+        fine.center_m,
+        count,
+        agreeing,
+        coarse.rms_m,
+        fine.stable,
+        fine.spread_m,
+        apart_m,
+    )

@@ -21,7 +21,12 @@ from stereo_seecolor.extras.reef.comparing.difference import Difference, differe
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, register
 from stereo_seecolor.extras.reef.site.mesh import Site, SiteMesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors, terrain_errors, terrain_of
+from stereo_seecolor.extras.reef.site.terrain import (
+    Terrain,
+    TerrainErrors,
+    terrain_errors,
+    terrain_of,
+)
 from stereo_seecolor.mapping.raster.block_raster import Grid
 
 LEAST_OVERLAP_CELLS = 2000
@@ -30,9 +35,11 @@ LEAST_OVERLAP_CELLS = 2000
 
 @dataclass(frozen=True, eq=False)
 class SiteChange:
-    """before, after: terrains on the first's grid. masks: (H, W) of each patch. labels: (H, W) its number, 0 none.
+    """before, after: terrains on the first's grid. masks: (H, W) of each patch. labels: (H, W) its
+    number, 0 none.
 
-    surface: distances along the normals, (H, W) each. growth_l, loss_l: liters of the patches, each with its standard error.
+    surface: distances along the normals, (H, W) each. growth_l, loss_l: liters of the patches, each
+    with its standard error.
     """
 
     registration: Registration
@@ -54,14 +61,16 @@ class SiteChange:
 
     @property
     def beyond_lod(self) -> float:
-        """Fraction of the cells that differ by more than their level of detection; 5 % where nothing changed."""
+        """Fraction of the cells that differ by more than their level of detection; 5 % where
+        nothing changed.
+        """
         known = np.isfinite(self.difference.dz_m)
         return float((np.abs(self.difference.dz_m) > self.difference.lod_m)[known].mean())
 
 
 def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
-    """Compare two surveys of a site. Raises ComparingError where they cannot be registered, or hardly overlap; InputError if a run
-    cannot be read.
+    """Compare two surveys of a site. Raises ComparingError where they cannot be registered, or
+    hardly overlap; InputError if a run cannot be read.
     """
     registration = register(a, b, cell_m)
     moved = b.mesh.moved(registration.T_a_b)
@@ -71,13 +80,24 @@ def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
     b_errors = terrain_errors(b.posed, after, registration.T_a_b)
     found = difference(before, after, a_errors, b_errors, registration)
     if np.isfinite(found.dz_m).sum() < LEAST_OVERLAP_CELLS:
-        raise ComparingError("the surveys hardly overlap: errors are learned from ground that both saw, and here is too little")
+        raise ComparingError(
+            "the surveys hardly overlap: errors are learned from ground that both saw, and here "
+            "is too little"
+        )
     color = color_change(before, after)
     surface = _surface(a.mesh, moved, before, (a_errors, b_errors), found)
     masks = height_patches(found, surface, cell_m)
-    found = relearned(found, np.any([mask for _, mask in masks], axis=0) if masks else np.zeros(grid.shape, bool))
-    surface, masks = m3c2.relearned(surface, found.stable), masks + color_patches(color.z, color.change)
-    patches = tuple(_patch(number, region, found, color, grid, a.posed.offset_m) for number, region in enumerate(masks, 1))
+    found = relearned(
+        found, np.any([mask for _, mask in masks], axis=0) if masks else np.zeros(grid.shape, bool)
+    )
+    surface, masks = (
+        m3c2.relearned(surface, found.stable),
+        masks + color_patches(color.z, color.change),
+    )
+    patches = tuple(
+        _patch(number, region, found, color, grid, a.posed.offset_m)
+        for number, region in enumerate(masks, 1)
+    )
     return SiteChange(
         registration=registration,
         before=before,
@@ -103,9 +123,15 @@ def _shared_grid(a: SiteMesh, b: SiteMesh, cell_m: float) -> Grid:
 
 
 def _surface(
-    a: SiteMesh, b: SiteMesh, before: Terrain, errors: tuple[TerrainErrors, TerrainErrors], found: Difference
+    a: SiteMesh,
+    b: SiteMesh,
+    before: Terrain,
+    errors: tuple[TerrainErrors, TerrainErrors],
+    found: Difference,
 ) -> SurfaceDistances:
-    """Distances at the cells of the terrain; errors grow as those of the heights do on stable ground."""
+    """Distances at the cells of the terrain; errors grow as those of the heights do on stable
+    ground.
+    """
     shape, known = before.grid.shape, np.isfinite(found.dz_m)
     stds = errors[0].std_m[known], errors[1].std_m[known], found.shared_std_m[known]
     inflated = (found.inflation * stds[0], found.inflation * stds[1], stds[2])
@@ -119,12 +145,21 @@ def _surface(
 
 
 def _patch(
-    number: int, region: tuple[Kind, Mask], found: Difference, color: ColorChange, grid: Grid, offset_m: NDArray[np.float64]
+    number: int,
+    region: tuple[Kind, Mask],
+    found: Difference,
+    color: ColorChange,
+    grid: Grid,
+    offset_m: NDArray[np.float64],
 ) -> Patch:
     kind, mask = region
     rows, columns = np.nonzero(mask)
     dz = found.dz_m[mask & np.isfinite(found.dz_m)]
-    volume, std = volume_l(found, mask, grid.cell_m) if kind in ("growth", "loss") else (float("nan"), float("nan"))
+    volume, std = (
+        volume_l(found, mask, grid.cell_m)
+        if kind in ("growth", "loss")
+        else (float("nan"), float("nan"))
+    )
     lightness, chroma = np.nanmean(color.change[mask], axis=0)
     return Patch(
         number=number,
@@ -151,4 +186,6 @@ def _labels(grid: Grid, masks: list[tuple[Kind, Mask]]) -> NDArray[np.int32]:
 
 def _total(patches: tuple[Patch, ...], kind: Kind) -> tuple[float, float]:
     own = [patch for patch in patches if patch.kind == kind]
-    return sum(patch.volume_l for patch in own), float(np.sqrt(sum(patch.volume_std_l**2 for patch in own)))
+    return sum(patch.volume_l for patch in own), float(
+        np.sqrt(sum(patch.volume_std_l**2 for patch in own))
+    )

@@ -1,7 +1,10 @@
-"""Alignment of two surfaces where they did not change: iterated point-to-plane least squares with Tukey's weights.
+"""Alignment of two surfaces where they did not change: iterated point-to-plane least squares with
+Tukey's weights.
 
-Chen and Medioni 1991; the scale of Tukey's weights is the spread of the distances themselves, so changed ground weighs nothing.
-Its covariance is a jackknife over blocks of ground: errors of neighboring points are alike, and those of blocks hardly.
+Chen and Medioni 1991; the scale of Tukey's weights is the spread of the distances themselves, so
+changed ground weighs nothing.
+Its covariance is a jackknife over blocks of ground: errors of neighboring points are alike, and
+those of blocks hardly.
 """
 
 from dataclasses import dataclass
@@ -24,7 +27,8 @@ class SurfaceFitSettings:
     points: int = 40_000  # of b, evenly: with these the standard error of the mean is micrometers
     rounds: int = 30  # at the most
     settled_m: float = 1e-5  # a smaller step, at the far end of the site, is none
-    steepest: float = 0.3  # cosine to the vertical below which a triangle is no ground: seen from above it is an edge
+    # cosine to the vertical below which a triangle is no ground: seen from above it is an edge
+    steepest: float = 0.3
     blocks: int = 6  # a side
 
 
@@ -33,7 +37,8 @@ SETTINGS = SurfaceFitSettings()
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFit:
-    """T: (4, 4) from b to a. covariance: (6, 6) of (turn in rad, shift in m) about ``center_m``. spread_m: of the distances.
+    """T: (4, 4) from b to a. covariance: (6, 6) of (turn in rad, shift in m) about ``center_m``.
+    spread_m: of the distances.
 
     stable: fraction of the points that weigh anything. points: how many lie over both.
     """
@@ -47,22 +52,31 @@ class SurfaceFit:
 
 
 def surface_fit(a: SiteMesh, b: SiteMesh, T: Array, reach_m: float) -> SurfaceFit | None:
-    """Align b to a from a first guess T (b to a). reach_m: how far points are searched. None where the surfaces do not overlap."""
+    """Align b to a from a first guess T (b to a). reach_m: how far points are searched. None where
+    the surfaces do not overlap.
+    """
     moving, first_reach_m = _ground(b), reach_m
     tree = cKDTree(a.points_m)
     for _ in range(SETTINGS.rounds):
         found = _Distances.of(a, tree, transformed(T, moving), reach_m)
         if found is None:
             return None
-        step = np.asarray(np.linalg.lstsq(*found.normal_equations(np.ones(len(found.off), bool)), rcond=None)[0], np.float64)
+        step = np.asarray(
+            np.linalg.lstsq(*found.normal_equations(np.ones(len(found.off), bool)), rcond=None)[0],
+            np.float64,
+        )
         T = found.moved(T, step)
-        reach_m = max(min(reach_m, 6 * found.spread_m), first_reach_m / 2)  # vertices lie a voxel apart
+        reach_m = max(
+            min(reach_m, 6 * found.spread_m), first_reach_m / 2
+        )  # vertices lie a voxel apart
         if np.abs(step[:3]).max() * found.size_m + np.abs(step[3:]).max() < SETTINGS.settled_m:
             break
     found = _Distances.of(a, tree, transformed(T, moving), reach_m)
     if found is None:
         return None
-    over_both = int(np.isfinite(tree.query(transformed(T, moving), distance_upper_bound=first_reach_m)[0]).sum())
+    over_both = int(
+        np.isfinite(tree.query(transformed(T, moving), distance_upper_bound=first_reach_m)[0]).sum()
+    )
     stable = float((found.weight > 0).sum()) / over_both
     return SurfaceFit(T, found.covariance(), found.center_m, found.spread_m, stable, over_both)
 
@@ -74,7 +88,9 @@ def _ground(mesh: SiteMesh) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Distances:
-    """Points (n, 3), how far each lies below the other surface, along its normal, and what each weighs."""
+    """Points (n, 3), how far each lies below the other surface, along its normal, and what each
+    weighs.
+    """
 
     points: Array
     normals: Array
@@ -101,7 +117,9 @@ class _Distances:
         return float(np.ptp(self.points, axis=0).max())
 
     def normal_equations(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(6, 6) and (6,) of the turn about the center and the shift that take the distances out."""
+        """(6, 6) and (6,) of the turn about the center and the shift that take the distances
+        out.
+        """
         arm = self.points[chosen] - self.center_m
         J = np.concatenate([np.cross(arm, self.normals[chosen]), self.normals[chosen]], axis=1)
         weighted = J * self.weight[chosen, None]
@@ -117,11 +135,17 @@ class _Distances:
     def covariance(self) -> Array:
         """(6, 6) by leaving out one block of ground at a time."""
         span = np.ptp(self.points[:, :2], axis=0)
-        place: Array = (self.points[:, :2] - self.points[:, :2].min(axis=0)) / np.maximum(span, 1e-9) * SETTINGS.blocks
+        place: Array = (
+            (self.points[:, :2] - self.points[:, :2].min(axis=0))
+            / np.maximum(span, 1e-9)
+            * SETTINGS.blocks
+        )
         cells = np.minimum(np.floor(place), SETTINGS.blocks - 1)
         block = cells[:, 0] * SETTINGS.blocks + cells[:, 1]
         parts = [self.normal_equations(np.asarray(block == number)) for number in np.unique(block)]
         total_H, total_g = sum(H for H, _ in parts), sum(g for _, g in parts)
-        steps = np.array([np.linalg.lstsq(total_H - H, total_g - g, rcond=None)[0] for H, g in parts])
+        steps = np.array(
+            [np.linalg.lstsq(total_H - H, total_g - g, rcond=None)[0] for H, g in parts]
+        )
         off = steps - steps.mean(axis=0)
         return np.asarray((len(parts) - 1) / len(parts) * off.T @ off)

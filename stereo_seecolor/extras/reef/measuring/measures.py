@@ -17,8 +17,9 @@ Array = NDArray[np.float64]
 class Measured:
     """A value in meters or square meters, NaN where the surface is unknown.
 
-    std: its standard error by range and click. power: with which power of lengths it grows, and so how much of the calibration's
-    error, which all measures of a dive share, it takes: 1 for a length, 2 for an area, 0 for a height.
+    std: its standard error by range and click. power: with which power of lengths it grows, and so
+    how much of the calibration's error, which all measures of a dive share, it takes: 1 for a
+    length, 2 for an area, 0 for a height.
     """
 
     value: float
@@ -40,24 +41,33 @@ def range_of(pick: Pick) -> Measured:
 
 
 def straight_length(picks: Sequence[Placed]) -> Measured:
-    """Length of the straight lines through points; each inner point moves both lines that it joins."""
+    """Length of the straight lines through points; each inner point moves both lines that it
+    joins.
+    """
     points = np.array([pick.point_m for pick in picks])
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     units = np.divide(steps, lengths[:, None], out=np.zeros_like(steps), where=lengths[:, None] > 0)
     pulls = np.vstack([units, np.zeros((1, 3))]) - np.vstack([np.zeros((1, 3)), units])
-    variance = sum(float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True))
+    variance = sum(
+        float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True)
+    )
     length_m = float(lengths.sum())
     return Measured(length_m, float(np.sqrt(variance)), 1)
 
 
 def along_surface(surface: Surface, picks: Sequence[Pick]) -> list[Pick]:
-    """Points of the surface along the lines between picked ones, far enough apart that noise does not lengthen the way."""
+    """Points of the surface along the lines between picked ones, far enough apart that noise does
+    not lengthen the way.
+    """
     line = [picks[0]]
     for a, b in pairwise(picks):
         count = max(1, int(np.hypot(b.x_px - a.x_px, b.y_px - a.y_px) / _step_px(surface, a, b)))
         for i in range(1, count):
-            x_px, y_px = a.x_px + (b.x_px - a.x_px) * i / count, a.y_px + (b.y_px - a.y_px) * i / count
+            x_px, y_px = (
+                a.x_px + (b.x_px - a.x_px) * i / count,
+                a.y_px + (b.y_px - a.y_px) * i / count,
+            )
             if (pick := surface.pick(x_px, y_px)) is not None:
                 line.append(pick)
         line.append(b)
@@ -71,7 +81,8 @@ def _step_px(surface: Surface, a: Pick, b: Pick) -> float:
 
 
 def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, Array]:
-    """Compute distance along the straight line from the first to the last point, and height above it: (N,) each, meters.
+    """Compute distance along the straight line from the first to the last point, and height above
+    it: (N,) each, meters.
 
     above: (3,) where up is; by default towards the camera.
     """
@@ -87,7 +98,9 @@ def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, 
 
 
 def planar_area(picks: Sequence[Placed]) -> Measured:
-    """Area of the polygon through points, seen along its mean normal (Newell's sum of cross products)."""
+    """Area of the polygon through points, seen along its mean normal (Newell's sum of cross
+    products).
+    """
     points = np.array([pick.point_m for pick in picks])
     center = points.mean(axis=0)
     edges = points - center
@@ -95,16 +108,22 @@ def planar_area(picks: Sequence[Placed]) -> Measured:
     area_m2 = float(np.linalg.norm(vector))
     if area_m2 == 0:
         return Measured(0.0, float("nan"), 2)
-    pulls = 0.5 * np.cross(np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), vector / area_m2)
-    variance = sum(float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True))
+    pulls = 0.5 * np.cross(
+        np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), vector / area_m2
+    )
+    variance = sum(
+        float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True)
+    )
     return Measured(area_m2, float(np.sqrt(variance)), 2)
 
 
 def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, float]:
-    """Area of the surface inside the outline of points, and the fraction of it that is known; what is not, counts as the rest.
+    """Area of the surface inside the outline of points, and the fraction of it that is known; what
+    is not, counts as the rest.
 
-    It is the mean area that a pixel sees, at nodes inside the outline, times the outline's area in pixels. The area that a pixel
-    sees is depth^3 |k| / focal^2, where 1 / depth = k . (x / z, y / z, 1) is the fitted plane.
+    It is the mean area that a pixel sees, at nodes inside the outline, times the outline's area in
+    pixels. The area that a pixel sees is depth^3 |k| / focal^2, where 1 / depth = k . (x / z, y /
+    z, 1) is the fitted plane.
     """
     outline = np.array([(pick.x_px, pick.y_px) for pick in picks])
     nodes = _nodes(surface, outline)
@@ -113,12 +132,16 @@ def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, flo
     planar = planar_area(picks)
     by_outline = planar.std / planar.value if planar.value > 0 else float("nan")
     area_m2 = float(nodes.areas_m2.mean()) * polygon_area(outline)
-    relative = np.linalg.norm([by_outline, nodes.relative_std, unseen_std(nodes.areas_m2, nodes.known)])
+    relative = np.linalg.norm(
+        [by_outline, nodes.relative_std, unseen_std(nodes.areas_m2, nodes.known)]
+    )
     return Measured(area_m2, area_m2 * float(relative), 2), nodes.known
 
 
 def known_area(surface: Surface, places: Sequence[tuple[float, float]]) -> tuple[Measured, float]:
-    """Area of the part of an outline in which the surface is known, and the fraction that it is; for corners that are not known."""
+    """Area of the part of an outline in which the surface is known, and the fraction that it is;
+    for corners that are not known.
+    """
     outline = np.array(places)
     nodes = _nodes(surface, outline)
     if not nodes.areas_m2.size:
@@ -133,14 +156,16 @@ def known_area(surface: Surface, places: Sequence[tuple[float, float]]) -> tuple
 def unseen_std(values: Array, known: float) -> float:
     """Relative standard error of a mean of values (N,), all positive, of which a part was not seen.
 
-    The mean of that part may differ from that of the rest by the standard deviation of what was seen.
+    The mean of that part may differ from that of the rest by the standard deviation of what was
+    seen.
     """
     return float((1 - known) * values.std() / values.mean())
 
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """areas_m2: (n,) what a pixel sees, at nodes inside an outline that are known. known: fraction of the nodes that are.
+    """areas_m2: (n,) what a pixel sees, at nodes inside an outline that are known. known: fraction
+    of the nodes that are.
 
     relative_std: of their mean, by the errors of ranges.
     """
@@ -171,7 +196,9 @@ def _nodes(surface: Surface, outline: Array) -> _Nodes:
 
 def _pixel_area_m2(pick: Pick, focal_px: float, cx_px: float, cy_px: float) -> float:
     depth_m = float(pick.point_m[2])
-    at_center = 1 / depth_m - pick.slope[0] * (pick.x_px - cx_px) - pick.slope[1] * (pick.y_px - cy_px)
+    at_center = (
+        1 / depth_m - pick.slope[0] * (pick.x_px - cx_px) - pick.slope[1] * (pick.y_px - cy_px)
+    )
     k = np.array([pick.slope[0] * focal_px, pick.slope[1] * focal_px, at_center])
     return float(depth_m**3 * np.linalg.norm(k) / focal_px**2)
 

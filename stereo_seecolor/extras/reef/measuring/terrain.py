@@ -7,7 +7,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.measuring.measures import Measured, inside, planar_area, polygon_area, unseen_std
+from stereo_seecolor.extras.reef.measuring.measures import (
+    Measured,
+    inside,
+    planar_area,
+    polygon_area,
+    unseen_std,
+)
 from stereo_seecolor.extras.reef.measuring.picking import Placed
 from stereo_seecolor.records import Map
 
@@ -22,9 +28,15 @@ class TerrainLimits:
     layer_cells: float = 2.0  # step between object and ground, in cells: steeper than 63 degrees
     layer_stds: float = 6.0  # no step is smaller than the noise
     step_cells: float = 2.0  # along a line: windows that overlap little
-    step_stds: float = 6.0  # a step along the ground is longer than its noise, which would lengthen it
-    noise: float = 0.25  # squared slope by errors alone, of planes through 3x3 cells, in squares of a height's error over a cell
-    steepest: float = 0.5  # level area of an outline over its own: beyond 60 degrees a view from above shows too little of it
+    step_stds: float = (
+        6.0  # a step along the ground is longer than its noise, which would lengthen it
+    )
+    # squared slope by errors alone, of planes through 3x3 cells, in squares of a height's error
+    # over a cell
+    noise: float = 0.25
+    # level area of an outline over its own: beyond 60 degrees a view from above shows too little of
+    # it
+    steepest: float = 0.5
 
 
 TERRAIN = TerrainLimits()
@@ -39,7 +51,9 @@ class Spot(Placed):
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A terrain model. heights_m: (H, W), NaN where unknown. west_m, north_m: its upper left corner. std_m: of a height."""
+    """A terrain model. heights_m: (H, W), NaN where unknown. west_m, north_m: its upper left
+    corner. std_m: of a height.
+    """
 
     heights_m: Map
     west_m: float
@@ -61,12 +75,16 @@ class Ground:
         return self.west_m + (column + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
 
     def pick(self, x_m: float, y_m: float, z_m: float | None, click_m: float) -> Spot | None:
-        """The ground at a place, or, with a height, the point of that height; None where it is unknown.
+        """The ground at a place, or, with a height, the point of that height; None where it is
+        unknown.
 
-        A plane is fitted to the 3x3 cells around. Where they show two layers, as at the edge of a coral, the higher one is taken.
+        A plane is fitted to the 3x3 cells around. Where they show two layers, as at the edge of a
+        coral, the higher one is taken.
         """
         cells = self._cells(x_m, y_m)
-        layer = self._highest(cells) if z_m is None else cells[np.abs(cells[:, 2] - z_m) <= self.gap_m]
+        layer = (
+            self._highest(cells) if z_m is None else cells[np.abs(cells[:, 2] - z_m) <= self.gap_m]
+        )
         if len(layer) < TERRAIN.least_cells:
             return None if z_m is None else self._spot((x_m, y_m, z_m), (0.0, 0.0), click_m)
         height_m, east, north = _plane(layer)
@@ -91,14 +109,18 @@ class Ground:
         layers = [ranked[a:b] for a, b in pairwise(cuts)]
         return next((layer for layer in layers if len(layer) >= TERRAIN.least_cells), cells[:0])
 
-    def _spot(self, point_m: tuple[float, float, float], slope: tuple[float, float], click_m: float) -> Spot:
+    def _spot(
+        self, point_m: tuple[float, float, float], slope: tuple[float, float], click_m: float
+    ) -> Spot:
         moved = np.array([(1.0, 0.0, slope[0]), (0.0, 1.0, slope[1])])
         covariance = click_m**2 * moved.T @ moved
         covariance[2, 2] += self.std_m**2
         return Spot(np.array(point_m), covariance, slope)
 
     def along(self, spots: Sequence[Spot]) -> list[Spot] | None:
-        """Points of the ground along the lines between spots; None where a spot does not lie on it, as it is seen from above."""
+        """Points of the ground along the lines between spots; None where a spot does not lie on it,
+        as it is seen from above.
+        """
         if not all(self._is_on(spot) for spot in spots):
             return None
         step_m = max(TERRAIN.step_cells * self.cell_m, TERRAIN.step_stds * self.std_m)
@@ -116,16 +138,20 @@ class Ground:
         return ground is not None and bool(abs(ground.point_m[2] - spot.point_m[2]) <= self.gap_m)
 
     def area(self, spots: Sequence[Spot]) -> tuple[Measured, float] | None:
-        """Area of the ground inside an outline, and the fraction that is known; what is not, counts as the rest.
+        """Area of the ground inside an outline, and the fraction that is known; what is not, counts
+        as the rest.
 
-        It is the area in plan times the mean steepness of planes through 3x3 cells: of what is as large as three cells. What
-        errors of the heights may add to it is in the standard error. ``metrics`` states the same of outlines.
+        It is the area in plan times the mean steepness of planes through 3x3 cells: of what is as
+        large as three cells. What errors of the heights may add to it is in the standard error.
+        ``metrics`` states the same of outlines.
         None where the outline stands too steep to be seen from above, or nothing is known.
         """
         outline = np.array([self.cell(*spot.point_m[:2]) for spot in spots])
         level_m2 = polygon_area(outline) * self.cell_m**2
         planar = planar_area(spots)
-        if not level_m2 >= TERRAIN.steepest * planar.value or not all(self._is_on(spot) for spot in spots):
+        if not level_m2 >= TERRAIN.steepest * planar.value or not all(
+            self._is_on(spot) for spot in spots
+        ):
             return None
         steepness, known = self._inside(outline)
         if not steepness.size:
@@ -135,13 +161,19 @@ class Ground:
         return Measured(area_m2, area_m2 * float(relative), 2), known
 
     def steepness_std(self, steepness: Array, known: float) -> float:
-        """Relative standard error of a mean of ``steepness``, by errors of heights and by what is not known."""
+        """Relative standard error of a mean of ``steepness``, by errors of heights and by what is
+        not known.
+        """
         noise = TERRAIN.noise * (self.std_m / self.cell_m) ** 2
         by_noise = np.sqrt(1 + noise / float((steepness**2).mean())) - 1
         return float(np.hypot(by_noise, unseen_std(steepness, known)))
 
-    def known_area(self, places: Sequence[tuple[float, float]], click_m: float) -> tuple[Measured, float] | None:
-        """Area of the ground in the part of an outline that is known, and the fraction that it is; for corners off the map."""
+    def known_area(
+        self, places: Sequence[tuple[float, float]], click_m: float
+    ) -> tuple[Measured, float] | None:
+        """Area of the ground in the part of an outline that is known, and the fraction that it is;
+        for corners off the map.
+        """
         outline = np.array([self.cell(*place) for place in places])
         steepness, known = self._inside(outline)
         if not steepness.size:
@@ -151,26 +183,43 @@ class Ground:
         return Measured(area_m2, click_m * around_m / float(np.sqrt(len(outline))), 2), known
 
     def _inside(self, outline: Array) -> tuple[Array, float]:
-        """(n,) area over level area of the known cells inside an outline, in cells; and the fraction that is known."""
+        """(n,) area over level area of the known cells inside an outline, in cells; and the
+        fraction that is known.
+        """
         size = np.array(self.heights_m.shape[::-1])
-        low, high = np.ceil(outline.min(axis=0)).astype(int), np.floor(outline.max(axis=0)).astype(int)
+        low, high = (
+            np.ceil(outline.min(axis=0)).astype(int),
+            np.floor(outline.max(axis=0)).astype(int),
+        )
         total = max(polygon_area(outline), 1.0)
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
-        places = [(c, r) for r in range(low[1], high[1] + 1) for c in range(low[0], high[0] + 1) if inside(outline, c, r)]
+        places = [
+            (c, r)
+            for r in range(low[1], high[1] + 1)
+            for c in range(low[0], high[0] + 1)
+            if inside(outline, c, r)
+        ]
         steepness = self.steepness(places)
         return steepness, min(1.0, len(steepness) / total)
 
     def steepness(self, cells: Iterable[tuple[int, int]]) -> Array:
-        """(n,) area over level area at those of the cells (column, row) whose ground is known: of planes through 3x3 cells.
+        """(n,) area over level area at those of the cells (column, row) whose ground is known: of
+        planes through 3x3 cells.
 
         All layers count, so that the sides of a coral do.
         """
-        around = (self._cells(*self.center(*cell)) for cell in cells if np.isfinite(self.heights_m[cell[1], cell[0]]))
+        around = (
+            self._cells(*self.center(*cell))
+            for cell in cells
+            if np.isfinite(self.heights_m[cell[1], cell[0]])
+        )
         return np.array([np.hypot(1.0, np.hypot(*_plane(each)[1:])) for each in around])
 
 
 def _plane(cells: Array) -> tuple[float, float, float]:
-    """Height at the middle, and rise to the east and north, of the plane through cells; their mean, level, where they span none."""
+    """Height at the middle, and rise to the east and north, of the plane through cells; their mean,
+    level, where they span none.
+    """
     A = np.column_stack([np.ones(len(cells)), cells[:, :2]])
     normal, size = A.T @ A, float((cells[:, :2] ** 2).sum() / len(cells))
     if len(cells) < 4 or not np.linalg.det(normal) > 1e-3 * len(cells) ** 3 * size**2:

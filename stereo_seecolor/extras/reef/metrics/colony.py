@@ -1,5 +1,5 @@
-"""Measures of a colony, or of anything that an outline encloses: planar area, surface area, height and volume above the ground
-around it.
+"""Measures of a colony, or of anything that an outline encloses: planar area, surface area, height
+and volume above the ground around it.
 """
 
 from collections.abc import Sequence
@@ -24,16 +24,19 @@ RIM_CELLS = 2
 """The ground around an outline: the cells up to this far outside."""
 FEWEST_RIM_CELLS = 6
 SECTORS = 8
-"""Of the ground around an outline, left out in turn: how much the volume hangs on where the ground was taken."""
+"""Of the ground around an outline, left out in turn: how much the volume hangs on where the ground
+was taken.
+"""
 
 
 @dataclass(frozen=True)
 class Measured:
     """Square meters, meters and liters.
 
-    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground. surface_m2: of planes through
-    3x3 cells, as the page and ``measure`` state it. mesh_m2: of the mesh, noise and overhangs included. volume_l: above the plane
-    through the rim. rugosity: surface over planar area.
+    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
+    surface_m2: of planes through 3x3 cells, as the page and ``measure`` state it. mesh_m2: of the
+    mesh, noise and overhangs included. volume_l: above the plane through the rim. rugosity: surface
+    over planar area.
     """
 
     planar_m2: float
@@ -47,10 +50,12 @@ class Measured:
 
 @dataclass(frozen=True)
 class Colony:
-    """The measures of an outline, with standard errors from the range errors; unseen: fraction of its cells without a surface.
+    """The measures of an outline, with standard errors from the range errors; unseen: fraction of
+    its cells without a surface.
 
-    views: mean number of frames behind a cell. counted: mean, over its cells, of 1 over the outlines that hold the cell, so that
-    outlines that overlap count their common cells once together.
+    views: mean number of frames behind a cell. counted: mean, over its cells, of 1 over the
+    outlines that hold the cell, so that outlines that overlap count their common cells once
+    together.
     """
 
     name: str
@@ -63,9 +68,15 @@ class Colony:
 
 
 def measure_outlines(
-    outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors, height_std_m: float
+    outlines: Sequence[Outline],
+    mesh: SiteMesh,
+    terrain: Terrain,
+    errors: TerrainErrors,
+    height_std_m: float,
 ) -> list[Colony | None]:
-    """Measure each outline; None where nothing of it was seen. height_std_m: of a height, as the page has it."""
+    """Measure each outline; None where nothing of it was seen. height_std_m: of a height, as the
+    page has it.
+    """
     masks = [outline.mask(terrain.grid) for outline in outlines]
     seen = [i for i, mask in enumerate(masks) if (mask & terrain.known).any()]
     if not seen:
@@ -75,11 +86,18 @@ def measure_outlines(
 
     def by_terrain(heights: Array) -> Array:
         parts = [(heights[windows[i]], masks[i][windows[i]]) for i in seen]
-        return np.array([_above(own, inside, _rim(own, inside), terrain.grid.cell_m) for own, inside in parts]).ravel()
+        return np.array(
+            [_above(own, inside, _rim(own, inside), terrain.grid.cell_m) for own, inside in parts]
+        ).ravel()
 
     grid = terrain.grid
-    ground = Ground(terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, height_std_m)
-    values, errs = (v.reshape(len(seen), -1) for v in (by_terrain(terrain.height_m), spread_of(by_terrain, terrain, errors)))
+    ground = Ground(
+        terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, height_std_m
+    )
+    values, errs = (
+        v.reshape(len(seen), -1)
+        for v in (by_terrain(terrain.height_m), spread_of(by_terrain, terrain, errors))
+    )
     colonies: list[Colony | None] = [None] * len(outlines)
     for i, value, error in zip(seen, values, errs, strict=True):
         known = masks[i] & terrain.known
@@ -91,15 +109,26 @@ def measure_outlines(
         rim = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
         unseen = np.array([0.0, _unseen_volume_l(terrain, masks[i], windows[i])])
         height_m, volume_l = np.linalg.norm([error, rim, unseen], axis=0)
-        of_surface = relative * areas[2], relative * mesh_m2, height_m, volume_l, relative * measured.rugosity
+        of_surface = (
+            relative * areas[2],
+            relative * mesh_m2,
+            height_m,
+            volume_l,
+            relative * measured.rugosity,
+        )
         own = Measured(0.0, 0.0, *(float(each) for each in of_surface))
         counted = float((1 / holders[masks[i]]).mean())
-        colonies[i] = Colony(outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted)
+        colonies[i] = Colony(
+            outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted
+        )
     return colonies
 
 
-def _areas(outline: Outline, ground: Ground, inside: Mask, known: float) -> tuple[tuple[float, float, float], float]:
-    """Planar, tilted and surface area of an outline, square meters; and the relative standard error of the last.
+def _areas(
+    outline: Outline, ground: Ground, inside: Mask, known: float
+) -> tuple[tuple[float, float, float], float]:
+    """Planar, tilted and surface area of an outline, square meters; and the relative standard error
+    of the last.
 
     A ring within a ring is taken off. Corners that are not known have no part in the tilted area.
     """
@@ -107,13 +136,19 @@ def _areas(outline: Outline, ground: Ground, inside: Mask, known: float) -> tupl
     for number, ring in enumerate(outline.rings):
         others = [other for k, other in enumerate(outline.rings) if k != number]
         sign = -1 if sum(within(other, *ring[0]) for other in others) % 2 else 1
-        spots = [spot for spot in (ground.pick(float(x), float(y), None, 0.0) for x, y in _open(ring)) if spot is not None]
+        spots = [
+            spot
+            for spot in (ground.pick(float(x), float(y), None, 0.0) for x, y in _open(ring))
+            if spot is not None
+        ]
         planar_m2 += sign * polygon_area(ring)
         tilted_m2 += sign * planar_area(spots).value if len(spots) > 2 else 0.0
     rows, columns = np.nonzero(inside)
     steepness = ground.steepness(zip(columns.tolist(), rows.tolist(), strict=True))
     surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
-    return (planar_m2, tilted_m2, surface_m2), ground.steepness_std(steepness, known) if steepness.size else float("nan")
+    return (planar_m2, tilted_m2, surface_m2), ground.steepness_std(
+        steepness, known
+    ) if steepness.size else float("nan")
 
 
 def _open(ring: Array) -> Array:
@@ -130,7 +165,12 @@ def _unseen_volume_l(terrain: Terrain, inside: Mask, window: tuple[slice, slice]
     above = (heights - _plane(heights, _rim(heights, own)))[own]
     if np.isfinite(above).all() or not np.isfinite(above).any():
         return 0.0
-    return 1000 * float(np.std(above[np.isfinite(above)])) * float((inside & ~terrain.known).sum()) * terrain.grid.cell_m**2
+    return (
+        1000
+        * float(np.std(above[np.isfinite(above)]))
+        * float((inside & ~terrain.known).sum())
+        * terrain.grid.cell_m**2
+    )
 
 
 def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
@@ -149,12 +189,18 @@ def _above(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[floa
 
 
 def _ground_error(heights: Array, inside: Mask, cell_m: float) -> Array:
-    """(2,) standard errors of height and volume from uneven ground: jackknife over eighths of the rim (Efron and Stein 1981)."""
+    """(2,) standard errors of height and volume from uneven ground: jackknife over eighths of the
+    rim (Efron and Stein 1981).
+    """
     rim = _rim(heights, inside)
     row, column = np.indices(heights.shape)
     middle = [float(np.flatnonzero(inside.any(axis=axis)).mean()) for axis in (1, 0)]
-    sector = ((np.arctan2(row - middle[0], column - middle[1]) / (2 * np.pi) * SECTORS) % SECTORS).astype(int)
-    found = np.array([_above(heights, inside, rim & (sector != left_out), cell_m) for left_out in range(SECTORS)])
+    sector = (
+        (np.arctan2(row - middle[0], column - middle[1]) / (2 * np.pi) * SECTORS) % SECTORS
+    ).astype(int)
+    found = np.array(
+        [_above(heights, inside, rim & (sector != left_out), cell_m) for left_out in range(SECTORS)]
+    )
     return np.asarray(np.sqrt((SECTORS - 1) * found.var(axis=0)))
 
 

@@ -1,4 +1,6 @@
-"""Outlines drawn on a map, of a colony or of a kind of bottom, in meters in the map's own coordinates."""
+"""Outlines drawn on a map, of a colony or of a kind of bottom, in meters in the map's own
+coordinates.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,19 +25,25 @@ Ring = NDArray[np.float64]
 SUBCELL_BITS = 4
 """Corners are drawn to a sixteenth of a cell."""
 FARTHEST_CELLS = 1e6
-"""Corners farther off, of another continent, are drawn there: in sixteenths they would not fit into 32 bits."""
+"""Corners farther off, of another continent, are drawn there: in sixteenths they would not fit into
+32 bits.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """One outline. name: "" if it has none. label: what it shows. rings: (N, 2) x and y in meters; holes are rings too."""
+    """One outline. name: "" if it has none. label: what it shows. rings: (N, 2) x and y in meters;
+    holes are rings too.
+    """
 
     name: str
     label: str
     rings: tuple[Ring, ...]
 
     def mask(self, grid: Grid) -> NDArray[np.bool_]:
-        """Compute which cells have their centers inside: (H, W) bool; a ring within a ring is a hole."""
+        """Compute which cells have their centers inside: (H, W) bool; a ring within a ring is a
+        hole.
+        """
         mask = np.zeros(grid.shape, np.uint8)
         near = [np.clip(grid.pixels(ring), -FARTHEST_CELLS, FARTHEST_CELLS) for ring in self.rings]
         corners = [np.rint(pixels * 2**SUBCELL_BITS).astype(np.int32) for pixels in near]
@@ -47,7 +55,9 @@ class Outline:
         return mask.astype(bool)
 
     def _inside(self, cells: NDArray[np.int64], grid: Grid) -> NDArray[np.bool_]:
-        """Which of cells (N, 2) have their centers inside: crossings of a line to the east, counted."""
+        """Which of cells (N, 2) have their centers inside: crossings of a line to the east,
+        counted.
+        """
         count = np.zeros(len(cells), np.int64)
         for ring in self.rings:
             corners = grid.pixels(ring)
@@ -63,21 +73,26 @@ class Outline:
 LABEL_KEYS = ("label", "class", "class_name", "category", "type", "species", "taxon")
 NAME_KEYS = ("name", "id", "fid")
 DEGREES_NEAR = 0.5
-"""Coordinates within this of the map's place on Earth are longitude and latitude; meters of a map are never so there by chance."""
+"""Coordinates within this of the map's place on Earth are longitude and latitude; meters of a map
+are never so there by chance.
+"""
 
 FARTHEST = 1e9
 """Meters and degrees are less: what is more is no coordinate."""
 LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
 """Words in the name of a system that is no place on Earth: the map's own is meant."""
 OTHERS = (
-    (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04", "an archive"), (b"<", "XML or KML")
+    (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04",
+    "an archive"), (b"<", "XML or KML")
 )  # fmt: skip
 
 Turn = Callable[[NDArray[np.float64]], Ring]
 
 
 def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
-    """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or cannot be read."""
+    """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or
+    cannot be read.
+    """
     try:
         raw = read_bytes(path)
         if kind := next((what for begin, what in OTHERS if raw.startswith(begin)), None):
@@ -93,13 +108,21 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged, or of a form that is not known here: {error!r}") from error
+        raise InputError(
+            f"{path}: is damaged, or of a form that is not known here: {error!r}"
+        ) from error
     if not outlines:
-        raise InputError(f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a TagLab project")
+        raise InputError(
+            f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a "
+            "TagLab project"
+        )
     return outlines
 
 
-_POLYGONS: dict[str, Callable[[Any], list[Any]]] = {"Polygon": lambda rings: [rings], "MultiPolygon": list}
+_POLYGONS: dict[str, Callable[[Any], list[Any]]] = {
+    "Polygon": lambda rings: [rings],
+    "MultiPolygon": list,
+}
 
 
 def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
@@ -108,8 +131,14 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
     found = []
     for number, feature in enumerate(features, 1):
         geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
-        parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(geometry.get("coordinates"))
-        rings = tuple(_turned(np.array(ring, np.float64)[:, :2], turn, number) for part in parts for ring in part)
+        parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(
+            geometry.get("coordinates")
+        )
+        rings = tuple(
+            _turned(np.array(ring, np.float64)[:, :2], turn, number)
+            for part in parts
+            for ring in part
+        )
         if rings:
             name = _first(properties, NAME_KEYS) or str(feature.get("id", "")) or f"{number}"
             found.append(Outline(name, _first(properties, LABEL_KEYS), rings))
@@ -117,10 +146,15 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
 
 
 def _turned(ring: NDArray[np.float64], turn: Turn, number: int) -> Ring:
-    """In the map's coordinates. Raises InputError for what is no coordinate, in the file or in the map."""
+    """In the map's coordinates. Raises InputError for what is no coordinate, in the file or in the
+    map.
+    """
     for points in (ring, known := turn(ring) if (np.abs(ring) < FARTHEST).all() else ring):
         if not (np.abs(points) < FARTHEST).all():
-            raise InputError(f"polygon {number} has coordinates that are no numbers, or that its crs does not take to the map")
+            raise InputError(
+                f"polygon {number} has coordinates that are no numbers, or that its crs does not "
+                "take to the map"
+            )
     return known
 
 
@@ -130,7 +164,9 @@ def _first(properties: dict[str, Any], keys: tuple[str, ...]) -> str:
 
 
 def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
-    """From the file's coordinates to the map's own: by its crs member, else degrees where they fall on the map, else meters."""
+    """From the file's coordinates to the map's own: by its crs member, else degrees where they fall
+    on the map, else meters.
+    """
     named = ((content.get("crs") or {}).get("properties") or {}).get("name")
     if posed.origin is None:
         return lambda ring: ring - posed.offset_m[:2]
@@ -142,7 +178,8 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
         pyproj.CRS.from_user_input(named or "OGC:CRS84")
     except pyproj.exceptions.CRSError as error:
         raise InputError(
-            f"its crs {named!r:.80} is not known: save the polygons in EPSG:4326, or in the map's own system"
+            f"its crs {named!r:.80} is not known: save the polygons in EPSG:4326, or in the map's "
+            "own system"
         ) from error
     local = crs_wkt(posed.origin)
     place = np.array([posed.origin.longitude_deg, posed.origin.latitude_deg])
@@ -151,26 +188,41 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
         degrees = bool((np.abs(ring - place) < DEGREES_NEAR).all())
         if not named and not degrees:
             return np.asarray(ring - posed.offset_m[:2])
-        x, y = pyproj.Transformer.from_crs(named or "OGC:CRS84", local, always_xy=True).transform(*ring.T)
+        x, y = pyproj.Transformer.from_crs(named or "OGC:CRS84", local, always_xy=True).transform(
+            *ring.T
+        )
         return np.stack([x, y], axis=-1) - posed.offset_m[:2]
 
     return turn
 
 
 def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
-    """Regions of the image that has the size of the map's orthomosaic; contours are x, y in its pixels."""
+    """Regions of the image that has the size of the map's orthomosaic; contours are x, y in its
+    pixels.
+    """
     with open_raster(posed.map_folder / MOSAIC) as file:
         size, transform = (file.width, file.height), file.transform
-    images = [image for image in content["images"] if (image.get("width"), image.get("height")) == size]
+    images = [
+        image for image in content["images"] if (image.get("width"), image.get("height")) == size
+    ]
     if not images:
         raise ValueError(f"no image of {size[0]} x {size[1]} px, the size of {MOSAIC}")
 
     def turn(ring: list[Any]) -> Ring:
-        corner, scale = np.array([transform.c, transform.f]), np.array([transform.a, transform.e])  # north is up
-        return np.asarray(corner + scale * (np.array(ring, np.float64)[:, :2] + 0.5) - posed.offset_m[:2])
+        corner, scale = (
+            np.array([transform.c, transform.f]),
+            np.array([transform.a, transform.e]),
+        )  # north is up
+        return np.asarray(
+            corner + scale * (np.array(ring, np.float64)[:, :2] + 0.5) - posed.offset_m[:2]
+        )
 
     regions = [region for image in images for region in image["annotations"]["regions"]]
     return [
-        Outline(f"{each['id']}", str(each["class name"]), tuple(map(turn, [each["contour"], *each.get("inner contours", [])])))
+        Outline(
+            f"{each['id']}",
+            str(each["class name"]),
+            tuple(map(turn, [each["contour"], *each.get("inner contours", [])])),
+        )
         for each in regions
     ]

@@ -1,4 +1,6 @@
-"""Structure of a site at several scales: mean over squares of an edge, standard deviation among them, and standard error."""
+"""Structure of a site at several scales: mean over squares of an edge, standard deviation among
+them, and standard error.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
@@ -25,7 +27,8 @@ Heights = NDArray[np.float64]
 class RdhSettings:
     """The scales that are used."""
 
-    halvings: int = 4  # edges of L, L/2, ... L/16, as habtools' documentation suggests: 2, 1, 0.5, 0.25, 0.125 m
+    # edges of L, L/2, ... L/16, as habtools' documentation suggests: 2, 1, 0.5, 0.25, 0.125 m
+    halvings: int = 4
     finest_cells: int = 4  # a height range of fewer cells is too small
     fewest_scales: int = 3  # two always lie on a line
 
@@ -37,8 +40,10 @@ RDH_SETTINGS = RdhSettings()
 class Rdh:
     """The three metrics of a square.
 
-    rugosity_hvar: from height ranges at the finest edge. rugosity_area: area of the surface over its planar area (Jenness 2004).
-    fractal_dimension: 2 for flat, to 3. height_range_m: highest less lowest. NaN where too little was seen.
+    rugosity_hvar: from height ranges at the finest edge. rugosity_area: area of the surface over
+    its planar area (Jenness 2004).
+    fractal_dimension: 2 for flat, to 3. height_range_m: highest less lowest. NaN where too little
+    was seen.
     """
 
     rugosity_hvar: float
@@ -48,22 +53,34 @@ class Rdh:
 
 
 def rdh(height_m: NDArray[np.floating], cell_m: float) -> Rdh:
-    """Measure a square of terrain (H, W), NaN where unknown, at the scales of its edge halved up to four times."""
+    """Measure a square of terrain (H, W), NaN where unknown, at the scales of its edge halved up to
+    four times.
+    """
     heights = np.asarray(height_m, np.float64)
     edges, ranges = height_ranges(heights, cell_m)
     return Rdh(
         rugosity_hvar=rugosity_hvar(edges, ranges),
         rugosity_area=surface_rugosity(heights, cell_m),
         fractal_dimension=dimension(edges, ranges),
-        height_range_m=float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else float("nan"),
+        height_range_m=float(np.nanmax(heights) - np.nanmin(heights))
+        if np.isfinite(heights).any()
+        else float("nan"),
     )
 
 
 def height_ranges(heights: Heights, cell_m: float) -> tuple[Heights, Heights]:
-    """Edges of squares, from that of all the terrain down, and the mean height range of each: (K,) meters."""
+    """Edges of squares, from that of all the terrain down, and the mean height range of each: (K,)
+    meters.
+    """
     edge_m = min(heights.shape) * cell_m
-    parts = [2**k for k in range(RDH_SETTINGS.halvings + 1) if edge_m / 2**k >= RDH_SETTINGS.finest_cells * cell_m]
-    return edge_m / np.array(parts, np.float64), np.array([mean_height_range(heights, part) for part in parts])
+    parts = [
+        2**k
+        for k in range(RDH_SETTINGS.halvings + 1)
+        if edge_m / 2**k >= RDH_SETTINGS.finest_cells * cell_m
+    ]
+    return edge_m / np.array(parts, np.float64), np.array(
+        [mean_height_range(heights, part) for part in parts]
+    )
 
 
 def rugosity_hvar(edges_m: Heights, ranges_m: Heights) -> float:
@@ -73,14 +90,18 @@ def rugosity_hvar(edges_m: Heights, ranges_m: Heights) -> float:
 
 
 def mean_height_range(heights: Heights, parts: int) -> float:
-    """Mean of highest less lowest over parts x parts squares; squares of which less than half is known do not count."""
+    """Mean of highest less lowest over parts x parts squares; squares of which less than half is
+    known do not count.
+    """
     row, column = (np.arange(n) * parts // n for n in heights.shape)
     square = (row[:, None] * parts + column[None, :]).ravel()
     known = np.isfinite(heights).ravel()
     high, low = np.full(parts**2, -np.inf), np.full(parts**2, np.inf)
     np.maximum.at(high, square[known], heights.ravel()[known])
     np.minimum.at(low, square[known], heights.ravel()[known])
-    full = np.bincount(square[known], minlength=parts**2) >= 0.5 * np.bincount(square, minlength=parts**2)
+    full = np.bincount(square[known], minlength=parts**2) >= 0.5 * np.bincount(
+        square, minlength=parts**2
+    )
     return float((high - low)[full].mean()) if full.any() else float("nan")
 
 
@@ -93,7 +114,9 @@ def dimension(edges_m: Heights, ranges_m: Heights) -> float:
 
 
 def dimension_std(edges_m: Heights, ranges_m: Heights) -> float:
-    """Standard error of the dimension by how far the ranges lie off a power law; NaN of fewer than three."""
+    """Standard error of the dimension by how far the ranges lie off a power law; NaN of fewer than
+    three.
+    """
     usable = np.isfinite(ranges_m) & (ranges_m > 0)
     if usable.sum() < RDH_SETTINGS.fewest_scales:
         return float("nan")
@@ -122,56 +145,91 @@ DRAWS = 24
 class CorrectionSettings:
     """How well the corrections are known, as fractions of themselves."""
 
-    of_noise: float = 0.75  # standard errors of heights are known to some 15 %; extremes of heights grow unlike their squares
+    # standard errors of heights are known to some 15 %; extremes of heights grow unlike their
+    # squares
+    of_noise: float = 0.75
     of_scale: float = 0.5  # no reef is the same fractal at all scales
-    smoother: float = 2.0  # of the scale that is resolved: far enough to tell how the number goes with it
-    of_match: float = 0.85  # standard deviation of what matching smooths, in correlation lengths of its errors
+    smoother: float = (
+        2.0  # of the scale that is resolved: far enough to tell how the number goes with it
+    )
+    of_match: float = (
+        0.85  # standard deviation of what matching smooths, in correlation lengths of its errors
+    )
     of_voxel: float = 0.5  # and of what voxels smooth, in voxels: both as found on drawn reefs
-    steps: float = 4.0  # a smoothing of that standard deviation squared, times this, counts as the square of a cell
-    steepest: float = 1.5  # power of the scale with which squared slopes fall at most: 1 for a surface of sharp steps
+    # a smoothing of that standard deviation squared, times this, counts as the square of a cell
+    steps: float = 4.0
+    # power of the scale with which squared slopes fall at most: 1 for a surface of sharp steps
+    steepest: float = 1.5
 
 
 REDRAW_SETTINGS = CorrectionSettings()
 
 
 def corrected(
-    measure: Callable[[Array], Array], derive: Callable[[Array], Array], terrain: Terrain, errors: TerrainErrors, scale_m: float
+    measure: Callable[[Array], Array],
+    derive: Callable[[Array], Array],
+    terrain: Terrain,
+    errors: TerrainErrors,
+    scale_m: float,
 ) -> tuple[Array, Array]:
-    """Compute numbers of a terrain without its noise and at a stated scale, and their standard errors: (M,) each.
+    """Compute numbers of a terrain without its noise and at a stated scale, and their standard
+    errors: (M,) each.
 
     Args:
-        measure: heights (H, W) -> (K,), to which errors and scales add: squares of slopes and of ranges of heights.
+        measure: heights (H, W) -> (K,), to which errors and scales add: squares of slopes and of
+        ranges of heights.
         derive: (K,) -> (M,), the numbers.
         terrain: its heights are measured. Cells whose standard error is unknown stay as they are.
-        errors: standard errors of its heights, and the length over which they are correlated, which is also how finely
+        errors: standard errors of its heights, and the length over which they are correlated, which
+        is also how finely
             matching resolves.
         scale_m: edge of the cells that ``measure`` averages heights over.
     """
     cell_m = terrain.grid.cell_m
-    smoothing_m = np.hypot(REDRAW_SETTINGS.of_match * errors.correlation_m, REDRAW_SETTINGS.of_voxel * cell_m)
+    smoothing_m = np.hypot(
+        REDRAW_SETTINGS.of_match * errors.correlation_m, REDRAW_SETTINGS.of_voxel * cell_m
+    )
     resolved_m = float(np.sqrt(scale_m**2 + REDRAW_SETTINGS.steps * smoothing_m**2))
-    blur_cells = resolved_m / cell_m * float(np.sqrt((REDRAW_SETTINGS.smoother**2 - 1) / REDRAW_SETTINGS.steps))
+    blur_cells = (
+        resolved_m
+        / cell_m
+        * float(np.sqrt((REDRAW_SETTINGS.smoother**2 - 1) / REDRAW_SETTINGS.steps))
+    )
 
     def both(heights: Array) -> Array:
         return np.array([measure(heights), measure(smoothed(heights, blur_cells))])
 
     noises = _noises(errors.noise_m, errors.correlation_m / cell_m, DRAWS // 2)
     mapped = both(terrain.height_m)
-    draws = np.array([both(terrain.height_m + sign * noise) for noise in noises for sign in (1, -1)])  # what is odd cancels
+    draws = np.array(
+        [both(terrain.height_m + sign * noise) for noise in noises for sign in (1, -1)]
+    )  # what is odd cancels
     fine, coarse = 2 * mapped - draws.mean(axis=0)
-    falls = np.divide(fine, coarse, out=np.ones_like(fine), where=(coarse * fine > 0) & (np.abs(coarse) < np.abs(fine)))
+    falls = np.divide(
+        fine,
+        coarse,
+        out=np.ones_like(fine),
+        where=(coarse * fine > 0) & (np.abs(coarse) < np.abs(fine)),
+    )
     falls = np.minimum(falls, REDRAW_SETTINGS.smoother**REDRAW_SETTINGS.steepest)
     sharp = fine * falls ** (np.log(resolved_m / scale_m) / np.log(REDRAW_SETTINGS.smoother))
     raw, smooth, values = derive(mapped[0]), derive(fine), derive(sharp)
-    noise, scale = REDRAW_SETTINGS.of_noise * (raw - smooth), REDRAW_SETTINGS.of_scale * (values - smooth)
+    noise, scale = (
+        REDRAW_SETTINGS.of_noise * (raw - smooth),
+        REDRAW_SETTINGS.of_scale * (values - smooth),
+    )
     by_draws = np.array([derive(draw) for draw in draws[:, 0]]).std(axis=0, ddof=1)
     return values, np.linalg.norm([by_draws, noise, scale], axis=0)
 
 
 def spread_of(measure: Callable[[Array], Array], terrain: Terrain, errors: TerrainErrors) -> Array:
-    """Compute the standard deviation, (M,), of ``measure`` (heights (H, W) -> (M,)) over DRAWS draws of the terrain's errors."""
+    """Compute the standard deviation, (M,), of ``measure`` (heights (H, W) -> (M,)) over DRAWS
+    draws of the terrain's errors.
+    """
     noises = _noises(errors.std_m, errors.correlation_m / terrain.grid.cell_m, DRAWS)
-    return np.asarray(np.array([measure(terrain.height_m + noise) for noise in noises]).std(axis=0, ddof=1))
+    return np.asarray(
+        np.array([measure(terrain.height_m + noise) for noise in noises]).std(axis=0, ddof=1)
+    )
 
 
 def _noises(std_m: Array, correlation_cells: float, count: int) -> Iterator[Array]:
@@ -181,10 +239,14 @@ def _noises(std_m: Array, correlation_cells: float, count: int) -> Iterator[Arra
 
 
 def smoothed(heights: Array, sigma: float) -> Array:
-    """Heights (H, W) after a Gaussian of ``sigma`` cells; what is unknown stays so, and counts for nothing."""
+    """Heights (H, W) after a Gaussian of ``sigma`` cells; what is unknown stays so, and counts for
+    nothing.
+    """
     known, size = np.isfinite(heights), (2 * int(np.ceil(3 * sigma)) + 1,) * 2
     weight = cv2.GaussianBlur(known.astype(np.float64), size, sigma, borderType=cv2.BORDER_CONSTANT)
-    total = cv2.GaussianBlur(np.where(known, heights, 0), size, sigma, borderType=cv2.BORDER_CONSTANT)
+    total = cv2.GaussianBlur(
+        np.where(known, heights, 0), size, sigma, borderType=cv2.BORDER_CONSTANT
+    )
     return np.where(known, total / np.maximum(weight, 1e-12), np.nan)
 
 
@@ -204,12 +266,16 @@ EDGES_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 FEWEST_CELLS = 8
 """A square's edge. The fractal dimension needs 16: three scales of at least four cells."""
 MIN_COVERAGE = 0.8
-"""A square counts if more than this fraction of it was seen: a hole hides heights and area alike."""
+"""A square counts if more than this fraction of it was seen: a hole hides heights and area
+alike.
+"""
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs included, over the planar area."""
+    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs included, over
+    the planar area.
+    """
 
     rugosity_area: float
     rugosity_hvar: float
@@ -226,10 +292,13 @@ class Numbers:
 
 @dataclass(frozen=True)
 class StructureAtScale:
-    """The metrics of all squares of an edge: mean, its standard error, standard deviation among squares (NaN of one).
+    """The metrics of all squares of an edge: mean, its standard error, standard deviation among
+    squares (NaN of one).
 
-    scale_m: edge of the cells over which heights are averaged: of the terrain, or of what matching resolves where that is coarser.
-    mean: without what errors of ranges add and what matching and voxels smooth away. mapped: what the map itself has.
+    scale_m: edge of the cells over which heights are averaged: of the terrain, or of what matching
+    resolves where that is coarser.
+    mean: without what errors of ranges add and what matching and voxels smooth away. mapped: what
+    the map itself has.
     """
 
     edge_m: float
@@ -257,11 +326,16 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
         return np.concatenate([_squared(own, scale_m, windows) for windows in squares.values()])
 
     def derive(squared: Array) -> Array:
-        return np.concatenate([_derived(each, own) for each, own in zip(edges, np.split(squared, ends), strict=True)])
+        return np.concatenate(
+            [_derived(each, own) for each, own in zip(edges, np.split(squared, ends), strict=True)]
+        )
 
     found = corrected(measure, derive, terrain, errors, scale_m)
     values, stds = (each.reshape(len(squares), -1) for each in found)
-    fits = [dimension_std(e, np.sqrt(each[2:])) for e, each in zip(edges, np.split(measure(terrain.height_m), ends), strict=True)]
+    fits = [
+        dimension_std(e, np.sqrt(each[2:]))
+        for e, each in zip(edges, np.split(measure(terrain.height_m), ends), strict=True)
+    ]
     stds[:, 2] = np.hypot(stds[:, 2], fits)
     area = _mesh_area(mesh, coarse)
     return [
@@ -270,13 +344,23 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
     ]
 
 
-def _summary(edge_m: float, scale_m: float, squares: Array, value: Array, std: Array) -> StructureAtScale:
-    """squares: (N, M) as mapped, the mesh's rugosity last. value, std: (M - 1,); the mesh's is corrected as the terrain's."""
+def _summary(
+    edge_m: float, scale_m: float, squares: Array, value: Array, std: Array
+) -> StructureAtScale:
+    """squares: (N, M) as mapped, the mesh's rugosity last. value, std: (M - 1,); the mesh's is
+    corrected as the terrain's.
+    """
     mapped = squares.mean(axis=0)
     mean = np.append(value, mapped[-1] * value[0] / mapped[0])
     between = squares.std(axis=0, ddof=1) if len(squares) > 1 else np.full(squares.shape[1], np.nan)
     return StructureAtScale(
-        edge_m, scale_m, len(squares), Numbers(*mean), Numbers(*np.append(std, std[0])), Numbers(*between), Numbers(*mapped)
+        edge_m,
+        scale_m,
+        len(squares),
+        Numbers(*mean),
+        Numbers(*np.append(std, std[0])),
+        Numbers(*between),
+        Numbers(*mapped),
     )
 
 
@@ -287,15 +371,28 @@ def resolved_cells(terrain: Terrain, errors: TerrainErrors) -> int:
 
 def numbers_of(heights: Array, cell_m: float, windows: list[Window]) -> Array:
     """(N, 5) the numbers of squares, but the mesh's."""
-    return np.array([(*_of_rdh(rdh(heights[w], cell_m)), vector_ruggedness(heights[w], cell_m)) for w in windows])
+    return np.array(
+        [
+            (*_of_rdh(rdh(heights[w], cell_m)), vector_ruggedness(heights[w], cell_m))
+            for w in windows
+        ]
+    )
 
 
 def _squared(heights: Array, cell_m: float, windows: list[Window]) -> Array:
-    """(2 + K,) what errors add to: squared slopes, ruggedness, squared height ranges of K edges; means over the squares."""
+    """(2 + K,) what errors add to: squared slopes, ruggedness, squared height ranges of K edges;
+    means over the squares.
+    """
     parts = [heights[w] for w in windows]
     ranges = np.array([height_ranges(part, cell_m)[1] for part in parts])
     slopes = np.mean([surface_rugosity(part, cell_m) for part in parts]) ** 2 - 1
-    return np.array([slopes, np.mean([vector_ruggedness(part, cell_m) for part in parts]), *np.nanmean(ranges, axis=0) ** 2])
+    return np.array(
+        [
+            slopes,
+            np.mean([vector_ruggedness(part, cell_m) for part in parts]),
+            *np.nanmean(ranges, axis=0) ** 2,
+        ]
+    )
 
 
 def _derived(edges_m: Array, squared: Array) -> Array:
@@ -303,7 +400,9 @@ def _derived(edges_m: Array, squared: Array) -> Array:
     ranges_m = np.sqrt(np.maximum(squared[2:], 0))
     rugosity = float(np.sqrt(1 + max(squared[0], 0)))
     fractal = np.clip(dimension(edges_m, ranges_m), 2, 3)
-    return np.array([rugosity, rugosity_hvar(edges_m, ranges_m), fractal, ranges_m[0], max(squared[1], 0)])
+    return np.array(
+        [rugosity, rugosity_hvar(edges_m, ranges_m), fractal, ranges_m[0], max(squared[1], 0)]
+    )
 
 
 def _of_rdh(own: Rdh) -> tuple[float, ...]:
@@ -318,7 +417,9 @@ def _with_mesh(terrain: Terrain, area: Array, windows: list[Window]) -> Array:
 
 
 def squares_of(terrain: Terrain) -> dict[float, list[Window]]:
-    """By the edge, meters, the squares that were seen well enough; edges without one are left out."""
+    """By the edge, meters, the squares that were seen well enough; edges without one are left
+    out.
+    """
     return {edge_m: windows for edge_m in EDGES_M if (windows := list(_windows(terrain, edge_m)))}
 
 
@@ -338,4 +439,6 @@ def _windows(terrain: Terrain, edge_m: float) -> Iterator[Window]:
 def _mesh_area(mesh: SiteMesh, terrain: Terrain) -> Array:
     """(H, W) square meters of mesh over, and below, each cell."""
     (row, column, area_m2), (height, width) = terrain.triangles_of(mesh), terrain.grid.shape
-    return np.asarray(np.bincount(row * width + column, area_m2, height * width).reshape(height, width))
+    return np.asarray(
+        np.bincount(row * width + column, area_m2, height * width).reshape(height, width)
+    )

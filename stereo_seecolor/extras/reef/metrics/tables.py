@@ -21,9 +21,11 @@ class Cover:
     """The cover of one label, over all its outlines.
 
     Attributes:
-        of_seen: planar area over the planar area that the map shows: the cover that ecologists state.
+        of_seen: planar area over the planar area that the map shows: the cover that ecologists
+        state.
         of_outlined_planar: planar area over that of all outlines.
-        of_outlined_surface: surface over that of all outlines, with the standard error by the errors of ranges.
+        of_outlined_surface: surface over that of all outlines, with the standard error by the
+        errors of ranges.
     """
 
     label: str
@@ -38,7 +40,8 @@ class Cover:
 
 
 def cover(colonies: Sequence[Colony], seen_m2: float) -> list[Cover]:
-    """A row for each label, the largest surface first. Cells of several outlines are divided among them.
+    """A row for each label, the largest surface first. Cells of several outlines are divided among
+    them.
 
     Args:
         colonies: all outlines that were seen.
@@ -57,7 +60,9 @@ def cover(colonies: Sequence[Colony], seen_m2: float) -> list[Cover]:
         error = ((1 - fraction) ** 2 * own + fraction**2 * (variance - own)) ** 0.5 / total
         planar_m2 = sum(map(_planar_m2, members))
         of_all = planar_m2 / seen_m2, planar_m2 / planar
-        rows.append(Cover(label, len(members), surface, own**0.5, planar_m2, *of_all, fraction, error))
+        rows.append(
+            Cover(label, len(members), surface, own**0.5, planar_m2, *of_all, fraction, error)
+        )
     return sorted(rows, key=lambda row: -row.surface_m2)
 
 
@@ -81,7 +86,8 @@ Row = dict[str, Any]
 class SiteMetrics:
     """The metrics of a site.
 
-    structure: at each scale. colonies: each outline that was seen. cover: by label. unseen: outlines of which nothing was seen.
+    structure: at each scale. colonies: each outline that was seen. cover: by label. unseen:
+    outlines of which nothing was seen.
     height_std_m: median standard error of the terrain. files: what was written.
     """
 
@@ -97,7 +103,10 @@ class SiteMetrics:
 
 def tables(result: SiteMetrics) -> dict[str, list[Row]]:
     """Name of the table -> its rows; those of outlines only where there are outlines."""
-    found = {"structure": [_scale(each) for each in result.structure], "outlines": [_outline(each) for each in result.colonies]}
+    found = {
+        "structure": [_scale(each) for each in result.structure],
+        "outlines": [_outline(each) for each in result.colonies],
+    }
     found["cover"] = [asdict(each) for each in result.cover]
     return {name: rows for name, rows in found.items() if rows}
 
@@ -105,19 +114,27 @@ def tables(result: SiteMetrics) -> dict[str, list[Row]]:
 def write_tables(folder: Path, content: dict[str, list[Row]]) -> None:
     """A CSV for each table; numbers that are not known are empty."""
     for name, rows in content.items():
-        write_atomic(folder / f"{name}.csv", csv_text(rows[0], (row.values() for row in rows)).encode())
+        write_atomic(
+            folder / f"{name}.csv", csv_text(rows[0], (row.values() for row in rows)).encode()
+        )
 
 
 def _scale(scale: StructureAtScale) -> Row:
     others = {"std": scale.standard_error, "between": scale.between_squares, "mapped": scale.mapped}
     head = {"edge_m": scale.edge_m, "scale_m": scale.scale_m, "squares": scale.squares}
-    return head | _with_errors(asdict(scale.mean), {name: asdict(each) for name, each in others.items()})
+    return head | _with_errors(
+        asdict(scale.mean), {name: asdict(each) for name, each in others.items()}
+    )
 
 
 def _outline(colony: Colony) -> Row:
     head: Row = {"name": colony.name, "label": colony.label}
     body = _with_errors(asdict(colony.measured), {"std": asdict(colony.standard_error)})
-    return head | body | {"unseen": colony.unseen, "views": colony.views, "overlap": 1 - colony.counted}
+    return (
+        head
+        | body
+        | {"unseen": colony.unseen, "views": colony.views, "overlap": 1 - colony.counted}
+    )
 
 
 def _with_errors(values: Row, others: dict[str, Row]) -> Row:

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SiteMesh:
-    """points_m, normals: (V, 3) float64, z up, the map's own coordinates. color: (V, 3) uint8. triangles: (T, 3) vertex numbers."""
+    """points_m, normals: (V, 3) float64, z up, the map's own coordinates. color: (V, 3) uint8.
+    triangles: (T, 3) vertex numbers.
+    """
 
     points_m: Array
     normals: Array
@@ -26,7 +28,9 @@ class SiteMesh:
 
     def moved(self, T: Array) -> "SiteMesh":
         """The mesh through a rigid transform (4, 4)."""
-        return SiteMesh(transformed(T, self.points_m), self.normals @ T[:3, :3].T, self.color, self.triangles)
+        return SiteMesh(
+            transformed(T, self.points_m), self.normals @ T[:3, :3].T, self.color, self.triangles
+        )
 
     @property
     def triangle_areas_m2(self) -> Array:
@@ -45,7 +49,9 @@ def read_mesh(out: Path) -> SiteMesh:
     path = out / MAP / MESH
     vertices = read_vertices(path)
     points, normals = (np.asarray(vertices[name], np.float64) for name in ("position", "normal"))
-    return SiteMesh(points, normals, np.array(vertices["color"]), np.array(read_triangles(path)["indices"]))
+    return SiteMesh(
+        points, normals, np.array(vertices["color"]), np.array(read_triangles(path)["indices"])
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,5 +66,7 @@ def open_site(out: Path) -> Site:
     """A fused run. Raises InputError for one without a map, or with an empty one."""
     posed, mesh = open_posed_run(out), read_mesh(out)
     if not len(mesh.triangles):
-        raise InputError(f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m")
+        raise InputError(
+            f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m"
+        )
     return Site(posed, mesh)

@@ -1,4 +1,6 @@
-"""A gray picture of the bottom from above, fine enough to recognize things: the orthomosaic, or the mesh's colors without one."""
+"""A gray picture of the bottom from above, fine enough to recognize things: the orthomosaic, or the
+mesh's colors without one.
+"""
 
 from dataclasses import dataclass
 
@@ -21,7 +23,9 @@ MOST_PX = 36e6
 
 @dataclass(frozen=True, eq=False)
 class Orthophoto:
-    """A gray picture. gray: (H, W) uint8, 0 where nothing is known. grid: of its pixels, in the map's own coordinates."""
+    """A gray picture. gray: (H, W) uint8, 0 where nothing is known. grid: of its pixels, in the
+    map's own coordinates.
+    """
 
     gray: NDArray[np.uint8]
     grid: Grid
@@ -35,8 +39,15 @@ def orthophoto(posed: PosedRun, terrain: Terrain) -> Orthophoto:
     from rasterio.enums import Resampling
 
     with open_raster(path, 4) as file:
-        cell_m, corner = file.res[0], (file.bounds.left - posed.offset_m[0], file.bounds.top - posed.offset_m[1])
-        step = max(FINEST_OF_VOXEL * posed.voxel_m / cell_m, float(np.sqrt(file.width * file.height / MOST_PX)), 1.0)
+        cell_m, corner = (
+            file.res[0],
+            (file.bounds.left - posed.offset_m[0], file.bounds.top - posed.offset_m[1]),
+        )
+        step = max(
+            FINEST_OF_VOXEL * posed.voxel_m / cell_m,
+            float(np.sqrt(file.width * file.height / MOST_PX)),
+            1.0,
+        )
         shape = max(int(file.height / step), 1), max(int(file.width / step), 1)
         bands = file.read([1, 2, 3, 4], out_shape=(4, *shape), resampling=Resampling.average)
         grid = Grid(corner[0], corner[1], cell_m * file.width / shape[1], shape)

@@ -17,7 +17,9 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """The highest surface over each cell of ``grid``: height_m (H, W), color (H, W, 3) 0..255 as float32; NaN where unknown."""
+    """The highest surface over each cell of ``grid``: height_m (H, W), color (H, W, 3) 0..255 as
+    float32; NaN where unknown.
+    """
 
     grid: Grid
     height_m: NDArray[np.float64]
@@ -41,13 +43,19 @@ class Terrain:
         return np.stack([x, y, self.height_m], axis=-1)
 
     def averaged(self, cells: int) -> "Terrain":
-        """The terrain in cells that are so many times as long and wide, without colors; what does not fill one is left out."""
+        """The terrain in cells that are so many times as long and wide, without colors; what does
+        not fill one is left out.
+        """
         grid = self.grid
         height_m = averaged(self.height_m, cells)
-        coarse = Grid(grid.west_m, grid.north_m, cells * grid.cell_m, (height_m.shape[0], height_m.shape[1]))
+        coarse = Grid(
+            grid.west_m, grid.north_m, cells * grid.cell_m, (height_m.shape[0], height_m.shape[1])
+        )
         return Terrain(coarse, height_m, np.full((*height_m.shape, 3), np.nan, np.float32))
 
-    def triangles_of(self, mesh: SiteMesh) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    def triangles_of(
+        self, mesh: SiteMesh
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         """Row, column and square meters (n,) of a mesh's triangles over, and below, the cells."""
         column, row = np.rint(self.grid.pixels(mesh.triangle_centers_m)).astype(np.int64).T
         height, width = self.grid.shape
@@ -56,7 +64,9 @@ class Terrain:
 
 
 def averaged(heights: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
-    """Means of blocks of cells x cells of heights (H, W), NaN where less than half of one is known."""
+    """Means of blocks of cells x cells of heights (H, W), NaN where less than half of one is
+    known.
+    """
     if cells == 1:
         return heights
     rows, columns = (n // cells for n in heights.shape)
@@ -96,7 +106,9 @@ Array = NDArray[np.float64]
 class ErrorSettings:
     """Which ranges count as a view of a cell."""
 
-    gate_sigmas: float = 6.0  # a range further off than this shows something else: a fish, a branch before the cell
+    gate_sigmas: float = (
+        6.0  # a range further off than this shows something else: a fish, a branch before the cell
+    )
     gate_voxels: float = 3.0  # and further than this, since voxels round off what is finer
     reach_step_px: int = 16  # of the pixels that show which cells a frame can see
     match_px: float = 3.0  # errors of neighboring pixels are alike over about half a census window
@@ -109,8 +121,9 @@ SETTINGS = ErrorSettings()
 class TerrainErrors:
     """Standard errors of a terrain.
 
-    std_m: (H, W) standard error of each height, NaN where no frame's range was left. noise_m: the part of it by the errors
-    of ranges, without what views differ by at edges, which roughens a surface. views: (H, W) frames behind each cell.
+    std_m: (H, W) standard error of each height, NaN where no frame's range was left. noise_m: the
+    part of it by the errors of ranges, without what views differ by at edges, which roughens a
+    surface. views: (H, W) frames behind each cell.
     correlation_m: distance over which errors of neighboring cells are correlated.
     """
 
@@ -125,8 +138,11 @@ class TerrainErrors:
         return float(np.nanmedian(self.std_m)) if np.isfinite(self.std_m).any() else float("nan")
 
 
-def terrain_errors(posed: PosedRun, terrain: Terrain, T_terrain_map: Array | None = None) -> TerrainErrors:
-    """The standard errors of the terrain of a run. T_terrain_map: (4, 4), where the terrain is not in the map's own coordinates.
+def terrain_errors(
+    posed: PosedRun, terrain: Terrain, T_terrain_map: Array | None = None
+) -> TerrainErrors:
+    """The standard errors of the terrain of a run. T_terrain_map: (4, 4), where the terrain is not
+    in the map's own coordinates.
 
     Raises InputError if the run cannot be read; a frame whose files are gone is left out.
     """
@@ -159,7 +175,8 @@ class _Sums:
             return
         points = self._points[window]
         range_m, std_m = (
-            _sampled(values, points, T_terrain_camera, self._geometry) for values in (frame.range_m, frame.range_std_m)
+            _sampled(values, points, T_terrain_camera, self._geometry)
+            for values in (frame.range_m, frame.range_std_m)
         )
         offset = points - T_terrain_camera[:3, 3]
         distance = np.linalg.norm(offset, axis=-1)
@@ -168,7 +185,9 @@ class _Sums:
         lever = np.maximum(np.abs(ray[..., 2] - east * ray[..., 0] - north * ray[..., 1]), 0.05)
         with np.errstate(invalid="ignore"):
             off = range_m - distance
-            seen = np.abs(off) < np.maximum(SETTINGS.gate_sigmas * std_m, SETTINGS.gate_voxels * self._voxel_m)
+            seen = np.abs(off) < np.maximum(
+                SETTINGS.gate_sigmas * std_m, SETTINGS.gate_voxels * self._voxel_m
+            )
         seen &= std_m > 0
         weight = np.where(seen, 1 / np.where(seen, std_m * lever, 1) ** 2, 0)
         height_off = np.where(seen, off * lever, 0)
@@ -186,8 +205,14 @@ class _Sums:
         spread = np.maximum(self._square - self._mean**2 / weight, 0)
         birge = np.maximum(spread / np.maximum(self._views - 1, 1), 1)
         noise_m = np.where(known & self._terrain.known, 1 / np.sqrt(weight), np.nan)
-        footprint = float(np.median(self._footprints_m)) if self._footprints_m else self._terrain.grid.cell_m
-        return TerrainErrors(noise_m * np.sqrt(birge), noise_m, self._views, SETTINGS.match_px * footprint)
+        footprint = (
+            float(np.median(self._footprints_m))
+            if self._footprints_m
+            else self._terrain.grid.cell_m
+        )
+        return TerrainErrors(
+            noise_m * np.sqrt(birge), noise_m, self._views, SETTINGS.match_px * footprint
+        )
 
     def _window(self, frame: SurveyFrame, T: Array) -> tuple[slice, slice] | None:
         """The cells that a frame can see."""
@@ -197,7 +222,11 @@ class _Sums:
         if not known.any():
             return None
         points = transformed(T, self._geometry.rays[::step, ::step][known] * range_m[known, None])
-        return _covered(self._terrain.grid, points, margin_m=step * float(range_m[known].max()) / self._geometry.focal_px)
+        return _covered(
+            self._terrain.grid,
+            points,
+            margin_m=step * float(range_m[known].max()) / self._geometry.focal_px,
+        )
 
 
 def _covered(grid: Grid, points: Array, margin_m: float) -> tuple[slice, slice] | None:
@@ -209,14 +238,18 @@ def _covered(grid: Grid, points: Array, margin_m: float) -> tuple[slice, slice] 
     return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
-def _sampled(values: NDArray[np.float32], points: Array, T: Array, geometry: RectifiedPair) -> Array:
+def _sampled(
+    values: NDArray[np.float32], points: Array, T: Array, geometry: RectifiedPair
+) -> Array:
     """(h, w) the values of a frame's nearest pixels at points (h, w, 3); NaN outside its image."""
     local = transformed(inverse(T), points)
     width, height = geometry.image_size
     with np.errstate(invalid="ignore", divide="ignore"):
         u = geometry.focal_px * local[..., 0] / local[..., 2] + geometry.cx_left_px
         v = geometry.focal_px * local[..., 1] / local[..., 2] + geometry.cy_px
-        inside = (local[..., 2] > 0) & (u > -0.5) & (v > -0.5) & (u < width - 0.5) & (v < height - 0.5)
+        inside = (
+            (local[..., 2] > 0) & (u > -0.5) & (v > -0.5) & (u < width - 0.5) & (v < height - 0.5)
+        )
     result = np.full(points.shape[:2], np.nan)
     result[inside] = values[np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)]
     return result

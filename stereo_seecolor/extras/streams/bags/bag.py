@@ -11,20 +11,41 @@ from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.streams.bags import files
-from stereo_seecolor.extras.streams.bags.source import ZSTD_MAGIC, Channel, Chunk, Cut, FileSource, Message, Place, decompress
+from stereo_seecolor.extras.streams.bags.source import (
+    ZSTD_MAGIC,
+    Channel,
+    Chunk,
+    Cut,
+    FileSource,
+    Message,
+    Place,
+    decompress,
+)
 from stereo_seecolor.files.contained import special_kind
 from stereo_seecolor.files.names import natural_key
 
 SUFFIXES = frozenset({".bag", ".active", ".db3", ".mcap"})
 """``.bag.active``: what ROS 1 calls a bag that is being recorded, or was when the power went."""
 
-IMAGE, COMPRESSED, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
-POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
+IMAGE, COMPRESSED, CAMERA_INFO = (
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+)
+POSES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/PoseStamped",
+)
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 STATIC_TRANSFORMS = "/tf_static"
 """Where the mounts are; /tf, which moves, is counted only."""
 
-FIX, IMU, PRESSURE = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+FIX, IMU, PRESSURE = (
+    "sensor_msgs/msg/NavSatFix",
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/FluidPressure",
+)
 
 UNPACKED_BY = {
     ZSTD_MAGIC: "zstd -d",
@@ -40,7 +61,9 @@ INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE}
 
 THINNED = frozenset({IMU, PRESSURE})
 THINNED_NS = 20_000_000
-"""Of sensors that send hundreds of messages a second one in 20 ms is kept: a vehicle turns little in that time."""
+"""Of sensors that send hundreds of messages a second one in 20 ms is kept: a vehicle turns little
+in that time.
+"""
 
 HEAD_BYTES = 32
 CACHED_CHUNKS = 4
@@ -49,7 +72,9 @@ CACHED_CHUNKS = 4
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A message of an indexed topic. stamp_ns: of its header, since 1970; where that is 0, the time at which it was recorded."""
+    """A message of an indexed topic. stamp_ns: of its header, since 1970; where that is 0, the time
+    at which it was recorded.
+    """
 
     channel: Channel
     stamp_ns: int
@@ -57,13 +82,17 @@ class Entry:
     place: Place
 
     def payload(self) -> bytes:
-        """The message as it was recorded. Raises InputError if it cannot be read any more, DeviceError without the library."""
+        """The message as it was recorded. Raises InputError if it cannot be read any more,
+        DeviceError without the library.
+        """
         return payload(self.path, self.place)
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag. entries: its messages by their stamps, only where its type is one of INDEXED. count: of all messages."""
+    """A topic of a bag. entries: its messages by their stamps, only where its type is one of
+    INDEXED. count: of all messages.
+    """
 
     name: str
     msgtype: str
@@ -75,12 +104,18 @@ class Topic:
     @property
     def rate_hz(self) -> float | None:
         """Messages a second, None for fewer than two."""
-        return (self.count - 1) * 1e9 / (self.last_ns - self.first_ns) if self.last_ns > self.first_ns else None
+        return (
+            (self.count - 1) * 1e9 / (self.last_ns - self.first_ns)
+            if self.last_ns > self.first_ns
+            else None
+        )
 
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag. problems: what could not be read, one line each; unstamped: topics whose headers hold no time."""
+    """A bag. problems: what could not be read, one line each; unstamped: topics whose headers hold
+    no time.
+    """
 
     path: Path
     files: tuple[Path, ...]
@@ -104,13 +139,17 @@ class _Gathered:
 
 def is_bag(path: Path) -> bool:
     """Tell whether a path is a bag's file, or a folder that holds some."""
-    return (path.suffix.lower() in SUFFIXES and not path.is_dir()) or (path.is_dir() and any(_bag_files(path)))
+    return (path.suffix.lower() in SUFFIXES and not path.is_dir()) or (
+        path.is_dir() and any(_bag_files(path))
+    )
 
 
 def open_bag(path: Path) -> Bag:
-    """Walk a bag: a file (.bag, .bag.active, .db3, .mcap), or a folder with all the files of one that was split.
+    """Walk a bag: a file (.bag, .bag.active, .db3, .mcap), or a folder with all the files of one
+    that was split.
 
-    Raises InputError if it is missing, no bag, or holds no message that can be read; DeviceError if a library is missing.
+    Raises InputError if it is missing, no bag, or holds no message that can be read; DeviceError if
+    a library is missing.
     """
     files = _files(path)
     problems: list[str] = []
@@ -119,16 +158,26 @@ def open_bag(path: Path) -> Bag:
     for file in files:
         read_problems: list[str] = []
         for message in _messages(file, read_problems):
-            topic = gathered.setdefault((message.channel.topic, message.channel.msgtype), _Gathered())
+            topic = gathered.setdefault(
+                (message.channel.topic, message.channel.msgtype), _Gathered()
+            )
             topic.count += 1
-            topic.first_ns, topic.last_ns = min(topic.first_ns, message.time_ns), max(topic.last_ns, message.time_ns)
+            topic.first_ns, topic.last_ns = (
+                min(topic.first_ns, message.time_ns),
+                max(topic.last_ns, message.time_ns),
+            )
             if message.channel.msgtype in INDEXED or message.channel.topic == STATIC_TRANSFORMS:
                 stamp_ns = _stamp_ns(message, file)
-                if message.channel.msgtype in THINNED and 0 <= stamp_ns - topic.kept_ns < THINNED_NS:
+                if (
+                    message.channel.msgtype in THINNED
+                    and 0 <= stamp_ns - topic.kept_ns < THINNED_NS
+                ):
                     continue
                 topic.kept_ns = stamp_ns
                 unstamped[message.channel.topic] += not stamp_ns
-                topic.entries.append(Entry(message.channel, stamp_ns or message.time_ns, file, message.place))
+                topic.entries.append(
+                    Entry(message.channel, stamp_ns or message.time_ns, file, message.place)
+                )
         problems += [f"{file}: {problem}" for problem in dict.fromkeys(read_problems)]
     if not gathered:
         raise InputError(problems[0] if problems else f"{path}: holds no messages")
@@ -142,7 +191,9 @@ def _topic(name: str, msgtype: str, found: _Gathered) -> Topic:
 
 
 def payload(path: Path, place: Place) -> bytes:
-    """A message's bytes. Raises InputError if they cannot be read any more; DeviceError if a library is missing."""
+    """A message's bytes. Raises InputError if they cannot be read any more; DeviceError if a
+    library is missing.
+    """
     try:
         if path.suffix.lower() == ".db3":
             content = files.read(path, place.start)
@@ -153,7 +204,9 @@ def payload(path: Path, place: Place) -> bytes:
                 content = source.bytes_at(place.start, place.size)
         return unzipped(content)
     except (OSError, Cut, sqlite3.Error, KeyError) as error:
-        raise InputError(f"{path}: a message of it cannot be read: {error}: copy the bag again from the vehicle") from error
+        raise InputError(
+            f"{path}: a message of it cannot be read: {error}: copy the bag again from the vehicle"
+        ) from error
 
 
 def unzipped(content: bytes) -> bytes:
@@ -182,16 +235,26 @@ def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
                 yield from files.walk_mcap(source, problems)
             elif begin == files.SQLITE_MAGIC:
                 yield from files.walk_sqlite(path, problems)
-            elif tool := next((tool for magic, tool in UNPACKED_BY.items() if begin.startswith(magic)), None):
-                problems.append(f"is compressed as a whole: unpack it first with {tool} {path.name}")
+            elif tool := next(
+                (tool for magic, tool in UNPACKED_BY.items() if begin.startswith(magic)), None
+            ):
+                problems.append(
+                    f"is compressed as a whole: unpack it first with {tool} {path.name}"
+                )
             else:
-                problems.append("is empty" if not begin else "is no ROS bag: it begins as none of .bag (2.0), .db3, .mcap")
+                problems.append(
+                    "is empty"
+                    if not begin
+                    else "is no ROS bag: it begins as none of .bag (2.0), .db3, .mcap"
+                )
     except OSError as error:
         problems.append(f"cannot be read: {error.strerror or error}")
 
 
 def _stamp_ns(message: Message, path: Path) -> int:
-    """The time in a message's header, nanoseconds; 0 where there is none. ROS 1 and CDR have it at the same place."""
+    """The time in a message's header, nanoseconds; 0 where there is none. ROS 1 and CDR have it at
+    the same place.
+    """
     try:
         head = message.head(HEAD_BYTES)
         if head.startswith(ZSTD_MAGIC):
@@ -230,4 +293,7 @@ def _is_named_bag(name: str) -> bool:
 
 def needs_library() -> DeviceError:
     """The message where rosbags is missing."""
-    return DeviceError("messages of bags need a library that is missing (rosbags): pip install -c constraints.txt '.[bags]'")
+    return DeviceError(
+        "messages of bags need a library that is missing (rosbags): pip install -c "
+        "constraints.txt '.[bags]'"
+    )

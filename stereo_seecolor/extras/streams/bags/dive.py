@@ -1,4 +1,6 @@
-"""A bag as a dive: its images as files inside it, paired by the stamps of their headers, and its camera_info as the rig."""
+"""A bag as a dive: its images as files inside it, paired by the stamps of their headers, and its
+camera_info as the rig.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -16,20 +18,33 @@ from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
-from stereo_seecolor.extras.streams.bags.messages import camera_info, decode, image_content, image_suffix, rig_of
-from stereo_seecolor.extras.streams.bags.topics import SideTopics, info_topic, parse_topics, side_topics
+from stereo_seecolor.extras.streams.bags.messages import (
+    camera_info,
+    decode,
+    image_content,
+    image_suffix,
+    rig_of,
+)
+from stereo_seecolor.extras.streams.bags.topics import (
+    SideTopics,
+    info_topic,
+    parse_topics,
+    side_topics,
+)
 from stereo_seecolor.extras.streams.bags.transforms import between, static_frames
 from stereo_seecolor.files.contained import Container, open_containers
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
 GAP_INTERVALS = 3.5
-"""Pairs further apart than this many median intervals have a gap between them; one or two lost frames are common."""
+"""Pairs further apart than this many median intervals have a gap between them; one or two lost
+frames are common.
+"""
 
 
 @dataclass(frozen=True)
 class BagDive:
-    """The dive of a bag. bag: what was read. sides: its two image topics. pairing: its pairs; infos: the camera_info of each side,
-    or None.
+    """The dive of a bag. bag: what was read. sides: its two image topics. pairing: its pairs;
+    infos: the camera_info of each side, or None.
     """
 
     bag: Bag
@@ -38,19 +53,26 @@ class BagDive:
     infos: tuple[Topic | None, Topic | None]
 
     def rig(self) -> StereoRig:
-        """The rig that the bag holds: by both camera_info, and where these hold no baseline by /tf_static.
+        """The rig that the bag holds: by both camera_info, and where these hold no baseline by
+        /tf_static.
 
         Raises InputError if it holds none, CalibrationError if it is none of a stereo pair.
         """
         left, right = self.infos
         if left is None or right is None:
-            missing = " and ".join(side for side, topic in (("left", left), ("right", right)) if topic is None)
-            raise InputError(f"{self.bag.path}: holds no camera_info of the {missing} camera: give --calib FILE")
+            missing = " and ".join(
+                side for side, topic in (("left", left), ("right", right)) if topic is None
+            )
+            raise InputError(
+                f"{self.bag.path}: holds no camera_info of the {missing} camera: give --calib FILE"
+            )
         return rig_of(left.entries[0], right.entries[0], self.static_baseline[0])
 
     @cached_property
     def static_baseline(self) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
-        """(4, 4) from left to right axes by /tf_static, None where camera_info tells it or nothing does; and a line on that."""
+        """(4, 4) from left to right axes by /tf_static, None where camera_info tells it or nothing
+        does; and a line on that.
+        """
         left, right = self.infos
         if left is None or right is None:
             return None, ()
@@ -58,16 +80,23 @@ class BagDive:
             messages = [decode(info.entries[0]) for info in (left, right)]
             if any(camera_info(message)["P"][column] for message in messages for column in (3, 7)):
                 return None, ()
-            frames, (start, end) = static_frames(self.bag), [message.header.frame_id for message in messages]
+            frames, (start, end) = (
+                static_frames(self.bag),
+                [message.header.frame_id for message in messages],
+            )
             T = between(frames, end, start)
             if T is not None and T[:3, 3].any():
                 length_mm = 1000 * np.linalg.norm(T[:3, 3])
                 return T, (
-                    f"{self.bag.path}: camera_info holds no baseline: {length_mm:.1f} mm from {start} to {end} by /tf_static",
+                    f"{self.bag.path}: camera_info holds no baseline: {length_mm:.1f} mm from "
+                    f"{start} to {end} by /tf_static",
                 )
             if frames:
                 known = ", ".join(sorted(frames))
-                return None, (f"{self.bag.path}: /tf_static gives no baseline from {start!r} to {end!r}; its frames: {known}",)
+                return None, (
+                    f"{self.bag.path}: /tf_static gives no baseline from {start!r} to {end!r}; "
+                    f"its frames: {known}",
+                )
         return None, ()
 
 
@@ -85,7 +114,8 @@ class _Images(Container):
 
 
 def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
-    """Walk a bag, find its two cameras (or take ``topics``, ``left=NAME,right=NAME``) and pair their images.
+    """Walk a bag, find its two cameras (or take ``topics``, ``left=NAME,right=NAME``) and pair
+    their images.
 
     Raises InputError, DeviceError.
     """
@@ -95,8 +125,14 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
     images: dict[Path, dict[str, Entry]] = defaultdict(dict)
     lefts, rights = (_files_of(topic, images) for topic in (sides.left, sides.right))
     open_containers({file: _Images(entries, file) for file, entries in images.items()})
-    untimed = " (headers hold no time; the times of recording are used)" if sides.left.name in bag.unstamped else ""
-    pairing = pair_files(lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}")
+    untimed = (
+        " (headers hold no time; the times of recording are used)"
+        if sides.left.name in bag.unstamped
+        else ""
+    )
+    pairing = pair_files(
+        lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}"
+    )
     infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
     notes = (*_notes(bag, sides, pairing), *_frame_notes(bag, sides, infos))
     return BagDive(bag, sides, pairing.with_notes(notes), infos)
@@ -131,23 +167,36 @@ def stamp_name(stamp_ns: int) -> str:
 def _notes(bag: Bag, sides: SideTopics, pairing: Pairing) -> tuple[str, ...]:
     notes = [*bag.problems]
     chosen = (sides.left.name, sides.right.name)
-    notes.append(f"{bag.path}: left is {chosen[0]}, right is {chosen[1]}{' (guessed)' if sides.guessed else ''}")
+    notes.append(
+        f"{bag.path}: left is {chosen[0]}, right is "
+        f"{chosen[1]}{' (guessed)' if sides.guessed else ''}"
+    )
     notes += [
-        f"{bag.path}: {name}: headers hold no time; the times of recording are used" for name in bag.unstamped if name in chosen
+        f"{bag.path}: {name}: headers hold no time; the times of recording are used"
+        for name in bag.unstamped
+        if name in chosen
     ]
     for topic in (sides.left, sides.right):
         if lost := topic.count - len({entry.stamp_ns for entry in topic.entries}):
-            notes.append(f"{bag.path}: {topic.name}: {lost} of {topic.count} messages repeat the stamp of another and are left out")
+            notes.append(
+                f"{bag.path}: {topic.name}: {lost} of {topic.count} messages repeat the stamp of "
+                "another and are left out"
+            )
     return (*notes, *gap_notes(pairing.pairs, bag.path))
 
 
-def _frame_notes(bag: Bag, sides: SideTopics, infos: tuple[Topic | None, Topic | None]) -> Iterator[str]:
+def _frame_notes(
+    bag: Bag, sides: SideTopics, infos: tuple[Topic | None, Topic | None]
+) -> Iterator[str]:
     """A line for each camera_info whose frame_id differs from that of the images."""
     for topic, info in zip((sides.left, sides.right), infos, strict=True):
         with suppress(InputError):  # of a damaged message: its pair says so
             frames = [decode(found.entries[0]).header.frame_id for found in (topic, info) if found]
             if len(set(filter(None, frames))) > 1 and info:
-                yield f"{bag.path}: {info.name} is of the frame {frames[1]}, {topic.name} of {frames[0]}: is it of this camera?"
+                yield (
+                    f"{bag.path}: {info.name} is of the frame {frames[1]}, {topic.name} of "
+                    f"{frames[0]}: is it of this camera?"
+                )
 
 
 def gap_notes(pairs: Sequence[Pair], path: Path) -> tuple[str, ...]:
@@ -157,9 +206,16 @@ def gap_notes(pairs: Sequence[Pair], path: Path) -> tuple[str, ...]:
     if not intervals:
         return ()
     usual = median(intervals)
-    gaps = [(interval, start) for interval, start in zip(intervals, times, strict=False) if interval > GAP_INTERVALS * usual]
+    gaps = [
+        (interval, start)
+        for interval, start in zip(intervals, times, strict=False)
+        if interval > GAP_INTERVALS * usual
+    ]
     if not gaps:
         return ()
     longest, start = max(gaps)
     counted = f"{len(gaps)} gaps" if len(gaps) > 1 else "1 gap"
-    return (f"{path}: {counted} between pairs, which are {usual:.3g} s apart; the longest {longest:.3g} s, at {start:.3f}",)
+    return (
+        f"{path}: {counted} between pairs, which are {usual:.3g} s apart; the longest "
+        f"{longest:.3g} s, at {start:.3f}",
+    )

@@ -8,7 +8,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from stereo_seecolor.extras.streams.bags.source import PLAIN, Channel, Chunk, Cut, MemorySource, Message, Place, Source, decompress
+from stereo_seecolor.extras.streams.bags.source import (
+    PLAIN,
+    Channel,
+    Chunk,
+    Cut,
+    MemorySource,
+    Message,
+    Place,
+    Source,
+    decompress,
+)
 
 # MCAP files, record by record; no summary and no index are needed (https://mcap.dev/spec).
 
@@ -16,7 +26,14 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 MAX_DECLARATION_BYTES = 1 << 22
 """Schemas and channels hold definitions of messages: some kB."""
 
-_FOOTER, _SCHEMA, _CHANNEL, _MCAP_MESSAGE, _MCAP_CHUNK, _DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0F
+_FOOTER, _SCHEMA, _CHANNEL, _MCAP_MESSAGE, _MCAP_CHUNK, _DATA_END = (
+    0x02,
+    0x03,
+    0x04,
+    0x05,
+    0x06,
+    0x0F,
+)
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 
@@ -36,7 +53,8 @@ class _Declared:
 
 
 def walk_mcap(source: Source, problems: list[str]) -> Iterator[Message]:
-    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong with it is added to
+    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
+    with it is added to
     ``problems``.
     """
     declared, closed = _Declared(), False
@@ -55,7 +73,9 @@ def walk_mcap(source: Source, problems: list[str]) -> Iterator[Message]:
     except Cut as cut:
         problems.append(str(cut))
     else:
-        problems += [] if closed else ["was not closed by its recorder; it is read without an index"]
+        problems += (
+            [] if closed else ["was not closed by its recorder; it is read without an index"]
+        )
 
 
 def _of_chunk_mcap(source: Source, record: _McapRecord, declared: _Declared) -> Iterator[Message]:
@@ -87,7 +107,9 @@ def _records_mcap(source: Source, start: int, end: int | None = None) -> Iterato
         raise Cut(f"ends at byte {source.size}, in the middle of a record")
 
 
-def _found_mcap(source: Source, record: _McapRecord, declared: _Declared, chunk: Chunk | None) -> Iterator[Message]:
+def _found_mcap(
+    source: Source, record: _McapRecord, declared: _Declared, chunk: Chunk | None
+) -> Iterator[Message]:
     start = record.start
     if record.kind == _SCHEMA:
         declared.schemas[_short(source, start)] = _text(source, start + 2)[0]
@@ -95,12 +117,19 @@ def _found_mcap(source: Source, record: _McapRecord, declared: _Declared, chunk:
         topic, next_start = _text(source, start + 4)
         msgtype = declared.schemas.get(_short(source, start + 2), "")
         msgtype = msgtype if "/msg/" in msgtype else msgtype.replace("/", "/msg/", 1)
-        declared.channels[_short(source, start)] = Channel(topic, msgtype, _text(source, next_start)[0])
+        declared.channels[_short(source, start)] = Channel(
+            topic, msgtype, _text(source, next_start)[0]
+        )
     elif record.kind == _MCAP_MESSAGE and record.size >= _MESSAGE_HEAD.size:
         number, _, time_ns, _ = _MESSAGE_HEAD.unpack(source.bytes_at(start, _MESSAGE_HEAD.size))
         place = Place(start + _MESSAGE_HEAD.size, record.size - _MESSAGE_HEAD.size, chunk)
         if channel := declared.channels.get(number):
-            yield Message(channel, time_ns, place, lambda most: source.bytes_at(place.start, min(most, place.size)))
+            yield Message(
+                channel,
+                time_ns,
+                place,
+                lambda most: source.bytes_at(place.start, min(most, place.size)),
+            )
 
 
 def _short(source: Source, start: int) -> int:
@@ -120,7 +149,9 @@ def _text(source: Source, start: int) -> tuple[str, int]:
 
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER_BYTES = 1 << 16
-"""A record's header holds some short fields; a connection's data hold the definition of its messages, and are not read here."""
+"""A record's header holds some short fields; a connection's data hold the definition of its
+messages, and are not read here.
+"""
 
 _ROS1_MESSAGE, _BAG, _ROS1_CHUNK, _CONNECTION = b"\x02", b"\x03", b"\x05", b"\x07"
 
@@ -134,7 +165,8 @@ class _Ros1Record(NamedTuple):
 
 
 def walk_ros1(source: Source, problems: list[str]) -> Iterator[Message]:
-    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong with it is added to
+    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
+    with it is added to
     ``problems``.
     """
     channels: dict[bytes, Channel] = {}
@@ -154,7 +186,9 @@ def walk_ros1(source: Source, problems: list[str]) -> Iterator[Message]:
         problems.append(str(cut))
 
 
-def _of_chunk_ros1(source: Source, record: _Ros1Record, channels: dict[bytes, Channel]) -> Iterator[Message]:
+def _of_chunk_ros1(
+    source: Source, record: _Ros1Record, channels: dict[bytes, Channel]
+) -> Iterator[Message]:
     compression = record.fields.get(b"compression", b"").decode(errors="replace")
     available = min(record.size, source.size - record.start)
     if compression in PLAIN:
@@ -185,7 +219,9 @@ def _records_ros1(source: Source, start: int, end: int | None = None) -> Iterato
         raise Cut(f"ends at byte {source.size}, in the middle of a record")
 
 
-def _found_ros1(source: Source, record: _Ros1Record, channels: dict[bytes, Channel], chunk: Chunk | None) -> Iterator[Message]:
+def _found_ros1(
+    source: Source, record: _Ros1Record, channels: dict[bytes, Channel], chunk: Chunk | None
+) -> Iterator[Message]:
     kind, connection = record.fields.get(b"op", b""), record.fields.get(b"conn", b"")
     if kind == _CONNECTION:
         described = _fields(source.bytes_at(record.start, record.size), record.start)
@@ -193,10 +229,17 @@ def _found_ros1(source: Source, record: _Ros1Record, channels: dict[bytes, Chann
         name = described.get(b"type", b"").decode(errors="replace")
         channels[connection] = Channel(topic, name.replace("/", "/msg/", 1), "ros1")
     elif kind == _ROS1_MESSAGE and connection in channels:
-        seconds, nanoseconds = struct.unpack("<II", record.fields.get(b"time", bytes(8))[:8].ljust(8, b"\0"))
+        seconds, nanoseconds = struct.unpack(
+            "<II", record.fields.get(b"time", bytes(8))[:8].ljust(8, b"\0")
+        )
         place = Place(record.start, record.size, chunk)
         time_ns = seconds * 10**9 + nanoseconds
-        yield Message(channels[connection], time_ns, place, lambda most: source.bytes_at(place.start, min(most, place.size)))
+        yield Message(
+            channels[connection],
+            time_ns,
+            place,
+            lambda most: source.bytes_at(place.start, min(most, place.size)),
+        )
 
 
 def _fields(content: bytes, where: int) -> dict[bytes, bytes]:
@@ -225,17 +268,21 @@ HEAD_BYTES = 64
 def connect(path: Path) -> sqlite3.Connection:
     """The file, opened for reading; nothing is written beside it. Raises sqlite3.Error.
 
-    A recorder that was killed leaves a journal with the last messages, which only an ordinary connection reads. A file that was
-    cut is read as far as it goes, which SQLite does only with writable_schema (nothing is written: the connection is for reading).
+    A recorder that was killed leaves a journal with the last messages, which only an ordinary
+    connection reads. A file that was cut is read as far as it goes, which SQLite does only with
+    writable_schema (nothing is written: the connection is for reading).
     """
     journal = path.with_name(f"{path.name}-wal").exists()
-    database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True)
+    database = sqlite3.connect(
+        f"{path.absolute().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True
+    )
     database.execute("PRAGMA writable_schema = ON")
     return database
 
 
 def walk_sqlite(path: Path, problems: list[str]) -> Iterator[Message]:
-    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong with it is added to ``problems``.
+    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
+    with it is added to ``problems``.
 
     place: its start is the number of the row.
     """
@@ -243,10 +290,14 @@ def walk_sqlite(path: Path, problems: list[str]) -> Iterator[Message]:
         with contextlib.closing(connect(path)) as database:
             channels = {
                 number: Channel(str(topic), str(msgtype), str(encoding))
-                for number, topic, msgtype, encoding in database.execute("SELECT id, name, type, serialization_format FROM topics")
+                for number, topic, msgtype, encoding in database.execute(
+                    "SELECT id, name, type, serialization_format FROM topics"
+                )
             }
             rows = database.execute(
-                "SELECT id, topic_id, timestamp, length(data), substr(data, 1, ?) FROM messages ORDER BY id", (HEAD_BYTES,)
+                "SELECT id, topic_id, timestamp, length(data), substr(data, 1, ?) FROM messages "
+                "ORDER BY id",
+                (HEAD_BYTES,),
             )
             for row, number, time_ns, size, head in rows:
                 if number in channels and isinstance(head, bytes):

@@ -1,6 +1,8 @@
-"""The track of a vehicle without odometry: satellite fixes, the attitude of its IMU, and the depth of its pressure sensor.
+"""The track of a vehicle without odometry: satellite fixes, the attitude of its IMU, and the depth
+of its pressure sensor.
 
-Axes are those of REP 103 and REP 145: attitude turns the body (forward, left, up) to the world (east, north, up).
+Axes are those of REP 103 and REP 145: attitude turns the body (forward, left, up) to the world
+(east, north, up).
 """
 
 from bisect import bisect_left
@@ -26,7 +28,9 @@ class FixConstants:
 
     most: int = 20_000  # of more fixes every second one is taken, or fewer: poses are interpolated
     reach_s: float = 0.5  # a fix without attitude or pressure so near has none
-    surface_pa: float = 101_325.0  # standard atmosphere: the weather changes it by 2%, 0.2 m of water
+    surface_pa: float = (
+        101_325.0  # standard atmosphere: the weather changes it by 2%, 0.2 m of water
+    )
     pa_m: float = 1025.0 * 9.81  # pressure of a meter of sea water of 15 degrees
 
 
@@ -35,8 +39,8 @@ CONSTANTS = FixConstants()
 
 @dataclass(frozen=True, eq=False)
 class FixedTrack:
-    """The track of the antenna. times_s: (N,). T_world_body: (N, 4, 4), turned as the IMU; world east-north-up from ``origin``, z =
-    -depth.
+    """The track of the antenna. times_s: (N,). T_world_body: (N, 4, 4), turned as the IMU; world
+    east-north-up from ``origin``, z = -depth.
 
     fix_frame, imu_frame: what the two are called in the transforms.
     """
@@ -51,20 +55,31 @@ class FixedTrack:
 def fixed_track(bag: Bag) -> FixedTrack | None:
     """The track of the longest topic of fixes; None for a bag that has none.
 
-    Raises InputError where no attitude goes with the fixes, or a message is damaged; DeviceError if a library is missing.
+    Raises InputError where no attitude goes with the fixes, or a message is damaged; DeviceError if
+    a library is missing.
     """
     fixes, imu = _longest(bag, FIX), _longest(bag, IMU)
     messages = [decode(entry) for entry in fixes[:: -(-len(fixes) // CONSTANTS.most) or 1]]
-    known = [(entry, m) for entry, m in zip(fixes[:: -(-len(fixes) // CONSTANTS.most) or 1], messages, strict=True) if _is_fix(m)]
+    known = [
+        (entry, m)
+        for entry, m in zip(fixes[:: -(-len(fixes) // CONSTANTS.most) or 1], messages, strict=True)
+        if _is_fix(m)
+    ]
     if not known:
         return None
     if not imu or decode(imu[0]).orientation_covariance[0] == -1:
-        raise InputError(f"{bag.path}: holds satellite fixes but no attitude: no Imu message with an orientation goes with them")
+        raise InputError(
+            f"{bag.path}: holds satellite fixes but no attitude: no Imu message with an "
+            "orientation goes with them"
+        )
     times_ns = np.array([entry.stamp_ns for entry, _ in known])
     north_east_m, origin = from_degrees(
-        np.array([message.latitude for _, message in known]), np.array([message.longitude for _, message in known])
+        np.array([message.latitude for _, message in known]),
+        np.array([message.longitude for _, message in known]),
     )
-    depth_m = _depth_m(bag, times_ns, np.array([message.altitude for _, message in known], np.float64))
+    depth_m = _depth_m(
+        bag, times_ns, np.array([message.altitude for _, message in known], np.float64)
+    )
     T = pose(_attitude(imu, times_ns), np.column_stack([north_east_m[:, ::-1], -depth_m]))
     frames = (decode(entry).header.frame_id.lstrip("/") for entry in (fixes[0], imu[0]))
     return FixedTrack(times_ns / 1e9, T, origin, *frames)
@@ -77,7 +92,9 @@ def _is_fix(message: object) -> bool:
 
 
 def _longest(bag: Bag, msgtype: str) -> tuple[Entry, ...]:
-    return max((topic.entries for topic in bag.topics if topic.msgtype == msgtype), key=len, default=())
+    return max(
+        (topic.entries for topic in bag.topics if topic.msgtype == msgtype), key=len, default=()
+    )
 
 
 def _attitude(entries: Sequence[Entry], times_ns: NDArray[np.int64]) -> Array:
@@ -95,16 +112,24 @@ def _attitude(entries: Sequence[Entry], times_ns: NDArray[np.int64]) -> Array:
     stamps, R = stamps[finite], R[finite]
     at = np.clip(times_ns.astype(np.float64), stamps[0], stamps[-1])
     is_near = np.abs(times_ns - stamps[_nearest(stamps, times_ns)]) <= CONSTANTS.reach_s * 1e9
-    found[is_near] = Slerp(stamps - stamps[0], Rotation.from_matrix(R))(at[is_near] - stamps[0]).as_matrix()
+    found[is_near] = Slerp(stamps - stamps[0], Rotation.from_matrix(R))(
+        at[is_near] - stamps[0]
+    ).as_matrix()
     return found
 
 
 def _depth_m(bag: Bag, times_ns: NDArray[np.int64], altitude_m: Array) -> Array:
-    """By pressure where the bag holds it; else below the first fix as their heights say; else at the surface."""
+    """By pressure where the bag holds it; else below the first fix as their heights say; else at
+    the surface.
+    """
     entries = _longest(bag, PRESSURE)
     if not entries:
         first = altitude_m[np.isfinite(altitude_m)]
-        return np.where(np.isfinite(altitude_m), first[0] - altitude_m, 0.0) if first.size else np.zeros(len(times_ns))
+        return (
+            np.where(np.isfinite(altitude_m), first[0] - altitude_m, 0.0)
+            if first.size
+            else np.zeros(len(times_ns))
+        )
     near = _around(entries, times_ns)
     stamps = np.array([entry.stamp_ns for entry in near], np.float64)
     pressure = np.array([decode(entry).fluid_pressure for entry in near])
@@ -114,16 +139,30 @@ def _depth_m(bag: Bag, times_ns: NDArray[np.int64], altitude_m: Array) -> Array:
 
 
 def _around(entries: Sequence[Entry], times_ns: NDArray[np.int64]) -> list[Entry]:
-    """The messages before and after each time, each once and with a time of its own, by their stamps."""
+    """The messages before and after each time, each once and with a time of its own, by their
+    stamps.
+    """
     stamps = [entry.stamp_ns for entry in entries]
-    wanted = {at for time_ns in times_ns for at in (bisect_left(stamps, time_ns) - 1, bisect_left(stamps, time_ns))}
+    wanted = {
+        at
+        for time_ns in times_ns
+        for at in (bisect_left(stamps, time_ns) - 1, bisect_left(stamps, time_ns))
+    }
     chosen = [entries[at] for at in sorted(wanted) if 0 <= at < len(entries)]
-    return [entry for at, entry in enumerate(chosen) if at == 0 or entry.stamp_ns > chosen[at - 1].stamp_ns]
+    return [
+        entry
+        for at, entry in enumerate(chosen)
+        if at == 0 or entry.stamp_ns > chosen[at - 1].stamp_ns
+    ]
 
 
 def _nearest(stamps: Array, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     after = (
-        np.clip(np.searchsorted(stamps, times_ns), 1, max(len(stamps) - 1, 1)) if len(stamps) > 1 else np.zeros(len(times_ns), int)
+        np.clip(np.searchsorted(stamps, times_ns), 1, max(len(stamps) - 1, 1))
+        if len(stamps) > 1
+        else np.zeros(len(times_ns), int)
     )
     before = np.maximum(after - 1, 0)
-    return np.where(np.abs(stamps[before] - times_ns) <= np.abs(stamps[after] - times_ns), before, after)
+    return np.where(
+        np.abs(stamps[before] - times_ns) <= np.abs(stamps[after] - times_ns), before, after
+    )

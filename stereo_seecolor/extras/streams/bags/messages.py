@@ -1,4 +1,6 @@
-"""Messages of bags: image messages as the image files that the rest of the program reads, camera_info as a calibration."""
+"""Messages of bags: image messages as the image files that the rest of the program reads,
+camera_info as a calibration.
+"""
 
 from functools import lru_cache
 from typing import Any
@@ -45,7 +47,9 @@ _BLUE_FIRST = ("bgr", "8UC3", "16UC3", "8UC4")
 
 
 def decode(entry: Entry) -> Any:
-    """The message, its fields as attributes. Raises InputError if it is damaged, DeviceError without rosbags."""
+    """The message, its fields as attributes. Raises InputError if it is damaged, DeviceError
+    without rosbags.
+    """
     content = entry.payload()
     try:
         if entry.channel.encoding == "ros1":
@@ -54,7 +58,9 @@ def decode(entry: Entry) -> Any:
     except ImportError as error:
         raise needs_library() from error
     except Exception as error:  # rosbags has many ways to fail on damaged bytes
-        raise InputError(f"{entry.path}: {entry.channel.topic}: a message of it is damaged ({error})") from error
+        raise InputError(
+            f"{entry.path}: {entry.channel.topic}: a message of it is damaged ({error})"
+        ) from error
 
 
 def image_suffix(entry: Entry) -> str:
@@ -65,15 +71,20 @@ def image_suffix(entry: Entry) -> str:
 
 
 def image_content(entry: Entry) -> bytes:
-    """An image message as the content of an image file: JPEG and PNG as they are, raw pixels as an uncompressed TIFF.
+    """An image message as the content of an image file: JPEG and PNG as they are, raw pixels as an
+    uncompressed TIFF.
 
     Raises InputError for what is no picture, DeviceError without rosbags.
     """
-    return message_content(decode(entry), entry.channel.msgtype, f"{entry.path}: {entry.channel.topic}")
+    return message_content(
+        decode(entry), entry.channel.msgtype, f"{entry.path}: {entry.channel.topic}"
+    )
 
 
 def message_content(message: Any, msgtype: str, where: str) -> bytes:
-    """A decoded image message as the content of an image file; ``where`` is for the errors. Raises InputError."""
+    """A decoded image message as the content of an image file; ``where`` is for the errors. Raises
+    InputError.
+    """
     if msgtype != COMPRESSED:
         return encode_tiff(_pixels(message, where))
     content = _compressed(message)
@@ -83,11 +94,15 @@ def message_content(message: Any, msgtype: str, where: str) -> bytes:
 
 
 def rig_of(left: Entry, right: Entry, T_right_left: NDArray[np.float64] | None = None) -> StereoRig:
-    """The rig of two camera_info messages. T_right_left: (4, 4) from elsewhere, used where their projections hold no baseline.
+    """The rig of two camera_info messages. T_right_left: (4, 4) from elsewhere, used where their
+    projections hold no baseline.
 
     Raises CalibrationError, InputError, DeviceError.
     """
-    sections = [Section(f"{entry.path}: {entry.channel.topic}", camera_info(decode(entry))) for entry in (left, right)]
+    sections = [
+        Section(f"{entry.path}: {entry.channel.topic}", camera_info(decode(entry)))
+        for entry in (left, right)
+    ]
     try:
         if T_right_left is None:
             return ros.parse(*sections)
@@ -99,9 +114,11 @@ def rig_of(left: Entry, right: Entry, T_right_left: NDArray[np.float64] | None =
 
 
 def _compressed(message: Any) -> bytes:
-    """The image file in a CompressedImage. compressedDepth, with or without the word png after it, puts 12 bytes before the file.
+    """The image file in a CompressedImage. compressedDepth, with or without the word png after it,
+    puts 12 bytes before the file.
 
-    Of depths in meters (32FC1) the file holds their inverse, coded by those bytes: such are not read.
+    Of depths in meters (32FC1) the file holds their inverse, coded by those bytes: such are not
+    read.
     """
     content, form = bytes(message.data), str(message.format)
     if "compressedDepth" not in form or form.startswith("32FC1"):
@@ -113,34 +130,55 @@ def _pixels(message: Any, where: str) -> NDArray[Any]:
     """The pixels of a sensor_msgs/Image, RGB or one channel; a mosaic is interpolated."""
     encoding, known = str(message.encoding), str(message.encoding) in CHANNELS | BAYER | PACKED
     if not known:
-        raise InputError(f"{where}: pixels are encoded as {encoding!r}: one of {', '.join((*CHANNELS, *BAYER, *PACKED))} is read")
+        raise InputError(
+            f"{where}: pixels are encoded as {encoding!r}: one of "
+            f"{', '.join((*CHANNELS, *BAYER, *PACKED))} is read"
+        )
     channels = 2 if encoding in PACKED else CHANNELS.get(encoding, 1)
-    type_ = np.dtype(np.uint16 if "16" in encoding else np.uint8).newbyteorder(">" if message.is_bigendian else "<")
+    type_ = np.dtype(np.uint16 if "16" in encoding else np.uint8).newbyteorder(
+        ">" if message.is_bigendian else "<"
+    )
     row, step = int(message.width) * channels * type_.itemsize, int(message.step)
     data = np.frombuffer(bytes(message.data), np.uint8)
     if not row or not message.height or step < row or data.size < step * message.height:
         raise InputError(
-            f"{where}: an image of {message.width}x{message.height} px has {data.size} bytes in rows of {step}, needs rows of {row}"
+            f"{where}: an image of {message.width}x{message.height} px has {data.size} bytes in "
+            f"rows of {step}, needs rows of {row}"
         )
-    rows = np.ascontiguousarray(data[: step * message.height].reshape(message.height, step)[:, :row])
-    pixels = rows.view(type_).astype(type_.newbyteorder("=")).reshape(message.height, message.width, channels)
+    rows = np.ascontiguousarray(
+        data[: step * message.height].reshape(message.height, step)[:, :row]
+    )
+    pixels = (
+        rows.view(type_)
+        .astype(type_.newbyteorder("="))
+        .reshape(message.height, message.width, channels)
+    )
     if encoding in BAYER or encoding in PACKED:
-        return np.asarray(cv2.cvtColor(pixels[..., 0] if channels == 1 else pixels, (BAYER | PACKED)[encoding]))
+        return np.asarray(
+            cv2.cvtColor(pixels[..., 0] if channels == 1 else pixels, (BAYER | PACKED)[encoding])
+        )
     if channels == 1:
         return pixels[..., 0]
     return pixels[..., [2, 1, 0]] if encoding.startswith(_BLUE_FIRST) else pixels[..., :3]
 
 
 def camera_info(message: Any) -> dict[str, Any]:
-    """A sensor_msgs/CameraInfo as its dump in YAML; ROS 1 writes D, K, R, P and ROS 2 d, k, r, p."""
-    content = {name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist() for name in "dkrp"}  # type: ignore[union-attr]
+    """A sensor_msgs/CameraInfo as its dump in YAML; ROS 1 writes D, K, R, P and ROS 2 d, k, r,
+    p.
+    """
+    content = {
+        name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist()
+        for name in "dkrp"
+    }  # type: ignore[union-attr]
     model = {"distortion_model": message.distortion_model} if message.distortion_model else {}
     return {**content, **model, "width": int(message.width), "height": int(message.height)}
 
 
 @lru_cache
 def store(encoding: str) -> Any:
-    """Definitions of the standard messages, whose layout is the same in every release of ROS 1, and of ROS 2."""
+    """Definitions of the standard messages, whose layout is the same in every release of ROS 1, and
+    of ROS 2.
+    """
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)

@@ -1,4 +1,6 @@
-"""Bytes of a bag by their offset, in its file or in a decompressed chunk of it; and the messages found in them."""
+"""Bytes of a bag by their offset, in its file or in a decompressed chunk of it; and the messages
+found in them.
+"""
 
 import bz2
 import os
@@ -16,7 +18,9 @@ class Cut(ValueError):  # no error for users: the walk of a file ends here
 
 
 class Channel(NamedTuple):
-    """A topic as a bag's file declares it. msgtype: as ROS 2 writes it, ``sensor_msgs/msg/Image``. encoding: ros1 or cdr."""
+    """A topic as a bag's file declares it. msgtype: as ROS 2 writes it, ``sensor_msgs/msg/Image``.
+    encoding: ros1 or cdr.
+    """
 
     topic: str
     msgtype: str
@@ -24,8 +28,8 @@ class Channel(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The place of a message: ``size`` bytes from ``start``, in the file, or in the chunk that ``chunk`` finds (None = the
-    file).
+    """The place of a message: ``size`` bytes from ``start``, in the file, or in the chunk that
+    ``chunk`` finds (None = the file).
     """
 
     start: int
@@ -34,7 +38,9 @@ class Place(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """A compressed part of the file: its data, how they are compressed, and how large they are said to be."""
+    """A compressed part of the file: its data, how they are compressed, and how large they are said
+    to be.
+    """
 
     start: int
     size: int
@@ -43,7 +49,9 @@ class Chunk(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A message that was found: when it was recorded, where it lies, and a way to its first bytes."""
+    """A message that was found: when it was recorded, where it lies, and a way to its first
+    bytes.
+    """
 
     channel: Channel
     time_ns: int
@@ -79,7 +87,12 @@ class FileSource:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._file.close()
 
 
@@ -104,14 +117,18 @@ class MemorySource:
 # Decompression of bags' chunks, to at most the size that a bag may hold.
 
 MAX_CHUNK_BYTES = 1 << 29
-"""Recorders cut chunks at 1 to 4 MB or after one message; a raw image of 150 million pixels has 450 MB. More is damage."""
+"""Recorders cut chunks at 1 to 4 MB or after one message; a raw image of 150 million pixels has 450
+MB. More is damage.
+"""
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PLAIN = ("", "none")
 
 
 def decompress(content: bytes, chunk: Chunk) -> bytes:
-    """The content of a chunk; of one that was cut short, as much as it holds. Raises Cut if it is damaged, DeviceError."""
+    """The content of a chunk; of one that was cut short, as much as it holds. Raises Cut if it is
+    damaged, DeviceError.
+    """
     if chunk.plain_size > MAX_CHUNK_BYTES:
         raise Cut(f"claims a chunk of {chunk.plain_size / 1e6:.0f} MB at byte {chunk.start}")
     try:
@@ -124,8 +141,8 @@ def decompress(content: bytes, chunk: Chunk) -> bytes:
 
 
 def decompressor(compression: str) -> Any:
-    """Choose the function that decompresses one chunk. Raises Cut for an unknown compression, DeviceError if its library is
-    missing.
+    """Choose the function that decompresses one chunk. Raises Cut for an unknown compression,
+    DeviceError if its library is missing.
     """
     try:
         if compression == "bz2":
@@ -140,7 +157,8 @@ def decompressor(compression: str) -> Any:
             return _Zstd(ZstdDecompressor())
     except ImportError as error:
         raise DeviceError(
-            f"bags need a library that is missing ({error.name}): pip install -c constraints.txt '.[bags]'"
+            f"bags need a library that is missing ({error.name}): pip install -c constraints.txt "
+            "'.[bags]'"
         ) from error
     raise Cut(f"uses the compression {compression!r}, which is not known here")
 

@@ -11,7 +11,16 @@ from stereo_seecolor.inputs.name_keys import side_of
 NOT_PICTURES = ("depth", "disparity", "mask", "range", "confidence", "thumbnail")
 """Topics with one of these words hold no pictures of a camera."""
 
-TRANSPORTS = ("compressed", "compressedDepth", "image_raw", "image_color", "image_mono", "image", "image_rect", "image_rect_color")
+TRANSPORTS = (
+    "compressed",
+    "compressedDepth",
+    "image_raw",
+    "image_color",
+    "image_mono",
+    "image",
+    "image_rect",
+    "image_rect_color",
+)
 """Last parts of an image topic's name that do not belong to its camera's."""
 
 
@@ -25,7 +34,8 @@ class SideTopics:
 
 
 def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
-    """The topics that are ``given`` by side, else those that differ in nothing but a word for the side, else the only two.
+    """The topics that are ``given`` by side, else those that differ in nothing but a word for the
+    side, else the only two.
 
     Raises InputError, with the image topics that there are.
     """
@@ -33,41 +43,60 @@ def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
     if given:
         left, right = (_named(bag, images, given, side) for side in ("left", "right"))
         return SideTopics(left, right)
-    pictures = [topic for topic in images if not any(word in topic.name.lower() for word in NOT_PICTURES)]
+    pictures = [
+        topic for topic in images if not any(word in topic.name.lower() for word in NOT_PICTURES)
+    ]
     both = [pair for pair in permutations(pictures, 2) if _are_sides(*pair)]
     if both:
         return SideTopics(*max(both, key=lambda pair: _preference(*pair)))
     if len(pictures) == 2:
         return SideTopics(pictures[0], pictures[1], guessed=True)
     raise InputError(
-        f"{bag.path}: no two of its image topics are named left and right{_listed(images)}: give --topics left=NAME,right=NAME"
+        f"{bag.path}: no two of its image topics are named left and right{_listed(images)}: give "
+        "--topics left=NAME,right=NAME"
     )
 
 
 def parse_topics(text: str) -> dict[str, str]:
     """``left=NAME,right=NAME`` by side, {} for an empty text. Raises InputError."""
     found = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
-    if text and (found.keys() != {"left", "right"} or not all(found.values()) or found["left"] == found["right"]):
-        raise InputError(f"--topics {text}: is not read; write --topics left=/camera/left/image_raw,right=/camera/right/image_raw")
+    if text and (
+        found.keys() != {"left", "right"}
+        or not all(found.values())
+        or found["left"] == found["right"]
+    ):
+        raise InputError(
+            f"--topics {text}: is not read; write --topics "
+            "left=/camera/left/image_raw,right=/camera/right/image_raw"
+        )
     return found
 
 
 def info_topic(bag: Bag, image: Topic) -> Topic | None:
-    """The camera_info of an image topic: the one beside it, or the one that shares most of its name and its side."""
+    """The camera_info of an image topic: the one beside it, or the one that shares most of its name
+    and its side.
+    """
     infos = [topic for topic in bag.topics if topic.msgtype == CAMERA_INFO and topic.entries]
     camera = _camera(image.name)
     beside = [topic for topic in infos if topic.name.split("/")[:-1] == camera]
     if beside:
         return beside[0]
     side = side_of(" ".join(camera))
-    of_side = [topic for topic in infos if side and side_of(" ".join(topic.name.split("/"))) == side]
+    of_side = [
+        topic for topic in infos if side and side_of(" ".join(topic.name.split("/"))) == side
+    ]
     return max(of_side, key=lambda topic: _shared(topic.name.split("/"), camera), default=None)
 
 
 def _named(bag: Bag, images: Sequence[Topic], given: Mapping[str, str], side: str) -> Topic:
-    found = next((topic for topic in images if topic.name in (given[side], f"/{given[side]}")), None)
+    found = next(
+        (topic for topic in images if topic.name in (given[side], f"/{given[side]}")), None
+    )
     if found is None:
-        raise InputError(f"{bag.path}: --topics {side}={given[side]}: is no image topic of this bag{_listed(images)}")
+        raise InputError(
+            f"{bag.path}: --topics {side}={given[side]}: is no image topic of this "
+            f"bag{_listed(images)}"
+        )
     return found
 
 
@@ -76,12 +105,16 @@ def _listed(images: Sequence[Topic]) -> str:
 
 
 def _are_sides(left: Topic, right: Topic) -> bool:
-    """True where the names differ in one part alone (or in several alike), which tells the side of each."""
+    """True where the names differ in one part alone (or in several alike), which tells the side of
+    each.
+    """
     parts = left.name.split("/"), right.name.split("/")
     if len(parts[0]) != len(parts[1]) or left.msgtype != right.msgtype:
         return False
     differing = [(a, b) for a, b in zip(*parts, strict=True) if a != b]
-    return bool(differing) and all((side_of(a), side_of(b)) in _SIDES or _numbered(a, b) for a, b in differing)
+    return bool(differing) and all(
+        (side_of(a), side_of(b)) in _SIDES or _numbered(a, b) for a, b in differing
+    )
 
 
 _SIDES = {("left", "right")}
@@ -90,14 +123,25 @@ _NUMBERS = (("0", "1"), ("1", "2"))
 
 def _numbered(left: str, right: str) -> bool:
     """``infra1`` and ``infra2``, ``camera_0`` and ``camera_1``."""
-    return any(left.endswith(a) and right.endswith(b) and left[: -len(a)] == right[: -len(b)] for a, b in _NUMBERS)
+    return any(
+        left.endswith(a) and right.endswith(b) and left[: -len(a)] == right[: -len(b)]
+        for a, b in _NUMBERS
+    )
 
 
 def _preference(left: Topic, right: Topic) -> tuple[bool, bool, bool, bool, int]:
-    """Images as the camera took them before rectified ones; words before numbers; color before gray; raw before compressed."""
+    """Images as the camera took them before rectified ones; words before numbers; color before
+    gray; raw before compressed.
+    """
     name = left.name.lower()
     by_word = side_of(left.name) == "left"
-    return "rect" not in name, by_word, "mono" not in name, left.msgtype == IMAGE, min(left.count, right.count)
+    return (
+        "rect" not in name,
+        by_word,
+        "mono" not in name,
+        left.msgtype == IMAGE,
+        min(left.count, right.count),
+    )
 
 
 def _camera(name: str) -> list[str]:

@@ -1,6 +1,8 @@
-"""The vehicle's own track in a bag: odometry or poses, and where the left camera sits by the static transforms.
+"""The vehicle's own track in a bag: odometry or poses, and where the left camera sits by the static
+transforms.
 
-Axes are those of REP 103: the world z up; the vehicle x forward, y left, z up; optical frames x right, y down, z forward.
+Axes are those of REP 103: the world z up; the vehicle x forward, y left, z up; optical frames x
+right, y down, z forward.
 """
 
 from dataclasses import replace
@@ -22,7 +24,9 @@ from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotat
 from stereo_seecolor.records import Trajectory
 
 MOST_POSES = 20_000
-"""Of more every second one is taken, or fewer: poses are interpolated, and each takes 0.1 ms to read."""
+"""Of more every second one is taken, or fewer: poses are interpolated, and each takes 0.1 ms to
+read.
+"""
 
 FORWARD_LEFT_UP = np.diag([1.0, -1.0, -1.0])
 """From the vehicle's axes of MountConfig (forward, starboard, down) to those of ROS."""
@@ -31,10 +35,12 @@ Array = NDArray[np.float64]
 
 
 def read_track(path: Path, mount: MountConfig) -> Trajectory:
-    """The raw left camera's poses by the bag's longest odometry, or else its longest topic of poses, or else its satellite fixes.
+    """The raw left camera's poses by the bag's longest odometry, or else its longest topic of
+    poses, or else its satellite fixes.
 
     The camera sits where /tf_static says, else where ``mount`` does.
-    Raises InputError if the bag holds no such topic, or one that is damaged; DeviceError if a library is missing.
+    Raises InputError if the bag holds no such topic, or one that is damaged; DeviceError if a
+    library is missing.
     """
     bag = open_bag(path)
     topic = _track_topic(bag)
@@ -43,7 +49,9 @@ def read_track(path: Path, mount: MountConfig) -> Trajectory:
     entries = topic.entries[:: -(-len(topic.entries) // MOST_POSES)]
     messages = [decode(entry) for entry in entries]
     found = [_pose(message) for message in messages]
-    rows = np.array([(p.position.x, p.position.y, p.position.z, *xyzw(p.orientation)) for p in found])
+    rows = np.array(
+        [(p.position.x, p.position.y, p.position.z, *xyzw(p.orientation)) for p in found]
+    )
     T_world_body = pose(rotation_from_quaternion(rows[:, 3:]), rows[:, :3])
     T = T_world_body @ _body_from_camera(bag, getattr(messages[0], "child_frame_id", ""), mount)
     times_s = np.array([entry.stamp_ns / 1e9 for entry in entries])
@@ -51,10 +59,14 @@ def read_track(path: Path, mount: MountConfig) -> Trajectory:
 
 
 def _by_fixes(bag: Bag, mount: MountConfig) -> Trajectory:
-    """The camera's track by satellite fixes and attitude. Raises InputError if the bag holds none."""
+    """The camera's track by satellite fixes and attitude. Raises InputError if the bag holds
+    none.
+    """
     track = fixed_track(bag)
     if track is None:
-        raise InputError(f"{bag.path}: holds no track: no topic of the types {', '.join((*POSES, FIX))}")
+        raise InputError(
+            f"{bag.path}: holds no track: no topic of the types {', '.join((*POSES, FIX))}"
+        )
     T_imu_camera = _body_from_camera(bag, track.imu_frame, mount)
     T_imu_antenna = between(static_frames(bag), track.imu_frame, track.fix_frame)
     if T_imu_antenna is not None:

@@ -21,16 +21,24 @@ def static_frames(bag: Bag) -> Frames:
     for topic in bag.topics:
         for entry in topic.entries if topic.msgtype in TRANSFORMS else ():
             for item in decode(entry).transforms:
-                parent, child, move = item.header.frame_id.lstrip("/"), item.child_frame_id.lstrip("/"), item.transform
+                parent, child, move = (
+                    item.header.frame_id.lstrip("/"),
+                    item.child_frame_id.lstrip("/"),
+                    item.transform,
+                )
                 t = move.translation
-                T = pose(rotation_from_quaternion([xyzw(move.rotation)]), np.array([[t.x, t.y, t.z]]))[0]
+                T = pose(
+                    rotation_from_quaternion([xyzw(move.rotation)]), np.array([[t.x, t.y, t.z]])
+                )[0]
                 frames.setdefault(parent, []).append((child, T))
                 frames.setdefault(child, []).append((parent, np.linalg.inv(T)))
     return frames
 
 
 def between(frames: Frames, start: str, end: str) -> Array | None:
-    """(4, 4) from the axes of ``end`` to those of ``start``, over as few transforms as possible; None where nothing leads there."""
+    """(4, 4) from the axes of ``end`` to those of ``start``, over as few transforms as possible;
+    None where nothing leads there.
+    """
     start, end = start.lstrip("/"), end.lstrip("/")
     waiting, known = deque([start]), {start: np.eye(4)}
     while waiting:

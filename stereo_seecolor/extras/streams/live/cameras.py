@@ -34,19 +34,27 @@ RETRY_S = 1.0
 """Seconds between two attempts to open a lost camera again."""
 
 FFMPEG_OPTIONS = "fflags;nobuffer|flags;low_delay|rtsp_transport;tcp"
-"""Without buffers, which would delay frames by seconds; and RTSP over TCP, which loses no packets."""
+"""Without buffers, which would delay frames by seconds; and RTSP over TCP, which loses no
+packets.
+"""
 
 FFMPEG_QUIET = "-8"
-"""AV_LOG_QUIET: a stream that is joined between two keyframes would fill the terminal with warnings."""
+"""AV_LOG_QUIET: a stream that is joined between two keyframes would fill the terminal with
+warnings.
+"""
 
 
 def is_address(text: str) -> bool:
-    """True for a capture device (``0``, ``/dev/video0``), a network address, and a GStreamer pipeline (``... ! appsink``)."""
+    """True for a capture device (``0``, ``/dev/video0``), a network address, and a GStreamer
+    pipeline (``... ! appsink``).
+    """
     return text.isdecimal() or text.startswith("/dev/video") or "://" in text or " ! " in text
 
 
 class Camera:
-    """The images of one address. sides: one stream of whole images, or two of their left and right halves."""
+    """The images of one address. sides: one stream of whole images, or two of their left and right
+    halves.
+    """
 
     def __init__(self, address: str, sides: int = 1) -> None:
         self._address, self._is_stopped = address, False
@@ -61,7 +69,11 @@ class Camera:
                 found, image = capture.retrieve()
                 if found:
                     for number, side in enumerate(self.sides):
-                        side.add(Arrived(stamp_ns, arrived_s, partial(_part, image, number, len(self.sides))))
+                        side.add(
+                            Arrived(
+                                stamp_ns, arrived_s, partial(_part, image, number, len(self.sides))
+                            )
+                        )
             for side in self.sides:
                 side.waiting = self._address
             capture.release()
@@ -76,14 +88,16 @@ class Camera:
 
 @contextmanager
 def cameras(left: str, right: str) -> Iterator[tuple[Stream, Stream]]:
-    """Read two addresses while the block runs; for the same address twice, the left and right halves of its images.
+    """Read two addresses while the block runs; for the same address twice, the left and right
+    halves of its images.
 
     Raises DeviceError for a GStreamer pipeline where OpenCV was built without.
     """
     for address in (left, right):
         if " ! " in address and not cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER):
             raise DeviceError(
-                f"{address}: this OpenCV was built without GStreamer: install one that has it, or give an rtsp:// address"
+                f"{address}: this OpenCV was built without GStreamer: install one that has it, or "
+                "give an rtsp:// address"
             )
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", FFMPEG_QUIET)
@@ -103,7 +117,12 @@ def _opened(address: str) -> Any:
     if " ! " in address:
         return cv2.VideoCapture(address, cv2.CAP_GSTREAMER)
     if "://" in address:
-        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, TIMEOUT_MS]
+        limits = [
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+            TIMEOUT_MS,
+            cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+            TIMEOUT_MS,
+        ]
         return cv2.VideoCapture(address, cv2.CAP_FFMPEG, limits)
     return cv2.VideoCapture(address)
 
@@ -123,7 +142,9 @@ TAIL = 64
 """Newest files of each side that are paired: those of one side may arrive some pairs late."""
 
 RELIST_S = 1.0
-"""Most seconds between two listings of a folder: its modification time is too coarse to show two files in 4 ms."""
+"""Most seconds between two listings of a folder: its modification time is too coarse to show two
+files in 4 ms.
+"""
 
 
 @dataclass
@@ -144,7 +165,9 @@ class _Side:
                 names = set(_image_names(self.folder))
                 added = sorted(names - self.names, key=natural_key)
                 self.names, self.modified_ns, self.listed_s = names, modified_ns, now_s
-                self.new = [path for path in self.new if path.name in names] + [self.folder / name for name in added]
+                self.new = [path for path in self.new if path.name in names] + [
+                    self.folder / name for name in added
+                ]
         except OSError:
             self.modified_ns = -1
             return False
@@ -152,7 +175,9 @@ class _Side:
 
 
 class FolderWatch:
-    """A live source of two folders. dropped: left images skipped for a newer pair. waiting: see ``newest``."""
+    """A live source of two folders. dropped: left images skipped for a newer pair. waiting: see
+    ``newest``.
+    """
 
     def __init__(self, left: Path, right: Path, config: InputConfig) -> None:
         self.dropped = 0
@@ -170,7 +195,9 @@ class FolderWatch:
         if lost or not self._left.new or not self._right.new:
             return None
         try:
-            return pair_files(self._left.new[-TAIL:], self._right.new[-TAIL:], self._config, "live").pairs[-1]
+            return pair_files(
+                self._left.new[-TAIL:], self._right.new[-TAIL:], self._config, "live"
+            ).pairs[-1]
         except InputError:
             return None  # partners have not come yet
 
@@ -191,7 +218,9 @@ class FolderWatch:
         return False
 
     def latency_s(self, pair: Pair) -> float:
-        """Seconds since the later of a pair's files was written; 0 where the clocks of disk and program disagree."""
+        """Seconds since the later of a pair's files was written; 0 where the clocks of disk and
+        program disagree.
+        """
         try:
             written_s = max(path.stat().st_mtime for path in (pair.left, pair.right))
         except OSError:
@@ -208,5 +237,8 @@ def read_sides(pair: Pair, config: InputConfig) -> StereoFrame:
 def _image_names(folder: Path) -> Iterator[str]:
     with os.scandir(folder) as entries:
         for entry in entries:
-            if not entry.name.startswith(".") and os.path.splitext(entry.name)[1].lower() in EXTENSIONS:  # noqa: PTH122
+            if (
+                not entry.name.startswith(".")
+                and os.path.splitext(entry.name)[1].lower() in EXTENSIONS  # noqa: PTH122
+            ):
                 yield entry.name

@@ -22,11 +22,11 @@ from stereo_seecolor.pipeline import Pipeline
 
 @dataclass(frozen=True)
 class LiveResult:
-    """Numbers of a live session. done, failed: pairs. dropped: left images skipped for newer ones. reduced: what was left out of
-    the last pair to save time, "" for nothing.
+    """Numbers of a live session. done, failed: pairs. dropped: left images skipped for newer ones.
+    reduced: what was left out of the last pair to save time, "" for nothing.
 
-    latency: seconds from arrival of a pair to its corrected image. products: until all its products are written. Both None before
-    the first pair.
+    latency: seconds from arrival of a pair to its corrected image. products: until all its products
+    are written. Both None before the first pair.
     """
 
     done: int
@@ -44,10 +44,13 @@ class LiveResult:
 class LiveOptions:
     """The outputs of a live session, and its limits.
 
-    out: a new or empty folder for the products of every ``every``th pair, None for none. record: a new MCAP file of all pairs.
-    publish: the namespace for ROS 2 topics of all pairs, "" for none. port, host: of the page; port None for no page, 0 for any
-    free port. budget_s: seconds that a pair may take; slower pairs are matched at half the size. cpus: number of processors to
-    use, None for all. pairs: end after this number, None to go on until Ctrl-C. announce: called with the page's address.
+    out: a new or empty folder for the products of every ``every``th pair, None for none. record: a
+    new MCAP file of all pairs.
+    publish: the namespace for ROS 2 topics of all pairs, "" for none. port, host: of the page; port
+    None for no page, 0 for any free port. budget_s: seconds that a pair may take; slower pairs are
+    matched at half the size. cpus: number of processors to
+    use, None for all. pairs: end after this number, None to go on until Ctrl-C. announce: called
+    with the page's address.
     """
 
     out: Path | None = None
@@ -64,10 +67,12 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveInputs:
-    """The source of pairs: two sides, or a bag that is played at its own rate. calib: as for load_rig, "" for its camera_info.
+    """The source of pairs: two sides, or a bag that is played at its own rate. calib: as for
+    load_rig, "" for its camera_info.
 
-    left, right: folders that receive images; or capture devices and network addresses (``0``, ``rtsp://...``), the same twice for
-    a camera that shows both sides; or ROS 2 topics (``ros2:/stereo/left/image_raw``).
+    left, right: folders that receive images; or capture devices and network addresses (``0``,
+    ``rtsp://...``), the same twice for a camera that shows both sides; or ROS 2 topics
+    (``ros2:/stereo/left/image_raw``).
     """
 
     left: str | Path = ""
@@ -77,7 +82,9 @@ class LiveInputs:
     calib: str | Path = ""
 
     def open(self, config: RunConfig, stack: ExitStack) -> tuple[LiveSource, Pipeline]:
-        """Open the source, until ``stack`` closes, and the pipeline. Raises CalibrationError, InputError, DeviceError."""
+        """Open the source, until ``stack`` closes, and the pipeline. Raises CalibrationError,
+        InputError, DeviceError.
+        """
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
             return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
@@ -85,12 +92,15 @@ class LiveInputs:
         return live_source(str(self.left), str(self.right), config.input, stack), pipeline
 
 
-def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None) -> LiveResult:
+def live(
+    inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None
+) -> LiveResult:
     """Correct the newest pair that has arrived, repeatedly, with the water of the last frames.
 
     A pair that fails is counted. A source that is not available yet is waited for.
-    Raises CalibrationError for the rig; OutputError if ``out`` or ``record`` is there already or cannot be written, or the port is
-    taken; InputError and DeviceError for a bag, and for cameras and topics that cannot be read here.
+    Raises CalibrationError for the rig; OutputError if ``out`` or ``record`` is there already or
+    cannot be written, or the port is taken; InputError and DeviceError for a bag, and for cameras
+    and topics that cannot be read here.
     """
     config, options = config or RunConfig(), options or LiveOptions()
     if options.cpus is not None:
@@ -112,14 +122,18 @@ def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptio
     return LiveResult(**{name: facts[name] for name in LiveResult.__dataclass_fields__})
 
 
-def _made(pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: ExitStack) -> list[Callable[[LiveFrame], None]]:
+def _made(
+    pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: ExitStack
+) -> list[Callable[[LiveFrame], None]]:
     """Functions that make the outputs of a pair, in the order in which they are called."""
     made: list[Callable[[LiveFrame], None]] = []
     assert pipeline.geometry is not None
     if options.out is not None:
         made.append(KeptFiles(options.out, options.every, pipeline))
     if options.record is not None:
-        made.append(recorder(stack.enter_context(McapRecording(options.record, pipeline.geometry, "lz4"))))
+        made.append(
+            recorder(stack.enter_context(McapRecording(options.record, pipeline.geometry, "lz4")))
+        )
     if options.publish:
         made.append(published(options.publish, pipeline.geometry))
     if options.port is not None:

@@ -1,4 +1,6 @@
-"""A web page, served by this machine, with the last corrected pair: image, range, water, latency and counts."""
+"""A web page, served by this machine, with the last corrected pair: image, range, water, latency
+and counts.
+"""
 
 import json
 import secrets
@@ -23,7 +25,11 @@ LOCAL = (HOST, "localhost")
 """Addresses that only this machine can reach, so that the page needs no token."""
 
 TOKEN_BYTES = 16
-HEADERS = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
+HEADERS = (
+    ("Cache-Control", "no-store"),
+    ("Referrer-Policy", "no-referrer"),
+    ("X-Content-Type-Options", "nosniff"),
+)
 """No-referrer keeps the token in the address from other sites."""
 
 SIZE = PreviewSize(960, 85)
@@ -41,7 +47,11 @@ class _Shown:
     @cached_property
     def ranges(self) -> tuple[NDArray[np.uint8], str]:
         picture, near_m, far_m = range_picture(self._frame.result.range_map.measured_m)
-        span = f", {near_m:.2f} m (yellow) to {far_m:.2f} m (blue)" if np.isfinite(near_m) else ": unknown everywhere"
+        span = (
+            f", {near_m:.2f} m (yellow) to {far_m:.2f} m (blue)"
+            if np.isfinite(near_m)
+            else ": unknown everywhere"
+        )
         return picture, span
 
     def picture(self, name: str) -> bytes | None:
@@ -52,15 +62,22 @@ class _Shown:
     @cached_property
     def status(self) -> dict[str, Any]:
         water = {
-            f"water: {name}": ", ".join(f"{v:.3g}" for v in np.ravel(values)) for name, values in _parameters(self._frame).items()
+            f"water: {name}": ", ".join(f"{v:.3g}" for v in np.ravel(values))
+            for name, values in _parameters(self._frame).items()
         }
         known = np.isfinite(self._frame.result.range_map.measured_m).mean()
-        facts = {"seconds a pair": f"{self._frame.seconds:.2f}", "range known": f"{known:.0%}", **water}
+        facts = {
+            "seconds a pair": f"{self._frame.seconds:.2f}",
+            "range known": f"{known:.0%}",
+            **water,
+        }
         return {"name": self._frame.pair.name, "range_span": self.ranges[1], "facts": facts}
 
 
 class Preview:
-    """The content of the page. ``update`` replaces it at once, so that a browser never sees parts of two pairs."""
+    """The content of the page. ``update`` replaces it at once, so that a browser never sees parts
+    of two pairs.
+    """
 
     def __init__(self, counts: LiveCounts) -> None:
         self._counts = counts
@@ -98,8 +115,9 @@ class Preview:
 def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
     """Serve the page while the block runs; yields its URL. port: 0 takes any free port.
 
-    host: an address of this machine that the page is bound to. If other machines can reach it, paths begin with a random token, and
-    all others are refused. Raises OutputError if the port is taken, or the address is not one of this machine.
+    host: an address of this machine that the page is bound to. If other machines can reach it,
+    paths begin with a random token, and all others are refused. Raises OutputError if the port is
+    taken, or the address is not one of this machine.
     """
     token = "" if host in LOCAL else f"{secrets.token_urlsafe(TOKEN_BYTES)}/"
 
@@ -111,15 +129,23 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
             found = preview.content(self.path[1 + len(token) :]) if self._is_allowed() else None
             self.send_response(200 if found else 404)
             media_type, content = found or ("text/plain", b"not here\n")
-            for name, value in (("Content-Type", media_type), ("Content-Length", str(len(content))), *HEADERS):
+            for name, value in (
+                ("Content-Type", media_type),
+                ("Content-Length", str(len(content))),
+                *HEADERS,
+            ):
                 self.send_header(name, value)
             self.end_headers()
             self.wfile.write(content)
 
         def _is_allowed(self) -> bool:
-            """True with the token, or from this machine; other sites must not read the page through a host name of theirs."""
+            """True with the token, or from this machine; other sites must not read the page through
+            a host name of theirs.
+            """
             if token:
-                return secrets.compare_digest(self.path[: 1 + len(token)].encode(), f"/{token}".encode())
+                return secrets.compare_digest(
+                    self.path[: 1 + len(token)].encode(), f"/{token}".encode()
+                )
             return self.headers.get("Host", "").rsplit(":", 1)[0] in LOCAL
 
         def log_message(self, format: str, *args: Any) -> None:
@@ -128,11 +154,18 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
     try:
         server = ThreadingHTTPServer((host, port), Handler)
     except (OSError, OverflowError) as error:
-        raise OutputError(f"http://{host}:{port}: the page cannot be served there ({error}): choose another --port") from error
+        raise OutputError(
+            f"http://{host}:{port}: the page cannot be served there ({error}): choose another "
+            "--port"
+        ) from error
     with server, in_background(server.serve_forever, server.shutdown):
         yield f"http://{host}:{server.server_address[1]}/{token}"
 
 
 def _parameters(frame: LiveFrame) -> dict[str, Any]:
     water = frame.result.correction.water
-    return {name: value for name, value in vars(water).items() if isinstance(value, np.ndarray) and value.size == 3}
+    return {
+        name: value
+        for name, value in vars(water).items()
+        if isinstance(value, np.ndarray) and value.size == 3
+    }

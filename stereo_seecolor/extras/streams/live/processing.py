@@ -25,10 +25,15 @@ class BudgetConstants:
 
     pairs: int = 5  # the median of this many decides: one slow pair does not
     smallest: int = 4  # at less than a quarter of the size little is left of a reef's relief
-    growth: float = 3.0  # times that a pair takes longer at twice the size: matching takes 4 to 8, reading and color stay
-    patience: int = 20  # pairs before the larger size is tried again; doubled each time that it turns out too slow
+    # times that a pair takes longer at twice the size: matching takes 4 to 8, reading and color
+    # stay
+    growth: float = 3.0
+    # pairs before the larger size is tried again; doubled each time that it turns out too slow
+    patience: int = 20
     most_patience: int = 2000
-    fitting: float = 0.9  # fraction of the budget in which a fit may take steps: a pair that is matched in time stays within it
+    # fraction of the budget in which a fit may take steps: a pair that is matched in time stays
+    # within it
+    fitting: float = 0.9
 
 
 CONSTANTS = BudgetConstants()
@@ -37,7 +42,8 @@ CONSTANTS = BudgetConstants()
 class Budget:
     """Chooses the size at which images are matched: 1/shrink, with shrink 1, 2 or 4.
 
-    budget_s: seconds from reading a pair to its corrected image; None for no limit: shrink is then always 1.
+    budget_s: seconds from reading a pair to its corrected image; None for no limit: shrink is then
+    always 1.
     """
 
     def __init__(self, budget_s: float | None) -> None:
@@ -58,8 +64,14 @@ class Budget:
         )
 
     def until_s(self, began_s: float, rest_s: float) -> float | None:
-        """When the steps of a fit end for a pair that began then, of which ``rest_s`` seconds follow the fit; None for no limit."""
-        return None if self._budget_s is None else began_s + CONSTANTS.fitting * self._budget_s - rest_s
+        """When the steps of a fit end for a pair that began then, of which ``rest_s`` seconds
+        follow the fit; None for no limit.
+        """
+        return (
+            None
+            if self._budget_s is None
+            else began_s + CONSTANTS.fitting * self._budget_s - rest_s
+        )
 
     def took(self, seconds: float) -> None:
         """Note the time that a pair took; the size may change."""
@@ -72,7 +84,11 @@ class Budget:
             self._too_slow_s = usual_s
             self._patience = min(2 * self._patience, CONSTANTS.most_patience)
             self._turn_to(2 * self.shrink)
-        elif self.shrink > 1 and self._at_this_size >= self._patience and usual_s * CONSTANTS.growth < self._budget_s:
+        elif (
+            self.shrink > 1
+            and self._at_this_size >= self._patience
+            and usual_s * CONSTANTS.growth < self._budget_s
+        ):
             self._turn_to(self.shrink // 2)
 
     def _turn_to(self, shrink: int) -> None:
@@ -82,7 +98,9 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A corrected pair. seconds: that its processing took. reduced: a note where it was matched at reduced size, else ""."""
+    """A corrected pair. seconds: that its processing took. reduced: a note where it was matched at
+    reduced size, else "".
+    """
 
     pair: Pair
     result: FrameResult
@@ -91,22 +109,32 @@ class LiveFrame:
 
 
 class LiveProcessor:
-    """Measures each pair, and removes the water that is fitted to the last ``color.sliding_frames`` frames.
+    """Measures each pair, and removes the water that is fitted to the last ``color.sliding_frames``
+    frames.
 
-    Method paper trains its networks for ``color.paper.iterations_per_frame`` steps on each pair, or as many as its budget leaves.
+    Method paper trains its networks for ``color.paper.iterations_per_frame`` steps on each pair, or
+    as many as its budget leaves.
 
-    pipeline: used by this processor alone. read: reads the unrectified images of a pair. budget: the time for a pair.
+    pipeline: used by this processor alone. read: reads the unrectified images of a pair. budget:
+    the time for a pair.
     """
 
-    def __init__(self, pipeline: Pipeline, read: Callable[[Pair], StereoFrame], budget: Budget | None = None) -> None:
+    def __init__(
+        self, pipeline: Pipeline, read: Callable[[Pair], StereoFrame], budget: Budget | None = None
+    ) -> None:
         self._pipeline, self._read = pipeline, read
         self._budget = budget or Budget(None)
         self._fitter = SlidingFitter(pipeline.config.color, self._fit)
         self._until_s: float | None = None  # when the steps of this pair's fit end
-        self._fitted_s, self._after_fit_s = 0.0, 0.0  # when the fit ended, and how long the rest of the last pair took
+        self._fitted_s, self._after_fit_s = (
+            0.0,
+            0.0,
+        )  # when the fit ended, and how long the rest of the last pair took
 
     def process(self, pair: Pair) -> LiveFrame:
-        """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError, ColorError as in a run."""
+        """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError,
+        ColorError as in a run.
+        """
         began_s, reduced = time.perf_counter(), self._budget.text
         self._until_s = self._budget.until_s(began_s, self._after_fit_s)
         frame = self._read(pair)
@@ -118,7 +146,11 @@ class LiveProcessor:
 
     def _match(self, frame: StereoFrame) -> RangeMap:
         shrink = self._budget.shrink
-        return self._pipeline.match(frame) if shrink == 1 else self._pipeline.matcher.at(shrink).match(frame)
+        return (
+            self._pipeline.match(frame)
+            if shrink == 1
+            else self._pipeline.matcher.at(shrink).match(frame)
+        )
 
     def _fit(self, table: MomentTable, start: Water | None) -> Water:
         water = self._pipeline.corrector.fit(table, start, self._until_s)
@@ -126,17 +158,23 @@ class LiveProcessor:
         return water
 
     def _water(self, image: Image, range_map: RangeMap) -> Water:
-        """The water with this pair's colors. Of a pair matched at reduced size every second or fourth row and column counts."""
+        """The water with this pair's colors. Of a pair matched at reduced size every second or
+        fourth row and column counts.
+        """
         every = slice(None, None, self._budget.shrink)
         pixels: Image = image[every, every].copy()
-        water = self._fitter.water(self._pipeline.corrector.measure(pixels, range_map.measured_m[every, every].copy()))
+        water = self._fitter.water(
+            self._pipeline.corrector.measure(pixels, range_map.measured_m[every, every].copy())
+        )
         if water is None:
             raise ColorError("no pixel with a known range yet: there is nothing to fit a water to")
         return water
 
 
 def warm_up(pipeline: Pipeline) -> None:
-    """Load and compile all code that a pair needs, so that the first pair is not delayed. Raises CalibrationError."""
+    """Load and compile all code that a pair needs, so that the first pair is not delayed. Raises
+    CalibrationError.
+    """
     rng = np.random.default_rng(0)
     width, height = pipeline.rectification.raw_size
     noise = rng.integers(0, 200, (height, width, 3), np.uint8)
@@ -145,7 +183,15 @@ def warm_up(pipeline: Pipeline) -> None:
     range_m = rng.uniform(1, 3, unmatched.shape).astype(np.float32)
     range_m[::8] = np.nan  # some are carried over
     image = pipeline.rectification.upright(rectified.left)
-    water = SlidingFitter(pipeline.config.color, pipeline.corrector.fit).water(pipeline.corrector.measure(image, range_m))
+    water = SlidingFitter(pipeline.config.color, pipeline.corrector.fit).water(
+        pipeline.corrector.measure(image, range_m)
+    )
     assert water is not None
-    ranges = ranges_for_color(pipeline.corrector, image, RangeMap.of_ranges(range_m, np.isfinite(range_m)), water, pipeline.seen)
+    ranges = ranges_for_color(
+        pipeline.corrector,
+        image,
+        RangeMap.of_ranges(range_m, np.isfinite(range_m)),
+        water,
+        pipeline.seen,
+    )
     correct(pipeline.corrector, pipeline.config, image, ranges, water)

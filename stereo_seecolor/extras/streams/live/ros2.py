@@ -1,7 +1,8 @@
-"""ROS 2 topics without ROS, by Cyclone DDS, with the types of rosbags. Messages are handled as CDR bytes, as ROS 2 sends them.
+"""ROS 2 topics without ROS, by Cyclone DDS, with the types of rosbags. Messages are handled as CDR
+bytes, as ROS 2 sends them.
 
-Names as ROS 2 maps them: topic ``/a`` is ``rt/a``, type ``sensor_msgs/msg/Image`` is ``sensor_msgs::msg::dds_::Image_``
-(https://design.ros2.org/articles/topic_and_service_names.html).
+Names as ROS 2 maps them: topic ``/a`` is ``rt/a``, type ``sensor_msgs/msg/Image`` is
+``sensor_msgs::msg::dds_::Image_`` (https://design.ros2.org/articles/topic_and_service_names.html).
 """
 
 import os
@@ -28,7 +29,9 @@ HISTORY = 8
 
 
 class Node:
-    """A participant of the domain ROS_DOMAIN_ID (0). Raises DeviceError if Cyclone DDS is missing, or cannot use the network."""
+    """A participant of the domain ROS_DOMAIN_ID (0). Raises DeviceError if Cyclone DDS is missing,
+    or cannot use the network.
+    """
 
     def __init__(self) -> None:
         try:
@@ -38,12 +41,15 @@ class Node:
             store("cdr")
         except ImportError as error:
             raise DeviceError(
-                f"ROS 2 topics need a library that is missing ({error.name}): pip install -c constraints.txt '.[ros2]'"
+                f"ROS 2 topics need a library that is missing ({error.name}): pip install -c "
+                "constraints.txt '.[ros2]'"
             ) from error
         try:
             self._participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
         except (DDSException, ValueError) as error:
-            raise DeviceError(f"ROS 2 topics cannot be reached: {error}: is ROS_DOMAIN_ID a number of a domain?") from error
+            raise DeviceError(
+                f"ROS 2 topics cannot be reached: {error}: is ROS_DOMAIN_ID a number of a domain?"
+            ) from error
         self._writers: dict[str, Any] = {}
 
     def reader(self, topic: str, msgtype: str) -> Any:
@@ -57,7 +63,9 @@ class Node:
         from cyclonedds.pub import DataWriter
 
         if topic not in self._writers:
-            self._writers[topic] = DataWriter(self._participant, self._topic(topic, msgtype), qos=_qos(reliable=True))
+            self._writers[topic] = DataWriter(
+                self._participant, self._topic(topic, msgtype), qos=_qos(reliable=True)
+            )
         sample = _of_cdr(_idl_type(msgtype), content)
         self._writers[topic].write(sample)
 
@@ -68,7 +76,9 @@ class Node:
 
 
 class TopicImages(Stream):
-    """A stream of the images of one topic; ``.../compressed`` is sensor_msgs/CompressedImage, all others are sensor_msgs/Image."""
+    """A stream of the images of one topic; ``.../compressed`` is sensor_msgs/CompressedImage, all
+    others are sensor_msgs/Image.
+    """
 
     def __init__(self, node: Node, topic: str, config: InputConfig) -> None:
         super().__init__(f"{PREFIX}{topic}")
@@ -77,14 +87,18 @@ class TopicImages(Stream):
         self._reader = node.reader(topic, self._msgtype)
 
     def receive(self) -> None:
-        """Add the images that have arrived. ``waiting`` names the topic while nobody publishes it."""
+        """Add the images that have arrived. ``waiting`` names the topic while nobody publishes
+        it.
+        """
         for sample in self._reader.take(N=HISTORY):
             content = getattr(sample, "cdr", b"")
             if len(content) < 12:
                 continue
             message = partial(_image, bytes(content), self._msgtype, self.name, self._config)
             self.add(Arrived(_stamp_ns(content) or time.time_ns(), time.monotonic(), message))
-        self.waiting = "" if self._reader.get_subscription_matched_status().current_count else self.name
+        self.waiting = (
+            "" if self._reader.get_subscription_matched_status().current_count else self.name
+        )
 
 
 def _image(content: bytes, msgtype: str, name: str, config: InputConfig) -> Image:
@@ -103,7 +117,11 @@ def _qos(reliable: bool) -> Any:
     from cyclonedds.core import Policy, Qos
     from cyclonedds.util import duration
 
-    kind = Policy.Reliability.Reliable(duration(milliseconds=100)) if reliable else Policy.Reliability.BestEffort
+    kind = (
+        Policy.Reliability.Reliable(duration(milliseconds=100))
+        if reliable
+        else Policy.Reliability.BestEffort
+    )
     form = Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)
     return Qos(kind, Policy.History.KeepLast(HISTORY), form)
 
@@ -120,14 +138,24 @@ def _of_cdr(type_: Any, data: bytes, *_: Any, **__: Any) -> Any:
 
 @lru_cache
 def _idl_type(msgtype: str) -> Any:
-    """The IDL type of a ROS type, from rosbags' definition. Its samples hold the serialized message, in ``cdr``."""
+    """The IDL type of a ROS type, from rosbags' definition. Its samples hold the serialized
+    message, in ``cdr``.
+    """
     from cyclonedds.idl import IdlStruct
 
     package, _, short = msgtype.split("/")
     fields = {name: _idl_field(*kind) for name, kind in store("cdr").fielddefs[msgtype][1]}
-    content = {"__annotations__": fields, "serialize": _serialized, "deserialize": classmethod(_of_cdr)}
+    content = {
+        "__annotations__": fields,
+        "serialize": _serialized,
+        "deserialize": classmethod(_of_cdr),
+    }
     typename = f"{package}.msg.dds_.{short}_"
-    return dataclass(types.new_class(f"{short}_", (IdlStruct,), {"typename": typename}, lambda own: own.update(content)))
+    return dataclass(
+        types.new_class(
+            f"{short}_", (IdlStruct,), {"typename": typename}, lambda own: own.update(content)
+        )
+    )
 
 
 def _idl_field(kind: Any, of: Any) -> Any:
@@ -137,7 +165,13 @@ def _idl_field(kind: Any, of: Any) -> Any:
     idl: Any = idl_types
 
     if kind == Nodetype.BASE:
-        plain = {"bool": bool, "string": str, "byte": idl.uint8, "char": idl.uint8, "octet": idl.uint8}
+        plain = {
+            "bool": bool,
+            "string": str,
+            "byte": idl.uint8,
+            "char": idl.uint8,
+            "octet": idl.uint8,
+        }
         return plain.get(of[0]) or getattr(idl, of[0])
     if kind == Nodetype.NAME:
         return _idl_type(of)

@@ -1,6 +1,8 @@
-"""The loop of a live session: take the newest pair, correct it, count the outcome. An error of a pair does not end it.
+"""The loop of a live session: take the newest pair, correct it, count the outcome. An error of a
+pair does not end it.
 
-Outputs of a corrected pair (files, a recording, a page) are made by another thread, while the next pair is corrected.
+Outputs of a corrected pair (files, a recording, a page) are made by another thread, while the next
+pair is corrected.
 """
 
 import time
@@ -19,17 +21,23 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import StereoFrame
 
 POLL_S = 0.004
-"""Seconds between two polls of the source: they add 2 ms to the latency, and take 1 % of a processor."""
+"""Seconds between two polls of the source: they add 2 ms to the latency, and take 1 % of a
+processor.
+"""
 
 SETTLE_S = 2.0
-"""Seconds after which a file that cannot be read counts as failed: until then it may still be being written."""
+"""Seconds after which a file that cannot be read counts as failed: until then it may still be being
+written.
+"""
 
 LATENCIES = 1000
 """Number of the last pairs whose latencies are kept."""
 
 
 class LiveSource(Protocol):
-    """A source of pairs, of which only the newest is processed. dropped: pairs skipped for newer ones."""
+    """A source of pairs, of which only the newest is processed. dropped: pairs skipped for newer
+    ones.
+    """
 
     dropped: int
 
@@ -58,9 +66,9 @@ class LiveSource(Protocol):
 class LiveCounts:
     """Counts and latencies of a live session.
 
-    done, failed: pairs. dropped: pairs skipped. waiting: as of the source. images_s: seconds from the arrival of each of the last
-    pairs to its corrected image; products_s: until all its outputs are written. reduced: a note where pairs are matched at reduced
-    size, else "".
+    done, failed: pairs. dropped: pairs skipped. waiting: as of the source. images_s: seconds from
+    the arrival of each of the last pairs to its corrected image; products_s: until all its outputs
+    are written. reduced: a note where pairs are matched at reduced size, else "".
     """
 
     done: int = 0
@@ -73,10 +81,16 @@ class LiveCounts:
     products_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
 
     def facts(self) -> dict[str, Any]:
-        """The content for a page or JSON; median and 95th percentile of latencies, None before the first pair."""
-        content = {name: value for name, value in vars(self).items() if not isinstance(value, deque)}
+        """The content for a page or JSON; median and 95th percentile of latencies, None before the
+        first pair.
+        """
+        content = {
+            name: value for name, value in vars(self).items() if not isinstance(value, deque)
+        }
         for name, seconds in (("latency", self.images_s), ("products", self.products_s)):
-            median_s, p95_s = (float(np.quantile(list(seconds), q)) if seconds else None for q in (0.5, 0.95))
+            median_s, p95_s = (
+                float(np.quantile(list(seconds), q)) if seconds else None for q in (0.5, 0.95)
+            )
             content |= {f"{name}_median_s": median_s, f"{name}_p95_s": p95_s}
         return content
 
@@ -85,7 +99,8 @@ class LiveCounts:
 class LiveSession:
     """A live session. source: of pairs. process: corrects a pair.
 
-    finish: makes the outputs of a corrected pair, in another thread; an error of it ends the session.
+    finish: makes the outputs of a corrected pair, in another thread; an error of it ends the
+    session.
     """
 
     source: LiveSource
@@ -96,7 +111,9 @@ class LiveSession:
     _tried: tuple[str, float] = ("", 0.0)
 
     def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
-        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; returns the counts."""
+        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; returns the
+        counts.
+        """
         try:
             while not (ended(self.counts) or self.source.ended):
                 if not self.step():

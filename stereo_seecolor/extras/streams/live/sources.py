@@ -21,8 +21,8 @@ SIDES = ("left", "right")
 
 
 def source_of(source: str) -> tuple[str, str, Path | None]:
-    """Left side, right side and bag of --source: ``dive.mcap``; ``INCOMING``, with left/ and right/ in it; ``LEFT,RIGHT``; or a
-    camera that shows both sides.
+    """Left side, right side and bag of --source: ``dive.mcap``; ``INCOMING``, with left/ and right/
+    in it; ``LEFT,RIGHT``; or a camera that shows both sides.
     """
     path = Path(source)
     if is_bag(path):
@@ -34,18 +34,30 @@ def source_of(source: str) -> tuple[str, str, Path | None]:
 
 
 def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> LiveSource:
-    """The source of two sides, read until ``stack`` closes. Raises InputError where they are of two kinds, DeviceError."""
-    kinds = [PREFIX if side.startswith(PREFIX) else "address" if is_address(side) else "folder" for side in (left, right)]
+    """The source of two sides, read until ``stack`` closes. Raises InputError where they are of two
+    kinds, DeviceError.
+    """
+    kinds = [
+        PREFIX if side.startswith(PREFIX) else "address" if is_address(side) else "folder"
+        for side in (left, right)
+    ]
     if kinds[0] != kinds[1]:
-        raise InputError(f"{left} and {right}: are of two kinds: give two folders, two cameras, or two topics")
+        raise InputError(
+            f"{left} and {right}: are of two kinds: give two folders, two cameras, or two topics"
+        )
     if kinds[0] == PREFIX:
         node = Node()
-        first, second = (TopicImages(node, side.removeprefix(PREFIX), config) for side in (left, right))
+        first, second = (
+            TopicImages(node, side.removeprefix(PREFIX), config) for side in (left, right)
+        )
         return StreamPairs(first, second, config)
     if kinds[0] == "address":
         return StreamPairs(*stack.enter_context(cameras(left, right)), config)
     if left == right:
-        raise InputError(f"{left}: is --left and --right: of folders that fill, images of both sides in one are read by run alone")
+        raise InputError(
+            f"{left}: is --left and --right: of folders that fill, images of both sides in one "
+            "are read by run alone"
+        )
     return FolderWatch(Path(left), Path(right), config)
 
 
@@ -56,12 +68,19 @@ def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) ->
 class PlayedBag:
     """A source whose pairs arrive at the intervals at which they were taken.
 
-    dropped: pairs skipped for newer ones. clock: seconds, for the arrival of pairs. Raises InputError for pairs without times.
+    dropped: pairs skipped for newer ones. clock: seconds, for the arrival of pairs. Raises
+    InputError for pairs without times.
     """
 
     waiting = ""
 
-    def __init__(self, pairing: Pairing, path: Path, config: InputConfig, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        pairing: Pairing,
+        path: Path,
+        config: InputConfig,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         times = [pair.timestamp_s for pair in pairing.pairs if pair.timestamp_s is not None]
         if len(times) < len(pairing.pairs):
             raise InputError(f"{path}: pairs without times cannot be played")
@@ -77,7 +96,9 @@ class PlayedBag:
         return self._next >= len(self._pairs)
 
     def newest(self) -> Pair | None:
-        """The newest pair that has arrived and was not taken; the first arrives with the first call."""
+        """The newest pair that has arrived and was not taken; the first arrives with the first
+        call.
+        """
         now_s = self._clock()
         self._began_s = now_s if self._began_s is None else self._began_s
         arrived = bisect_right(self._arrivals_s, now_s - self._began_s)

@@ -19,11 +19,15 @@ KEPT = 4
 """Images of a stream that are kept for a partner: the other side may be late by so many."""
 
 NEAR = 0.45
-"""Largest difference of the times of a pair, as a fraction of the time between images: beyond, it is another pair's image."""
+"""Largest difference of the times of a pair, as a fraction of the time between images: beyond, it
+is another pair's image.
+"""
 
 
 class Arrived(NamedTuple):
-    """An image of a stream. stamp_ns: time of capture, since 1970. arrived_s: of ``time.monotonic``. image: decodes it."""
+    """An image of a stream. stamp_ns: time of capture, since 1970. arrived_s: of
+    ``time.monotonic``. image: decodes it.
+    """
 
     stamp_ns: int
     arrived_s: float
@@ -57,7 +61,9 @@ class Stream:
 
 
 class StreamPairs:
-    """A live source of two streams: the newest two images taken at the same time. dropped: left images skipped."""
+    """A live source of two streams: the newest two images taken at the same time. dropped: left
+    images skipped.
+    """
 
     ended = False
 
@@ -71,7 +77,9 @@ class StreamPairs:
     def waiting(self) -> str:
         """Names of the streams from which nothing arrives; "" for none."""
         self._receive()
-        return " and ".join(dict.fromkeys(stream.waiting for stream in (self._left, self._right) if stream.waiting))
+        return " and ".join(
+            dict.fromkeys(stream.waiting for stream in (self._left, self._right) if stream.waiting)
+        )
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None."""
@@ -84,11 +92,18 @@ class StreamPairs:
             if right and abs(right.stamp_ns - left.stamp_ns) <= self._reach_ns(lefts):
                 self._offered = left, right
                 name = stamp_name(left.stamp_ns)
-                return Pair(name, Path(self._left.name, "left", name), Path(self._right.name, "right", name), left.stamp_ns / 1e9)
+                return Pair(
+                    name,
+                    Path(self._left.name, "left", name),
+                    Path(self._right.name, "right", name),
+                    left.stamp_ns / 1e9,
+                )
         return None
 
     def read(self, pair: Pair) -> StereoFrame:
-        """The two images of the last pair that was offered. Raises InputError if it was replaced or cannot be decoded."""
+        """The two images of the last pair that was offered. Raises InputError if it was replaced or
+        cannot be decoded.
+        """
         if self._offered is None or stamp_name(self._offered[0].stamp_ns) != pair.name:
             raise InputError(f"{pair.name}: is gone: a newer pair has come")
         left, right = (side.image() for side in self._offered)
@@ -97,13 +112,19 @@ class StreamPairs:
     def take(self, pair: Pair) -> None:
         """Mark this pair and all before it as done."""
         assert self._offered is not None
-        received = self._left.received - sum(image.stamp_ns > self._offered[0].stamp_ns for image in self._left.newest)
+        received = self._left.received - sum(
+            image.stamp_ns > self._offered[0].stamp_ns for image in self._left.newest
+        )
         self.dropped += max(0, received - self._counted - 1)
         self._counted, self._taken_ns = received, self._offered[0].stamp_ns
 
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the later image of the pair that was offered last arrived."""
-        return time.monotonic() - max(side.arrived_s for side in self._offered) if self._offered else 0.0
+        return (
+            time.monotonic() - max(side.arrived_s for side in self._offered)
+            if self._offered
+            else 0.0
+        )
 
     def _receive(self) -> None:
         self._left.receive()
@@ -116,4 +137,8 @@ class StreamPairs:
 
 def _nearest(images: tuple[Arrived, ...], stamp_ns: int) -> Arrived | None:
     after = bisect_left(images, stamp_ns, key=lambda image: image.stamp_ns)
-    return min(images[max(after - 1, 0) : after + 1], key=lambda image: abs(image.stamp_ns - stamp_ns), default=None)
+    return min(
+        images[max(after - 1, 0) : after + 1],
+        key=lambda image: abs(image.stamp_ns - stamp_ns),
+        default=None,
+    )

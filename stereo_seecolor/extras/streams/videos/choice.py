@@ -10,36 +10,51 @@ from calibration import StereoRig
 from calibration.errors import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.extras.streams.videos.lags import LIMITS, Lag
-from stereo_seecolor.extras.streams.videos.motion import NoEvidence, Pairs, VideoSignals, video_signals
+from stereo_seecolor.extras.streams.videos.motion import (
+    NoEvidence,
+    Pairs,
+    VideoSignals,
+    video_signals,
+)
 from stereo_seecolor.extras.streams.videos.synchronization import VideoSync, paired, synchronize
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
 
 BLURRED = 0.7
-"""Of the usual sharpness around a frame: motion blur of 2 px takes a third of the steps from pixel to pixel."""
+"""Of the usual sharpness around a frame: motion blur of 2 px takes a third of the steps from pixel
+to pixel.
+"""
 
 AROUND_S = 1.0
 """The frames that are around: the scene changes little in that time."""
 
 SAME_RATE = 0.005
-"""Rates that differ by more, such as 29.97 and 30.5, are of two kinds; 29.97 and 30 differ by 0.1 %."""
+"""Rates that differ by more, such as 29.97 and 30.5, are of two kinds; 29.97 and 30 differ by 0.1
+%.
+"""
 
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Numbers of the frames that are pairs, left ones in rising order. notes: how that was decided."""
+    """Numbers of the frames that are pairs, left ones in rising order. notes: how that was
+    decided.
+    """
 
     left: tuple[int, ...]
     right: tuple[int, ...]
     notes: tuple[str, ...] = ()
 
 
-def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig | None = None) -> FrameChoice:
-    """Choose frames of two videos that were taken at nearly the same time; of these every nth, or by their overlap.
+def choose_frames(
+    left: Path, right: Path, config: InputConfig, rig: StereoRig | None = None
+) -> FrameChoice:
+    """Choose frames of two videos that were taken at nearly the same time; of these every nth, or
+    by their overlap.
 
-    Without any evidence for the offset of the two clocks, frames of the same number are paired, as from hardware-triggered cameras,
-    unless the frame rates differ.
+    Without any evidence for the offset of the two clocks, frames of the same number are paired, as
+    from hardware-triggered cameras, unless the frame rates differ.
     rig: if known, the vertical disparity of rectified pairs gives the offset most precisely.
-    Raises InputError where the evidence disagrees, or an offset was given by which the videos do not overlap; DeviceError.
+    Raises InputError where the evidence disagrees, or an offset was given by which the videos do
+    not overlap; DeviceError.
     """
     files = video_file(left), video_file(right)
     notes: tuple[str, ...] = ()
@@ -51,7 +66,13 @@ def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig |
                 raise
             notes = (f"frames of the same number are taken for pairs: {error}",)
         else:
-            return _chosen(found.pairs, found.signals, files, config, (f"{left.name} and {right.name}: {found.text}",))
+            return _chosen(
+                found.pairs,
+                found.signals,
+                files,
+                config,
+                (f"{left.name} and {right.name}: {found.text}",),
+            )
     if config.video_overlap is None and not config.video_skip_blurred:
         numbers = tuple(range(0, min(len(file.index.pts) for file in files), config.video_every))
         return FrameChoice(numbers, numbers, notes)
@@ -60,7 +81,9 @@ def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig |
     return _chosen(_equal(*signals), signals, files, config, notes)
 
 
-def _synchronized(left: Path, right: Path, offset_s: float | None, rig: StereoRig | None) -> VideoSync:
+def _synchronized(
+    left: Path, right: Path, offset_s: float | None, rig: StereoRig | None
+) -> VideoSync:
     if offset_s is None:
         return synchronize(left, right, rig)
     lag = Lag(offset_s, 0.0, 0.0, LIMITS.drift)
@@ -79,25 +102,36 @@ def _chosen(
     config: InputConfig,
     notes: tuple[str, ...],
 ) -> FrameChoice:
-    """Without blurred frames, if that is asked for; of the rest by overlap, or the first of every n."""
+    """Without blurred frames, if that is asked for; of the rest by overlap, or the first of every
+    n.
+    """
     if config.video_skip_blurred:
         sharp = ~(_blurred(signals[0])[pairs[:, 0]] | _blurred(signals[1])[pairs[:, 1]])
         notes = (*notes, f"{int((~sharp).sum())} of {len(pairs)} pairs are blurred and left out")
         pairs = pairs[sharp]
     pairs = pairs[np.unique(pairs[:, 1], return_index=True)[1]]  # a right frame once
     if config.video_overlap is not None:
-        pairs = pairs[_by_overlap(signals[0].place[pairs[:, 0]], signals[0].height, config.video_overlap)]
-        notes = (*notes, f"{counted(len(pairs), 'pair')}, overlap {config.video_overlap:.0%} from one to the next")
+        pairs = pairs[
+            _by_overlap(signals[0].place[pairs[:, 0]], signals[0].height, config.video_overlap)
+        ]
+        notes = (
+            *notes,
+            f"{counted(len(pairs), 'pair')}, overlap {config.video_overlap:.0%} from one to the "
+            "next",
+        )
     else:
         pairs = pairs[np.unique(pairs[:, 0] // config.video_every, return_index=True)[1]]
     numbers = [
-        file.index.numbers_at(side.times_s[column]) for file, side, column in zip(files, signals, pairs.T, strict=True)
+        file.index.numbers_at(side.times_s[column])
+        for file, side, column in zip(files, signals, pairs.T, strict=True)
     ]  # a frame that cannot be decoded has a number, but no signals
     return FrameChoice(tuple(numbers[0].tolist()), tuple(numbers[1].tolist()), notes)
 
 
 def _blurred(signals: VideoSignals) -> NDArray[np.bool_]:
-    """(n,) True for frames that are much less sharp, along x or y, than the frames around them usually are."""
+    """(n,) True for frames that are much less sharp, along x or y, than the frames around them
+    usually are.
+    """
     from scipy.ndimage import median_filter
 
     around = max(3, round(AROUND_S / signals.frame_s))
@@ -106,7 +140,9 @@ def _blurred(signals: VideoSignals) -> NDArray[np.bool_]:
 
 
 def _by_overlap(places: NDArray[np.float64], height: float, overlap: float) -> list[int]:
-    """The first, and each that shows no more than ``overlap`` of what the last one showed. places, height: image widths."""
+    """The first, and each that shows no more than ``overlap`` of what the last one showed. places,
+    height: image widths.
+    """
     chosen: list[int] = []
     for number, place in enumerate(places):
         if chosen:

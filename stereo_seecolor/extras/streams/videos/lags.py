@@ -14,15 +14,21 @@ Array = NDArray[np.float64]
 class LagLimits:
     """Decides what counts as evidence."""
 
-    step_s: float = 0.01  # of the grid of the first search: a third of a frame at 30 frames a second
+    step_s: float = (
+        0.01  # of the grid of the first search: a third of a frame at 30 frames a second
+    )
     overlap_s: float = 3.0  # shorter overlaps agree by chance
     overlap_fraction: float = 0.25  # of the shorter recording
-    correlation: float = 0.6  # of the best lag; of unrelated motion the best of all lags has 0.2 to 0.5
-    lead: float = 0.15  # the best lag's correlation less that of any other peak: a swell of one period repeats itself
-    drift: float = (
-        50e-6  # clocks of two cameras differ by some 10 ppm (quartz: at most 50); a drift known worse than this is not used
+    correlation: float = (
+        0.6  # of the best lag; of unrelated motion the best of all lags has 0.2 to 0.5
     )
-    rest_s: float = 0.25  # the fine search stays so near the coarse lag, whose steps are a hundredth of a second
+    # the best lag's correlation less that of any other peak: a swell of one period repeats itself
+    lead: float = 0.15
+    # clocks of two cameras differ by some 10 ppm (quartz: at most 50); a drift known worse than
+    # this is not used
+    drift: float = 50e-6
+    # the fine search stays so near the coarse lag, whose steps are a hundredth of a second
+    rest_s: float = 0.25
 
 
 LIMITS = LagLimits()
@@ -30,9 +36,11 @@ LIMITS = LagLimits()
 
 @dataclass(frozen=True)
 class Lag:
-    """An event at ``t`` on the first clock is at ``t + offset_s + drift (t - center_s)`` on the second.
+    """An event at ``t`` on the first clock is at ``t + offset_s + drift (t - center_s)`` on the
+    second.
 
-    std_s: standard error of offset_s, drift_std: of drift. center_s: where the two are independent. correlation: at the best lag.
+    std_s: standard error of offset_s, drift_std: of drift. center_s: where the two are independent.
+    correlation: at the best lag.
     """
 
     offset_s: float
@@ -47,10 +55,13 @@ class Lag:
         return np.asarray(times_s + self.offset_s + self.drift * (times_s - self.center_s))
 
 
-def coarse_lag(times: tuple[Array, Array], signals: tuple[Array, Array]) -> tuple[float, float] | None:
+def coarse_lag(
+    times: tuple[Array, Array], signals: tuple[Array, Array]
+) -> tuple[float, float] | None:
     """Find (offset_s, correlation) where two signals fit best; None where no lag stands out.
 
-    times: of either signal's samples, rising. signals: (n, k), the same k quantities. All lags are tried at which enough overlaps.
+    times: of either signal's samples, rising. signals: (n, k), the same k quantities. All lags are
+    tried at which enough overlaps.
     """
     step_s = LIMITS.step_s
     grids = [np.arange(t[0], t[-1], step_s) for t in times]
@@ -62,23 +73,31 @@ def coarse_lag(times: tuple[Array, Array], signals: tuple[Array, Array]) -> tupl
     ]
     lags, correlation = _correlations(*values)
     best = int(np.argmax(correlation))
-    if correlation[best] < LIMITS.correlation or correlation[best] - _runner_up(correlation, best) < LIMITS.lead:
+    if (
+        correlation[best] < LIMITS.correlation
+        or correlation[best] - _runner_up(correlation, best) < LIMITS.lead
+    ):
         return None
     return float(lags[best] * step_s + grids[1][0] - grids[0][0]), float(correlation[best])
 
 
-def fine_lag(times: tuple[Array, Array], signals: tuple[Array, Array], coarse: tuple[float, float]) -> Lag | None:
-    """Fit offset and drift that make the second signal agree with the first, by least squares from a coarse lag; None where it
-    fails.
+def fine_lag(
+    times: tuple[Array, Array], signals: tuple[Array, Array], coarse: tuple[float, float]
+) -> Lag | None:
+    """Fit offset and drift that make the second signal agree with the first, by least squares from
+    a coarse lag; None where it fails.
 
-    A gain and a constant of each quantity are free. The standard error counts neighboring residuals that are alike once.
+    A gain and a constant of each quantity are free. The standard error counts neighboring residuals
+    that are alike once.
     """
     from scipy.interpolate import CubicSpline
     from scipy.optimize import least_squares
 
     spline = CubicSpline(times[1], signals[1], extrapolate=False)
     margin_s = 0.5
-    inside = (times[0] + coarse[0] > times[1][0] + margin_s) & (times[0] + coarse[0] < times[1][-1] - margin_s)
+    inside = (times[0] + coarse[0] > times[1][0] + margin_s) & (
+        times[0] + coarse[0] < times[1][-1] - margin_s
+    )
     at, wanted = times[0][inside], signals[0][inside]
     if len(at) < 20:
         return None
@@ -101,11 +120,20 @@ def fine_lag(times: tuple[Array, Array], signals: tuple[Array, Array], coarse: t
     if abs(x_drift[2 * k]) * 1e-2 > LIMITS.rest_s:
         return None
     offset_s = coarse[0] + x_drift[2 * k] * 1e-2
-    return Lag(offset_s, error_drift[2 * k] * 1e-2, x_drift[-1] * 1e-4, error_drift[-1] * 1e-4, center_s, coarse[1])
+    return Lag(
+        offset_s,
+        error_drift[2 * k] * 1e-2,
+        x_drift[-1] * 1e-4,
+        error_drift[-1] * 1e-4,
+        center_s,
+        coarse[1],
+    )
 
 
 def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:
-    """The line through offsets measured at several times, without those far off it; None for fewer than three."""
+    """The line through offsets measured at several times, without those far off it; None for fewer
+    than three.
+    """
     keep = np.abs(offsets_s - np.median(offsets_s)) < max(5 * deviation(offsets_s), 2 * floor_s)
     if keep.sum() < 3:
         return None
@@ -118,12 +146,16 @@ def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:
         rest_s = np.sqrt(((offsets_s - A @ solution) ** 2).sum() / max(1, len(at) - columns))
         errors = np.hypot(rest_s, floor_s) * np.sqrt(np.diag(np.linalg.pinv(A.T @ A)))
         if columns == 2 and errors[1] <= LIMITS.drift and len(at) > 3:
-            return Lag(float(solution[0]), float(errors[0]), float(solution[1]), float(errors[1]), center_s)
+            return Lag(
+                float(solution[0]), float(errors[0]), float(solution[1]), float(errors[1]), center_s
+            )
     return Lag(float(solution[0]), float(errors[0]), 0.0, LIMITS.drift, center_s)
 
 
 def _correlations(first: Array, second: Array) -> tuple[Array, Array]:
-    """(lags in steps, correlation) of all lags with enough overlap: second[i + lag] against first[i]."""
+    """(lags in steps, correlation) of all lags with enough overlap: second[i + lag] against
+    first[i].
+    """
     n, m = len(first), len(second)
     size = 1 << (n + m - 1).bit_length()
 
@@ -132,13 +164,19 @@ def _correlations(first: Array, second: Array) -> tuple[Array, Array]:
         return np.asarray(np.fft.irfft(spectrum, size, axis=0).sum(axis=1))
 
     ones = [np.ones((len(x), first.shape[1])) for x in (first, second)]
-    product, energy_first, energy_second = cross(first, second), cross(first**2, ones[1]), cross(ones[0], second**2)
+    product, energy_first, energy_second = (
+        cross(first, second),
+        cross(first**2, ones[1]),
+        cross(ones[0], second**2),
+    )
     overlap = cross(ones[0][:, :1], ones[1][:, :1])
     lags = np.arange(size)
     lags = np.where(lags > m, lags - size, lags)
     least = max(LIMITS.overlap_s / LIMITS.step_s, LIMITS.overlap_fraction * min(n, m))
     good = overlap > least
-    correlation = np.where(good, product / np.sqrt(np.maximum(energy_first * energy_second, 1e-9)), -1.0)
+    correlation = np.where(
+        good, product / np.sqrt(np.maximum(energy_first * energy_second, 1e-9)), -1.0
+    )
     order = np.argsort(lags)
     return lags[order].astype(float), correlation[order]
 
@@ -154,10 +192,14 @@ def _runner_up(correlation: Array, best: int) -> float:
 
 
 def _standard_errors(jacobian: Array, residuals: Array, quantities: int) -> Array:
-    """Standard errors of a least-squares fit whose residuals, in time, are alike from one to the next."""
+    """Standard errors of a least-squares fit whose residuals, in time, are alike from one to the
+    next.
+    """
     rows = residuals.reshape(-1, quantities)
     rho = float(np.clip((rows[1:] * rows[:-1]).sum() / max((rows**2).sum(), 1e-12), 0.0, 0.95))
-    variance = (residuals**2).sum() / max(1, residuals.size - jacobian.shape[1]) * (1 + rho) / (1 - rho)
+    variance = (
+        (residuals**2).sum() / max(1, residuals.size - jacobian.shape[1]) * (1 + rho) / (1 - rho)
+    )
     covariance: Array = np.linalg.pinv(jacobian.T @ jacobian) * variance
     return np.asarray(np.sqrt(np.diag(covariance)))
 

@@ -1,4 +1,6 @@
-"""The motion and brightness of a video's picture from frame to frame: signals that two cameras on one rig share."""
+"""The motion and brightness of a video's picture from frame to frame: signals that two cameras on
+one rig share.
+"""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -30,7 +32,8 @@ class NoEvidence(InputError):
 class VideoSignals:
     """The signals of a video. times_s: (n,) of the frames. brightness: (n,) mean gray, 0..255.
 
-    motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second. sharpness: (n, 2) mean step
+    motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second.
+    sharpness: (n, 2) mean step
     from pixel to pixel along x and y, gray values. height: of the picture, in widths.
     """
 
@@ -59,11 +62,15 @@ class VideoSignals:
     @property
     def place(self) -> MotionArray:
         """The position to which the picture has moved at each frame: (n, 2) image widths."""
-        return np.vstack([np.zeros(2), np.cumsum(self.motion * np.diff(self.times_s)[:, None], axis=0)])
+        return np.vstack(
+            [np.zeros(2), np.cumsum(self.motion * np.diff(self.times_s)[:, None], axis=0)]
+        )
 
 
 def video_signals(path: Path) -> VideoSignals:
-    """Decode a video once. Raises NoEvidence if it holds fewer than three frames with times, InputError, DeviceError."""
+    """Decode a video once. Raises NoEvidence if it holds fewer than three frames with times,
+    InputError, DeviceError.
+    """
     times: list[float] = []
     brightness: list[float] = []
     shifts: list[tuple[float, float]] = []
@@ -83,12 +90,19 @@ def video_signals(path: Path) -> VideoSignals:
         sharpness.append(_sharpness(full))
         before = gray
     if len(times) < 3:
-        raise NoEvidence(f"{path}: holds {len(times)} frames with times: too few to compare with another video")
+        raise NoEvidence(
+            f"{path}: holds {len(times)} frames with times: too few to compare with another video"
+        )
     at = np.array(times)
     intervals = np.diff(at)
     motion = np.array(shifts) / intervals[:, None]
     return VideoSignals(
-        at, np.array(brightness), (at[:-1] + at[1:]) / 2, motion, np.array(sharpness), gray.shape[0] / gray.shape[1]
+        at,
+        np.array(brightness),
+        (at[:-1] + at[1:]) / 2,
+        motion,
+        np.array(sharpness),
+        gray.shape[0] / gray.shape[1],
     )
 
 
@@ -98,8 +112,13 @@ def _small(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _sharpness(gray: NDArray[np.uint8]) -> tuple[float, float]:
-    """Along x of every fourth row, along y of every fourth column: a blur that goes one way takes the steps of that way."""
-    rows, columns = gray[::4].astype(np.int16), np.ascontiguousarray(gray[:, ::4].T).astype(np.int16)
+    """Along x of every fourth row, along y of every fourth column: a blur that goes one way takes
+    the steps of that way.
+    """
+    rows, columns = (
+        gray[::4].astype(np.int16),
+        np.ascontiguousarray(gray[:, ::4].T).astype(np.int16),
+    )
     return float(np.abs(np.diff(rows)).mean()), float(np.abs(np.diff(columns)).mean())
 
 
@@ -116,9 +135,13 @@ class RowLagLimits:
     pairs: int = 24  # each takes 0.1 s; the standard error falls with their root
     least_pairs: int = 8
     least_matches: int = 20  # of a pair: its median is then good to some tenths of a pixel
-    speed: float = 0.004  # image widths a second, spread of the vertical speeds: a picture that only moves sideways tells nothing
+    # image widths a second, spread of the vertical speeds: a picture that only moves sideways tells
+    # nothing
+    speed: float = 0.004
     outlier_sigmas: float = 4.0
-    least_factor: float = 0.5  # of the speeds that the pictures' motion gives, which are good to a fifth; less is something else
+    # of the speeds that the pictures' motion gives, which are good to a fifth; less is something
+    # else
+    least_factor: float = 0.5
 
 
 LIMITS = RowLagLimits()
@@ -127,11 +150,16 @@ Pairs = np.ndarray[tuple[int, int], np.dtype[np.int64]]
 
 
 def row_lag(
-    videos: tuple[Path, Path], rig: StereoRig, signals: tuple[VideoSignals, VideoSignals], lag: Lag, pairs: Pairs
+    videos: tuple[Path, Path],
+    rig: StereoRig,
+    signals: tuple[VideoSignals, VideoSignals],
+    lag: Lag,
+    pairs: Pairs,
 ) -> Lag | None:
     """``lag`` corrected by the rows of some pairs; None where they tell nothing.
 
-    lag: known to about a frame. pairs: (n, 2) numbers of frames that are nearest by it. Raises InputError, DeviceError.
+    lag: known to about a frame. pairs: (n, 2) numbers of frames that are nearest by it. Raises
+    InputError, DeviceError.
     """
     from scipy.interpolate import CubicSpline
 
@@ -148,7 +176,9 @@ def row_lag(
     widths_px = rectification.pair.focal_px / rig.left.K[0, 0] * rig.left.image_size[0]
     misfits = _misfits(videos, rectification, times) / widths_px
     at, rest_s = times[0][: len(misfits)], (times[1] - lag.at(times[0]))[: len(misfits)]
-    height = CubicSpline(left.times_s, np.append(0.0, np.cumsum(left.motion[:, 1] * np.diff(left.times_s))))
+    height = CubicSpline(
+        left.times_s, np.append(0.0, np.cumsum(left.motion[:, 1] * np.diff(left.times_s)))
+    )
     found = _solved(height(at + rest_s) - height(at), height(at + rest_s, 1), misfits)
     if found is None:
         return None
@@ -162,17 +192,27 @@ def _fastest(speeds: Array) -> Array:
     return np.array([part[np.argmax(np.abs(speeds[part]))] for part in parts])
 
 
-def _with_both_neighbors(pairs: Pairs, lag: Lag, signals: tuple[VideoSignals, VideoSignals]) -> Pairs:
-    """Each left frame with the right ones before and after it: what a time between frames does to rows is then measured too."""
+def _with_both_neighbors(
+    pairs: Pairs, lag: Lag, signals: tuple[VideoSignals, VideoSignals]
+) -> Pairs:
+    """Each left frame with the right ones before and after it: what a time between frames does to
+    rows is then measured too.
+    """
     left, right = signals
     rest_s = right.times_s[pairs[:, 1]] - lag.at(left.times_s[pairs[:, 0]])
-    others = np.clip(pairs[:, 1] - np.sign(rest_s + 1e-12).astype(np.int64), 0, len(right.times_s) - 1)
+    others = np.clip(
+        pairs[:, 1] - np.sign(rest_s + 1e-12).astype(np.int64), 0, len(right.times_s) - 1
+    )
     both = np.stack([pairs, np.column_stack([pairs[:, 0], others])], axis=1)
     return np.asarray(np.sort(both, axis=1).reshape(-1, 2))
 
 
-def _misfits(videos: tuple[Path, Path], rectification: Rectification, times: tuple[Array, Array]) -> Array:
-    """Right less left row of each pair, pixels of the rectified image; NaN where too little matches."""
+def _misfits(
+    videos: tuple[Path, Path], rectification: Rectification, times: tuple[Array, Array]
+) -> Array:
+    """Right less left row of each pair, pixels of the rectified image; NaN where too little
+    matches.
+    """
     found = []
     sides = (_grays(path, at) for path, at in zip(videos, times, strict=True))
     for left, right in zip(*sides, strict=False):
@@ -193,10 +233,12 @@ def _grays(path: Path, times_s: Array) -> Iterator[NDArray[np.uint8]]:
 
 
 def _solved(moved: Array, speeds: Array, misfits: Array) -> tuple[float, float] | None:
-    """By how much the right clock is ahead of what was assumed, seconds, and its standard error; None where that is not determined.
+    """By how much the right clock is ahead of what was assumed, seconds, and its standard error;
+    None where that is not determined.
 
-    moved: what the picture moves down between the two moments of a pair by the assumed lag; speeds: how fast it does then. Both
-    may be wrong by one factor, which is solved for, as is the rig's own misfit.
+    moved: what the picture moves down between the two moments of a pair by the assumed lag; speeds:
+    how fast it does then. Both may be wrong by one factor, which is solved for, as is the rig's own
+    misfit.
     """
     A = np.column_stack([moved, -speeds, np.ones(len(speeds))])[: len(misfits)]
     known = np.isfinite(misfits)
@@ -213,6 +255,8 @@ def _solved(moved: Array, speeds: Array, misfits: Array) -> tuple[float, float] 
     factor, shift, _ = solution
     if not LIMITS.least_factor < factor < 1 / LIMITS.least_factor:
         return None
-    covariance = np.linalg.inv(A[known].T @ A[known]) * float((rest[known] ** 2).sum()) / (known.sum() - 3)
+    covariance = (
+        np.linalg.inv(A[known].T @ A[known]) * float((rest[known] ** 2).sum()) / (known.sum() - 3)
+    )
     gradient = np.array([-shift / factor**2, 1 / factor, 0.0])
     return float(shift / factor), float(np.sqrt(gradient @ covariance @ gradient))

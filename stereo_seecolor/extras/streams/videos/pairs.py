@@ -23,19 +23,33 @@ from stereo_seecolor.version import __version__
 
 
 def paired_anew(left: Path, right: Path, images: InputConfig) -> Pairing:
-    """The pairs of two videos, or of one that shows both sides, chosen now. Raises InputError, DeviceError."""
+    """The pairs of two videos, or of one that shows both sides, chosen now. Raises InputError,
+    DeviceError.
+    """
     videos = Videos(left, right, images.right_half_first)
     return videos.pairing(videos.choice(images))
 
 
-def video_pairing(left: Path, right: Path, calib: str | Path, folder: RunFolder, images: InputConfig) -> Pairing:
-    """The pairs of two videos, or of one that shows both sides. Raises InputError, DeviceError, OutputError."""
+def video_pairing(
+    left: Path, right: Path, calib: str | Path, folder: RunFolder, images: InputConfig
+) -> Pairing:
+    """The pairs of two videos, or of one that shows both sides. Raises InputError, DeviceError,
+    OutputError.
+    """
     videos = Videos(left, right, images.right_half_first)
     rig: StereoRig | None = None
     with suppress(CalibrationError):  # said when the frames are opened
         rig = load_rig(calib)
-    asked = (images.video_every, images.video_overlap, images.video_skip_blurred, images.video_offset_s)
-    key, file = content_key(__version__, videos.key, asked, native.to_bytes(rig) if rig else b""), video_pairs_file(folder.root)
+    asked = (
+        images.video_every,
+        images.video_overlap,
+        images.video_skip_blurred,
+        images.video_offset_s,
+    )
+    key, file = (
+        content_key(__version__, videos.key, asked, native.to_bytes(rig) if rig else b""),
+        video_pairs_file(folder.root),
+    )
     choice = _kept(file, key)
     if choice is None:
         choice = videos.choice(images, rig)
@@ -44,7 +58,9 @@ def video_pairing(left: Path, right: Path, calib: str | Path, folder: RunFolder,
 
 
 def _kept(file: Path, key: str) -> FrameChoice | None:
-    """The choice of an earlier run; None where it had other videos or settings, or there is none."""
+    """The choice of an earlier run; None where it had other videos or settings, or there is
+    none.
+    """
     try:
         content = load_object(file)
         if content.pop("key") == key:

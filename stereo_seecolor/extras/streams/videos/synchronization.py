@@ -1,5 +1,5 @@
-"""Synchronization of two videos without a wire between the cameras: offset and drift by sound, a flash, time codes, moving
-pictures.
+"""Synchronization of two videos without a wire between the cameras: offset and drift by sound, a
+flash, time codes, moving pictures.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +11,13 @@ import numpy as np
 from calibration import StereoRig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.lags import Array, Lag, coarse_lag, fine_lag
-from stereo_seecolor.extras.streams.videos.motion import NoEvidence, Pairs, VideoSignals, row_lag, video_signals
+from stereo_seecolor.extras.streams.videos.motion import (
+    NoEvidence,
+    Pairs,
+    VideoSignals,
+    row_lag,
+    video_signals,
+)
 from stereo_seecolor.extras.streams.videos.sound import sound_lag, time_code_lag
 from stereo_seecolor.inputs.video_file import sound
 from stereo_seecolor.robust_statistics import deviation
@@ -21,13 +27,18 @@ from stereo_seecolor.robust_statistics import deviation
 class SyncLimits:
     """Decides what is believed."""
 
-    flash_sigmas: float = 12.0  # a rise of brightness from one frame to the next, against the usual ones
+    flash_sigmas: float = (
+        12.0  # a rise of brightness from one frame to the next, against the usual ones
+    )
     flash_gray: float = 8.0  # and in gray values: less is a fish
-    still: float = 0.004  # image widths a second: the picture stands still, and what moves is noise (0.0005 on a static scene)
+    # image widths a second: the picture stands still, and what moves is noise (0.0005 on a static
+    # scene)
+    still: float = 0.004
     disagree_s: float = 0.02  # cameras record sound up to half a frame early or late
     sigmas: float = 3.0
     reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
-    false_disparity: float = 1e-3  # image widths that the picture moves between both frames of a pair: 2 px of 1920, 2% of a range
+    # image widths that the picture moves between both frames of a pair: 2 px of 1920, 2% of a range
+    false_disparity: float = 1e-3
     least_pairs: float = 0.1  # of the pairs must be within that
 
 
@@ -36,7 +47,9 @@ LIMITS = SyncLimits()
 
 @dataclass(frozen=True)
 class Evidence:
-    """The lag by one kind of evidence (``sound``, ``flash``, ``motion``, ``time code``, ``rows``)."""
+    """The lag by one kind of evidence (``sound``, ``flash``, ``motion``, ``time code``,
+    ``rows``).
+    """
 
     kind: str
     lag: Lag
@@ -46,9 +59,11 @@ class Evidence:
 class VideoSync:
     """The synchronization of two videos, by the most precise evidence; the others agree with it.
 
-    pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart they are after all, right less
-    left. false_disparity: (n,) what the picture moves in that time, image widths. left_out: pairs for which that is too much.
-    signals: of both videos. time_code: what time codes say that were not set alike, None where they are used or there are none.
+    pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart
+    they are after all, right less left. false_disparity: (n,) what the picture moves in that time,
+    image widths. left_out: pairs for which that is too much.
+    signals: of both videos. time_code: what time codes say that were not set alike, None where they
+    are used or there are none.
     """
 
     lag: Lag
@@ -65,9 +80,11 @@ class VideoSync:
         """One line for the user."""
         kinds = " and ".join(item.kind for item in self.evidence) or "what was given"
         return (
-            f"the right clock is {self.lag.offset_s:+.4f} s (standard error {1000 * self.lag.std_s:.1f} ms) and runs "
+            f"the right clock is {self.lag.offset_s:+.4f} s (standard error "
+            f"{1000 * self.lag.std_s:.1f} ms) and runs "
             f"{1e6 * self.lag.drift:+.0f} ppm against the left one, by {kinds}; paired frames are "
-            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart, in which the picture moves by "
+            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart, in which the picture "
+            "moves by "
             f"{100 * float(np.median(self.false_disparity)):.2f}% of its width{self._left_out_text}"
         )
 
@@ -75,17 +92,23 @@ class VideoSync:
     def _left_out_text(self) -> str:
         text = ""
         if self.left_out:
-            text = f"; {self.left_out} pairs in which it moves by more than {LIMITS.false_disparity:.1%} are left out"
+            text = (
+                f"; {self.left_out} pairs in which it moves by more than "
+                f"{LIMITS.false_disparity:.1%} are left out"
+            )
         if self.time_code:
-            text += f"; their time codes say {self.time_code.offset_s:+.3f} s, so they were not set alike, and are not used"
+            text += (
+                f"; their time codes say {self.time_code.offset_s:+.3f} s, so they were not "
+                "set alike, and are not used"
+            )
         return text
 
 
 def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     """Find offset and drift. rig: if known, rows of some pairs tell them most precisely.
 
-    Raises NoEvidence where nothing tells them; InputError where the evidence disagrees, or the picture moves too fast for the time
-    that frames are apart; DeviceError.
+    Raises NoEvidence where nothing tells them; InputError where the evidence disagrees, or the
+    picture moves too fast for the time that frames are apart; DeviceError.
     """
     signals = video_signals(left), video_signals(right)
     evidence = tuple(
@@ -102,24 +125,32 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
         evidence, code = (*evidence, Evidence("time code", code)), None
     if not evidence:
         raise NoEvidence(
-            f"{left} and {right}: nothing tells how their clocks run: no sound, flash or time code in common, and pictures move "
-            "too little, or in waves that repeat; clap or turn the rig next time, or set input.video_offset_s"
+            f"{left} and {right}: nothing tells how their clocks run: no sound, flash or time "
+            "code in common, and pictures move "
+            "too little, or in waves that repeat; clap or turn the rig next time, or set "
+            "input.video_offset_s"
         )
     best = min(evidence, key=lambda item: item.lag.std_s).lag
-    if rig is not None and (rows := row_lag((left, right), rig, signals, best, _nearest(signals, best)[0])):
+    if rig is not None and (
+        rows := row_lag((left, right), rig, signals, best, _nearest(signals, best)[0])
+    ):
         evidence = (*evidence, Evidence("rows", rows))
         best = rows if rows.std_s < best.std_s else best
     _refuse_disagreement(left, right, evidence)
     if best.std_s > min(item.frame_s for item in signals) / 2:
         raise InputError(
-            f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not to half a frame: set "
+            f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not "
+            "to half a frame: set "
             "input.video_offset_s"
         )
     return replace(paired(signals, best, evidence), time_code=code)
 
 
-def paired(signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple[Evidence, ...] = ()) -> VideoSync:
-    """The frames that are nearest by a lag; nothing is interpolated. Pairs that the picture's motion spoils are left out.
+def paired(
+    signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple[Evidence, ...] = ()
+) -> VideoSync:
+    """The frames that are nearest by a lag; nothing is interpolated. Pairs that the picture's
+    motion spoils are left out.
 
     evidence: that the lag was found from; where it was given, all pairs are taken.
     Raises InputError if the videos do not overlap, or motion spoils nearly all pairs.
@@ -130,11 +161,15 @@ def paired(signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple
     if good.mean() < LIMITS.least_pairs:
         usual, rest_ms = float(np.median(moved)), 1000 * float(np.sqrt(np.mean(rest_s**2)))
         raise InputError(
-            f"the two frames of a pair are {rest_ms:.1f} ms apart, in which the picture moves by {usual:.2%} of its width: "
-            f"{1920 * usual:.1f} px of false disparity at 1920 px; film at a higher rate or move more slowly, or set "
+            f"the two frames of a pair are {rest_ms:.1f} ms apart, in which the picture moves by "
+            f"{usual:.2%} of its width: "
+            f"{1920 * usual:.1f} px of false disparity at 1920 px; film at a higher rate or move "
+            "more slowly, or set "
             f"input.video_offset_s={lag.offset_s:.4f} to take them all the same"
         )
-    return VideoSync(lag, evidence, pairs[good], rest_s[good], moved[good], int((~good).sum()), signals)
+    return VideoSync(
+        lag, evidence, pairs[good], rest_s[good], moved[good], int((~good).sum()), signals
+    )
 
 
 def _nearest(signals: tuple[VideoSignals, VideoSignals], lag: Lag) -> tuple[Pairs, Array]:
@@ -142,16 +177,23 @@ def _nearest(signals: tuple[VideoSignals, VideoSignals], lag: Lag) -> tuple[Pair
     left, right = signals
     wanted_s = lag.at(left.times_s)
     after = np.clip(np.searchsorted(right.times_s, wanted_s), 1, len(right.times_s) - 1)
-    nearest = np.where(wanted_s - right.times_s[after - 1] < right.times_s[after] - wanted_s, after - 1, after)
+    nearest = np.where(
+        wanted_s - right.times_s[after - 1] < right.times_s[after] - wanted_s, after - 1, after
+    )
     rest_s = right.times_s[nearest] - wanted_s
     good = np.abs(rest_s) <= LIMITS.reach_frames * right.frame_s
     if not good.any():
-        raise InputError(f"the videos do not overlap: the right clock is {lag.offset_s:+.1f} s against the left one")
+        raise InputError(
+            f"the videos do not overlap: the right clock is {lag.offset_s:+.1f} s against the "
+            "left one"
+        )
     return np.column_stack([np.flatnonzero(good), nearest[good]]), rest_s[good]
 
 
 def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
-    """The lag by which both pictures move alike; None for a picture that stands still, or moves so that several lags fit."""
+    """The lag by which both pictures move alike; None for a picture that stands still, or moves so
+    that several lags fit.
+    """
     if min(_usual(left), _usual(right)) < LIMITS.still:
         return None
     times, motions = (left.motion_times_s, right.motion_times_s), (left.motion, right.motion)
@@ -160,11 +202,15 @@ def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
 
 
 def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
-    """The lag of the one sudden rise of brightness, to a part of a frame; None where there is none, or more than one."""
+    """The lag of the one sudden rise of brightness, to a part of a frame; None where there is none,
+    or more than one.
+    """
     times = [_flash(signals) for signals in (left, right)]
     if times[0] is None or times[1] is None:
         return None
-    std_s = float(np.hypot(left.frame_s, right.frame_s) / np.sqrt(12))  # it came at any time between two frames
+    std_s = float(
+        np.hypot(left.frame_s, right.frame_s) / np.sqrt(12)
+    )  # it came at any time between two frames
     return Lag(times[1] - times[0], std_s, 0.0, 50e-6, times[0])
 
 
@@ -183,8 +229,10 @@ def _refuse_disagreement(left: Path, right: Path, evidence: tuple[Evidence, ...]
     for a, b in combinations(evidence, 2):
         if not _agree(a.lag, b.lag):
             raise InputError(
-                f"{left} and {right}: {a.kind} says that the right clock is {a.lag.offset_s:+.3f} s against the left one, {b.kind} "
-                f"says {b.lag.offset_s:+.3f} s: are they of one dive? If so, set input.video_offset_s"
+                f"{left} and {right}: {a.kind} says that the right clock is {a.lag.offset_s:+.3f} "
+                f"s against the left one, {b.kind} "
+                f"says {b.lag.offset_s:+.3f} s: are they of one dive? If so, set "
+                "input.video_offset_s"
             )
 
 

@@ -1,4 +1,6 @@
-"""Videos as input: which of their frames are pairs. Frames are read from the video when needed, and never written to disk."""
+"""Videos as input: which of their frames are pairs. Frames are read from the video when needed, and
+never written to disk.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +17,9 @@ from stereo_seecolor.inputs.video_file import frame_path, recorded_at, video_fil
 
 @dataclass(frozen=True)
 class Videos:
-    """The videos of a dive: one for each side, or twice the same one that shows both. Raises InputError, DeviceError."""
+    """The videos of a dive: one for each side, or twice the same one that shows both. Raises
+    InputError, DeviceError.
+    """
 
     left: Path
     right: Path
@@ -23,25 +27,41 @@ class Videos:
 
     @property
     def key(self) -> str:
-        """Hash by which these videos are known again: of their sizes, and the times of their frames."""
-        return content_key(*((video_file(path).index.pts.tolist(), path.stat().st_size) for path in (self.left, self.right)))
+        """Hash by which these videos are known again: of their sizes, and the times of their
+        frames.
+        """
+        return content_key(
+            *(
+                (video_file(path).index.pts.tolist(), path.stat().st_size)
+                for path in (self.left, self.right)
+            )
+        )
 
     def choice(self, config: InputConfig, rig: StereoRig | None = None) -> FrameChoice:
         """The frames that make the dive: see ``choose_frames``."""
         return choose_frames(self.left, self.right, config, rig)
 
     def pairing(self, choice: FrameChoice) -> Pairing:
-        """Make pairs of the chosen frames, named after the number of the left one. Times are those of the left video."""
+        """Make pairs of the chosen frames, named after the number of the left one. Times are those
+        of the left video.
+        """
         halves = SIDES[::-1] if self.right_half_first else SIDES
         sides = halves if self.left == self.right else ("", "")
         times_s = video_file(self.left).index.times_s + (recorded_at(self.left) or 0.0)
         pairs = [
             Pair(
-                f"{left:06d}", frame_path(self.left, left, sides[0]), frame_path(self.right, right, sides[1]), float(times_s[left])
+                f"{left:06d}",
+                frame_path(self.left, left, sides[0]),
+                frame_path(self.right, right, sides[1]),
+                float(times_s[left]),
             )
             for left, right in zip(choice.left, choice.right, strict=True)
         ]
         if not pairs:
             raise InputError(f"{self.left} and {self.right}: no frames of them are pairs")
-        notes = (note for path in dict.fromkeys((self.left, self.right)) for note in video_file(path).notes)
+        notes = (
+            note
+            for path in dict.fromkeys((self.left, self.right))
+            for note in video_file(path).notes
+        )
         return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes))
