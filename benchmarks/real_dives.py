@@ -324,7 +324,7 @@ numbers only. Track and poses are compared with the survey's own SLAM of the sam
 Processor time is what compares with other machines: where others worked on the same cores, elapsed time is theirs too.
 """  # noqa: E501
 END = """That wrong axes, units, norths and clocks, and poses on wrong frames, are named on this dive, and the published poses not
-accused, is tested by `tests/test_real_navigation.py`.
+accused, is tested by `tests/mapping/test_real_navigation.py`.
 """  # noqa: E501
 
 

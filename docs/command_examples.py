@@ -1,5 +1,5 @@
 """The examples of docs/commands.md, in the order of the page. They run in the folder of a dive;
-tests/test_docs.py runs them.
+tests/docs/test_docs.py runs them.
 """
 
 EXAMPLES: dict[str, tuple[str, ...]] = {

@@ -1,0 +1,153 @@
+"""Errors of a calibration that rows do not show: an offset of all disparities, and a focal length,
+by motion between pairs.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import Rectification, RectifiedPair
+from calibration.field_checks.motion import Motion, SeenTwice, find_motion, motion_of
+from calibration.formats import load_rig, write_rig
+from stereo_seecolor.commands.calibrate import check
+from stereo_seecolor.commands.dive_rig import neighbors, pairs_of
+from stereo_seecolor.commands.pre_checks import first_notes
+from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.pipeline import Pipeline
+
+REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
+GEOMETRY = RectifiedPair(600.0, 319.5, 319.5, 239.5, 0.1, (640, 480))
+
+
+def dive(
+    offset_px: float = 0.0, focal: float = 1.0, turn_rad: float = 0.1, couples: int = 5
+) -> list[SeenTwice]:
+    """Couples of views of a rough bottom 1 to 3 m away, as a calibration sees them.
+
+    Its disparities are too short by offset_px, and its focal length, GEOMETRY's, is the true one
+    over ``focal``.
+    """
+    rng, seen = np.random.default_rng(7), []
+    for _ in range(couples):
+        depth_m = rng.uniform(1, 3, 300)
+        points = (
+            np.column_stack([rng.uniform(-0.5, 0.5, (300, 2)), np.ones(300)]) * depth_m[:, None]
+        )
+        R = cv2.Rodrigues(rng.normal(0, turn_rad, 3))[0]
+        after = points @ R.T + rng.normal(0, 0.2, 3) * [1, 1, 0.5]
+        sides = []
+        for side in (points, after):
+            x, y, z = side.T
+            true = (
+                np.column_stack([x / z, y / z, GEOMETRY.baseline_m / z]) * GEOMETRY.focal_px * focal
+            )
+            sides.append(true - [0, 0, offset_px] + rng.normal(0, 0.1, true.shape))
+        sides[1][::8, :2] += rng.normal(0, 40, sides[1][::8, :2].shape)  # mismatched
+        seen.append(SeenTwice(*sides))
+    return seen
+
+
+@pytest.mark.parametrize("offset_px", [-6.0, 0.0, 6.0])
+def test_an_offset_of_all_disparities_is_measured(offset_px: float) -> None:
+    found = motion_of(dive(offset_px), GEOMETRY)
+    assert found.offset_px == pytest.approx(offset_px, abs=0.3)
+    assert found.range_error == pytest.approx(
+        offset_px / (30 - offset_px), abs=0.02
+    )  # the true median disparity is 30 px
+    assert found.is_found == (offset_px != 0)
+    assert found.is_known
+
+
+@pytest.mark.parametrize("focal", [0.9, 1.0, 1.1])
+def test_a_focal_length_wrong_on_both_sides_shows_where_the_camera_turns(focal: float) -> None:
+    found = motion_of(dive(focal=focal), GEOMETRY)
+    assert found.focal == pytest.approx(focal - 1, abs=0.01)
+    assert found.range_error == pytest.approx(1 / focal - 1, abs=0.02)
+    assert found.is_found == (focal != 1)
+
+
+def test_a_focal_length_is_said_to_be_unseen_where_the_camera_hardly_turns() -> None:
+    found = motion_of(
+        [SeenTwice(couple.first[:40], couple.second[:40]) for couple in dive(turn_rad=0.0)],
+        GEOMETRY,
+    )
+    assert (
+        np.isnan(found.focal)
+        and "focal length that is wrong in both cameras alike is not seen" in found.line
+    )
+    assert not found.is_found
+
+
+def test_without_couples_it_is_said_what_is_not_seen_and_how_much_a_pixel_is() -> None:
+    found = motion_of(dive(6.0, couples=2), GEOMETRY)
+    assert not found.is_found and not found.is_known
+    assert (
+        "a pixel changes ranges by 1.7% for each meter of range" in found.line
+        and "a known length" in found.line
+    )
+    assert Motion().is_known is False
+
+
+def test_few_mismatches_do_not_make_an_offset() -> None:
+    couples = dive()
+    for couple in couples:
+        couple.second[::4, 2] *= 1.5
+    assert not motion_of(couples, GEOMETRY).is_found
+
+
+def test_points_without_motion_or_on_a_line_tell_nothing() -> None:
+    still = [SeenTwice(couple.first, couple.first) for couple in dive()]
+    line = [
+        SeenTwice(couple.first * [1, 0, 0] + [0, 0, 20], couple.second * [1, 0, 0] + [0, 0, 20])
+        for couple in dive()
+    ]
+    for couples in (still, line):
+        assert not motion_of(couples, GEOMETRY).is_found
+
+
+def test_images_without_texture_tell_nothing() -> None:
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    flat = np.full(rectification.raw_size[::-1], 90, np.uint8)
+    assert find_motion(rectification, [[(flat, flat), (flat, flat)]] * 3).couples == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shift_px", [0.0, 6.0, -8.0])
+def test_left_images_cut_out_off_center_are_named_by_run_and_check(
+    shift_px: float, tmp_path: Path
+) -> None:
+    """Rows agree to a quarter of a pixel, or nearly: the ranges are off by -23 and +65 %."""
+    rig = load_rig(REEF / "cam.yaml")
+    K = rig.left.K.copy()
+    K[0, 2] -= shift_px
+    rig = replace(rig, left=replace(rig.left, K=K))
+    pairs = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
+    notes = first_notes(Pipeline(rig, RunConfig()), pairs)
+    assert any(
+        "neighboring pairs fit each other only with disparities" in note for note in notes
+    ) == bool(shift_px)
+    if shift_px == 6.0:
+        write_rig(rig, tmp_path / "shifted.yaml")
+        found = check(REEF / "left", REEF / "right", str(tmp_path / "shifted.yaml"), most_pairs=3)
+        assert found.rows.motion.offset_px == pytest.approx(
+            -6.17, abs=2 * found.rows.motion.offset_std_px
+        )
+        assert found.rows.motion.range_error == pytest.approx(
+            -0.23, abs=2 * found.rows.motion.range_std
+        )
+        assert not found.acceptable
+
+
+@pytest.mark.slow
+def test_couples_follow_a_pair_until_the_camera_has_moved() -> None:
+    pairs = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
+    starts = list(neighbors(pairs, InputConfig()))
+    assert len(starts) == 5
+    assert len(list(starts[0])) == 5  # the pair, and those 1, 2, 4 and 8 pairs later of twelve
+    assert (
+        Rectification.from_rig(load_rig(REEF / "cam.yaml")).pair.image_size
+        == next(iter(starts[1]))[0].shape[1::-1]
+    )

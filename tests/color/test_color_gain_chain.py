@@ -1,0 +1,328 @@
+"""Gains of all frames of a long dive: what the frames differ by comes back, also outside the part
+that gives the pattern.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration import Rectification
+from calibration.formats import load_rig
+from stereo_seecolor.color.photometry.exposure import (
+    explain,
+    log_exposures,
+    offsets_about,
+    solve_recorded,
+    worth_a_look,
+)
+from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
+from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.survey_light import SurveyLight
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.compute.threads import Threads
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.dive import light_search
+from stereo_seecolor.dive.light_search import LightSearch, SampleSettings
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.records import Capture, Image, Map
+
+REEF = Path(__file__).parents[2] / "data_samples" / "reef"
+FRAMES = 400
+ALL = Use(pattern=True, ranged=True, gains=True)
+RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+HALF = light_search.reduced(RECTIFICATION.pair, every=2)
+
+
+def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> Differences:
+    """What frames one, two and four apart differ by: (F,) gains of luminance, none of color."""
+    rng, found = np.random.default_rng(1), []
+    for i in range(FRAMES):
+        for j in (i - 1, i - 2, i - 4):
+            if j >= 0:
+                whole, fitted, judged = (
+                    gains[i] - gains[j] + rng.normal(0, noise) for _ in range(3)
+                )
+                medians = [(value, 0.0, 0.0, 0.0) for value in (whole, fitted, judged)]
+                found.append((i, j, 400, *medians, 4 * (0.3,)))
+    table = np.array(found, DIFFERENCE)
+    table["whole"][rng.choice(len(found), wrong, replace=False), 0] += 1.0
+    return table
+
+
+def varying() -> NDArray[np.float64]:
+    gains = 0.2 * np.random.default_rng(2).standard_normal(FRAMES)
+    return np.asarray(gains - gains.mean())
+
+
+def test_gains_of_all_frames_come_back() -> None:
+    gains = varying()
+    chain = solve_chain(chained(gains, 0.02, wrong=20), np.zeros(FRAMES))
+    assert np.abs(chain.gains - gains[:, None]).max() < 0.12
+    assert np.abs(chain.gains - gains[:, None]).std() < 0.04
+    assert chain.measured.all()
+    assert chain.offsets[1] < 0.2 * chain.offsets[0]
+
+
+def test_frames_that_nothing_was_held_against_have_no_gain() -> None:
+    gains = varying()
+    found = chained(gains, 0.02)
+    cut = [100, 101, 102, 103, 104]
+    chain = solve_chain(
+        found[~np.isin(found["i"], cut) & ~np.isin(found["j"], cut)], np.zeros(FRAMES)
+    )
+    assert list(np.flatnonzero(~chain.measured)) == [100, 101, 102, 103, 104]
+    assert np.abs(chain.gains[~chain.measured]).max() < 0.02
+    assert np.abs(chain.gains - gains[:, None])[chain.measured].std() < 0.05
+
+
+@pytest.mark.parametrize("found", [chained(np.zeros(FRAMES), 0.02), np.zeros(0, DIFFERENCE)])
+def test_noise_is_no_gain(found: Differences) -> None:
+    assert not solve_chain(found, np.zeros(FRAMES)).gains.any()
+
+
+def test_gains_that_were_chosen_with_the_pattern_are_used() -> None:
+    gains = 0.05 * varying()  # offsets too small to be worth it by themselves
+    found = chained(gains, 0.002)
+    assert not solve_chain(found, np.zeros(FRAMES)).gains.any()
+    np.testing.assert_allclose(
+        solve_chain(found, np.zeros(FRAMES), (True, False)).gains,
+        np.repeat(gains[:, None], 3, axis=1),
+        atol=0.02,
+    )
+
+
+@dataclass(frozen=True)
+class DrawnDive:
+    """The sample dive at half its size, its frames darkened by (12,) log_gains."""
+
+    log_gains: NDArray[np.float64]
+
+    @property
+    def names(self) -> list[str]:
+        return sorted(path.stem for path in (REEF / "left").iterdir())
+
+    def read(self, name: str) -> tuple[Image, Map]:
+        factor = np.exp(self.log_gains[self.names.index(name)])
+        light = (
+            decode_srgb(
+                RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0
+            )[::2, ::2]
+            * factor
+        )
+        range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")[::2, ::2]
+        return np.round(255 * encode_srgb(light)).astype(np.uint8), np.ascontiguousarray(range_m)
+
+    def light(
+        self, recorded: NDArray[np.float64], blank: tuple[int, ...] = ()
+    ) -> SurveyLight | None:
+        """What is found where the camera recorded exposures of the logarithms ``recorded``;
+        ``blank`` frames have no ranges.
+        """
+        captures = [Capture(exposure_s=0.01 * np.exp(value), gain=2.0) for value in recorded]
+        frames = [
+            (name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)
+        ]
+        return (
+            LightSearch(frames, lambda read: read(), captures, HALF, "srgb", Threads(2))
+            .solve(ALL)
+            .light
+        )
+
+    def _seen(self, name: str, blank: bool) -> tuple[Image, Map]:
+        image, range_m = self.read(name)
+        return image, np.full_like(range_m, np.nan) if blank else range_m
+
+
+def log_gains_of(dive: DrawnDive, found: SurveyLight | None) -> NDArray[np.float64]:
+    """Of the frames, of mean 0; NaN for frames without."""
+    assert found is not None
+    assert found.light is not None
+    gains = [found.light.gains.get(name, np.full(3, np.nan)).mean() for name in dive.names]
+    return np.asarray(gains - np.nanmean(gains))
+
+
+def exposures() -> NDArray[np.float64]:
+    drawn = np.random.default_rng(5).uniform(-1.4, 0.0, 12)
+    return np.asarray(drawn - drawn.max())
+
+
+@pytest.mark.slow
+def test_recorded_exposures_give_the_gains_also_of_frames_without_overlap() -> None:
+    true = exposures()
+    dive = DrawnDive(true)
+    found = dive.light(true, blank=(4,))
+    assert found is not None
+    assert found.recorded
+    assert "the exposures that the camera recorded are used" in found.note
+    np.testing.assert_allclose(log_gains_of(dive, found), true - true.mean(), atol=0.06)
+    assert found.offsets is not None
+    assert found.offsets[1] < 0.1 * found.offsets[0]
+
+
+@pytest.mark.slow
+def test_two_frames_are_enough_for_gains() -> None:
+    true = np.array([0.0, -0.5])
+    dive = DrawnDive(true)
+    frames = [(name, partial(dive.read, name)) for name in dive.names[:2]]
+    found = (
+        LightSearch(frames, lambda read: read(), [Capture()] * 2, HALF, "srgb", Threads(2))
+        .solve(ALL)
+        .light
+    )
+    assert found is not None
+    assert found.light is not None
+    gains = np.array([found.light.gains[name].mean() for name in dive.names[:2]])
+    np.testing.assert_allclose(gains, true - true.mean(), atol=0.04)
+    assert "different exposure of frames" in found.note
+
+
+@pytest.mark.slow
+def test_exposures_that_are_recorded_wrongly_change_nothing() -> None:
+    true = exposures()
+    dive = DrawnDive(true)
+    wrong = np.random.default_rng(6).permutation(true)
+    found, alone = dive.light(wrong), dive.light(np.zeros(12))
+    assert found is not None
+    assert alone is not None
+    assert not found.recorded
+    assert found.content() == alone.content()
+    assert re.search(
+        r"the camera recorded are not used: frames of one spot differ by \d+ % with them, \d+ % "
+        r"without$",
+        found.note,
+    )
+    assert "recorded" not in alone.note
+
+
+@pytest.mark.slow
+def test_one_frame_whose_exposure_is_recorded_wrongly_is_corrected_by_its_neighbors() -> None:
+    true = exposures()
+    dive = DrawnDive(true)
+    wrong = true.copy()
+    wrong[6] += 0.7
+    found = dive.light(wrong)
+    assert found is not None
+    assert found.recorded
+    np.testing.assert_allclose(log_gains_of(dive, found), true - true.mean(), atol=0.15)
+
+
+@pytest.mark.slow
+def test_a_run_uses_the_exposures_of_its_table(tmp_path: Path) -> None:
+    true = exposures()
+    names = DrawnDive(true).names
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for name, log_gain in zip(names, true, strict=True):
+            light = decode_srgb(read_image(REEF / side / f"{name}.png") / 255.0) * np.exp(log_gain)
+            image = np.round(255 * encode_srgb(light)).astype(np.uint8)
+            (tmp_path / side / f"{name}.png").write_bytes(encode_image(image, "png"))
+    rows = [f"{name},{10 * np.exp(value):.6f}" for name, value in zip(names, true, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["name,exposure_ms", *rows]))
+    config = load_config(None, [f"input.exposures={tmp_path / 'log.csv'}"])
+    summary = run(
+        tmp_path / "left",
+        tmp_path / "right",
+        REEF / "cam.yaml",
+        tmp_path / "out",
+        config,
+        RunOptions(page="none"),
+    )
+    assert any("exposures that the camera recorded are used" in note for note in summary.notes)
+    gains = [row.facts["light_gain"] for row in summary.rows]
+    np.testing.assert_allclose(np.log(gains), true - true.mean(), atol=0.01)
+
+
+def test_records_behind_a_strobe_change_nothing() -> None:
+    """The flash is shorter than any exposure time: frames are alike whatever is recorded."""
+    recorded = varying()
+    assert not explain(offsets_about(chained(np.zeros(FRAMES), 0.02), recorded))
+    assert explain(offsets_about(chained(recorded, 0.02), recorded))
+    assert not explain(offsets_about(np.zeros(0, DIFFERENCE), recorded))
+
+
+def test_gains_are_solved_about_the_records() -> None:
+    """The records hold but for one frame, and one shows nothing that others show."""
+    recorded = varying()
+    gains = recorded.copy()
+    gains[200] += 0.8
+    found = chained(gains, 0.02)
+    chain = solve_recorded(found[(found["i"] != 100) & (found["j"] != 100)], recorded, (None, None))
+    np.testing.assert_allclose(chain.gains[100], recorded[100], atol=0.02)
+    assert np.abs(chain.gains - gains[:, None]).max() < 0.12
+    assert chain.measured.all()
+    assert chain.offsets[1] < 0.2 * chain.offsets[0]
+
+
+def test_logarithms_of_recorded_exposures() -> None:
+    captures = [
+        Capture(0.01, 1.0, 4.0),
+        Capture(0.02, 1.0, 4.0),
+        Capture(0.01, 4.0, 4.0),
+        Capture(0.01, 1.0, 8.0),
+    ]
+    logs = log_exposures(captures)
+    np.testing.assert_allclose(logs - logs[0], np.log([1, 2, 4, 0.25]))
+    some = log_exposures([*captures, Capture(gain=1.0, aperture=4.0), Capture()])
+    np.testing.assert_allclose(
+        some, [*logs, 0, 0], err_msg="frames that lack what others recorded are taken as usual ones"
+    )
+    assert not worth_a_look(log_exposures([Capture()] * 3))
+    assert not worth_a_look(log_exposures([Capture(0.01)] * 3))
+    assert worth_a_look(logs)
+
+
+@pytest.mark.slow
+def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sample dive, its frames exposed by known factors; two stretches of five of its twelve
+    frames are looked at first.
+    """
+    monkeypatch.setattr(light_search, "SAMPLE", SampleSettings(most_frames=10))
+    names = sorted(path.stem for path in (REEF / "left").iterdir())
+    gains = dict(zip(names, np.random.default_rng(3).uniform(-0.4, 0.0, len(names)), strict=True))
+
+    def read(name: str) -> tuple[Image, Map]:
+        light = decode_srgb(
+            RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0
+        ) * np.exp(gains[name])
+        image = np.round(255 * encode_srgb(light)).astype(np.uint8)
+        return image, read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
+
+    frames = [(name, name) for name in names]
+    found = LightSearch(
+        frames, read, [Capture()] * len(frames), RECTIFICATION.pair, "srgb", Threads(2)
+    ).solve(ALL)
+    assert found.light is not None
+    assert found.light.light is not None
+    assert "different exposure of frames" in found.light.note
+    true = np.array([gains[name] for name in names])
+    measured = np.array([found.light.light.gains[name].mean() for name in names])
+    assert np.abs(measured - (true - true.mean())).max() < 0.08
+    assert tuple(found.linked) == tuple(names[1:])
+
+
+@pytest.mark.parametrize("parts", [1, 2, 50])
+@pytest.mark.parametrize("numbers", [range(12), range(200), light_search.sampled_frames(500)])
+def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(
+    numbers: Sequence[int], parts: int
+) -> None:
+    length = light_search.STRETCH.length(len(numbers), parts)
+    stretches = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))
+    assert min(parts, len(numbers) // 15) <= len(stretches) <= max(parts, len(numbers) // 15)
+    assert [
+        number for stretch in stretches for number, _ in stretch.frames[stretch.before :]
+    ] == list(numbers)
+    for stretch in stretches:
+        inside = [number for number, _ in stretch.frames]
+        for number in inside[stretch.before :]:
+            assert {number - back for back in light_search.LOOK.back} & set(numbers) <= set(inside)

@@ -1,0 +1,110 @@
+"""What ``run`` says of a calibration before it starts: the same as ``check``."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import StereoRig
+from calibration.formats import load_rig
+from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.pre_checks import first_notes
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.pipeline import Pipeline
+
+REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
+
+
+def lowered(rig: StereoRig, by_px: float) -> StereoRig:
+    """The rig with the right camera's center lower than it is."""
+    K = rig.right.K.copy()
+    K[1, 2] += by_px
+    return replace(rig, right=replace(rig.right, K=K))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("by_px", "said"), [(0.0, False), (0.35, True)])
+def test_a_run_names_rows_that_check_would_not_accept(by_px: float, said: bool) -> None:
+    pairs = pairs_of(REEF / "left", REEF / "right", RunConfig().input).pairs
+    notes = first_notes(Pipeline(lowered(load_rig(REEF / "cam.yaml"), by_px), RunConfig()), pairs)
+    assert (
+        any("a vertical disparity of 0.3" in note and "run --refine" in note for note in notes)
+        == said
+    )
+    assert bool(notes) == said
+
+
+@pytest.mark.slow
+def test_a_run_refuses_rectified_images_with_the_raw_calibration(cli, tmp_path: Path) -> None:
+    """Ranges would be wrong by a third, and the rows can be refined until they agree."""
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for image in sorted((REEF / side).iterdir())[:3]:
+            (tmp_path / side / image.name).symlink_to(image)
+    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")]
+    assert cli("rectify", *words, "--calib", REEF / "cam.yaml", "--out", tmp_path / "flat")[0] == 0
+    sides = [f"--{side}={tmp_path / 'flat' / f'rectified_{side}'}" for side in ("left", "right")]
+    for more in ((), ("--refine",)):
+        code, _, said = cli(
+            "run", *sides, "--calib", REEF / "cam.yaml", "--out", tmp_path / "out", *more
+        )
+        assert code == 1
+        assert "the images are rectified already" in said.splitlines()[-1]
+    code, printed, _ = cli(
+        "inspect",
+        tmp_path / "flat" / "rectified_left",
+        tmp_path / "flat" / "rectified_right",
+        REEF / "cam.yaml",
+    )
+    assert code == 3
+    assert (
+        "the images are rectified already" in printed
+        and "--calib CALIBRATION" in printed
+        and "flat_port" not in printed
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", [None, 80])
+def test_one_cameras_pictures_on_both_sides_are_refused(
+    quality: int | None, cli, tmp_path: Path
+) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+    for image in sorted((REEF / "left").iterdir())[:3]:
+        pixels = cv2.imread(str(image))
+        cv2.imwrite(str(tmp_path / "left" / image.name), pixels)
+        again = (
+            pixels
+            if quality is None
+            else cv2.imdecode(
+                cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 1
+            )
+        )
+        cv2.imwrite(str(tmp_path / "right" / image.name), again)
+    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [
+        "--calib",
+        str(REEF / "cam.yaml"),
+    ]
+    for command, expected in (
+        (["run", *words, "--out", str(tmp_path / "out")], 1),
+        (["check", *words], 3),
+    ):
+        code, printed, said = cli(*command)
+        assert code == expected
+        assert "both sides show one camera's picture" in printed + said
+    assert cli("inspect", tmp_path / "left", tmp_path / "right", REEF / "cam.yaml")[0] == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("brightness", [1.0, 0.12])
+def test_an_unrelated_pair_is_no_pair_for_inspect(brightness: float, cli, tmp_path: Path) -> None:
+    for side, number in (("left", 0), ("right", 8)):
+        (tmp_path / side).mkdir()
+        pixels = cv2.imread(str(sorted((REEF / side).iterdir())[number])) * brightness
+        cv2.imwrite(str(tmp_path / side / "0001.png"), pixels.astype(np.uint8))
+    code, printed, _ = cli("inspect", tmp_path / "left", tmp_path / "right", REEF / "cam.yaml")
+    assert code == 3
+    assert "no sample pair shows one scene" in printed

@@ -1,0 +1,224 @@
+"""What the documentation tells people to type does what it says, and the generated pages are those
+of this program.
+"""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from calibration_boards import photograph_board
+
+from stereo_seecolor.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.glob("*.md"), *(DOCS / "lab").glob("*.md")])
+DIVE = Path("data_samples/reef")
+FRAMES = range(4, 8)
+"""The frames of the sample dive where its two lines overlap: enough for everything, and half the
+time.
+"""
+
+AIR = "air.yaml"
+FINISHED = (0, None)
+SHOWN_ONLY = ("view", "bag-info", "measure", "campaign", "sync", "markers")
+"""Commands that open a window, or need files that a user has: only their help is asked for."""
+
+ONLY_PRINT = ("evaluate", "inspect", "check", "doctor")
+"""Commands that write nothing (but ``check --refine``), of the shorter dive always the same."""
+
+MOST_BYTES = 200_000
+
+
+def blocks(path: Path) -> list[tuple[str, str]]:
+    """(language, content) of every code block of a page."""
+    return re.findall(
+        r"^```(\w+)\n(.*?)^```", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
+
+
+def runnable(path: Path) -> list[tuple[str, str]]:
+    return [
+        (language, content) for language, content in blocks(path) if language in ("sh", "python")
+    ]
+
+
+def short_dive(root: Path) -> None:
+    """A folder that looks like a checkout, with a shorter sample dive in it."""
+    for folder in ("left", "right", "truth/range", "truth/color", "truth/visible"):
+        target = root / DIVE / folder
+        target.mkdir(parents=True)
+        for path in sorted((ROOT / DIVE / folder).iterdir())[FRAMES.start : FRAMES.stop]:
+            shutil.copy(path, target)
+    for file in ("cam.yaml", "trajectory.tum", "truth/water.json", "truth/surface.npz"):
+        shutil.copy(ROOT / DIVE / file, root / DIVE / file)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A short checkout, the working folder."""
+    short_dive(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+class Shell:
+    """Runs the lines of shell blocks, and keeps what they made of the shorter dive.
+
+    Pages repeat each other's lines: what was typed before, into a folder that was not there, is
+    copied instead of made again, and what only prints is not printed again. Any other ``run`` goes
+    on from the run with the defaults, so that only what its settings change is done.
+    """
+
+    FIRST = "stereo-seecolor run --left left --right right --calib cam.yaml --out out"
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._made: dict[str, Path] = {}
+        self._printed: set[str] = set()
+        short_dive(folder)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder / DIVE)
+            self.run(self.FIRST, patch)
+
+    def run(self, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Run one line: a change of the folder, or the program."""
+        words = shlex.split(line, comments=True)
+        if words[0] == "cd":
+            monkeypatch.chdir(words[1])
+            return
+        assert words[0] == "stereo-seecolor", (
+            f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
+        )
+        line = shlex.join(words)
+        out = (
+            Path(words[words.index("--out") + 1])
+            if "--left left" in line and "--out" in line
+            else None
+        )
+        if line in self._printed:
+            missing = [
+                word for word in words[2:] if not word.startswith("-") and not Path(word).exists()
+            ]
+            assert not missing, line
+            return
+        if words[1] in ONLY_PRINT and "--refine" not in words:
+            self._printed.add(line)
+        if out is None or out.exists() or "board" in line:
+            _program(words, monkeypatch)
+        elif line in self._made:
+            shutil.copytree(self._made[line], out)
+        else:
+            if words[1] == "run" and "--shard" not in words and self._made:
+                shutil.copytree(self._made[self.FIRST], out)
+            _program(words, monkeypatch)
+            self._made[line] = Path(shutil.copytree(out, self._folder / f"made_{len(self._made)}"))
+
+
+def _program(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", [*words[:2], "--help"] if words[1] in SHOWN_ONLY else words)
+    with pytest.raises(SystemExit) as end:
+        main()
+    expected = (
+        (3,) if AIR in words else FINISHED
+    )  # the sample dive was drawn without windows, and check says so
+    assert end.value.code in expected, shlex.join(words)
+
+
+@pytest.fixture(scope="module")
+def shell(tmp_path_factory: pytest.TempPathFactory) -> Shell:
+    return Shell(tmp_path_factory.mktemp("shell"))
+
+
+def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shell: Shell) -> None:
+    if language == "python":
+        exec(compile(content, "documentation", "exec"), {})
+        return
+    for line in filter(None, content.splitlines()):
+        shell.run(line, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.usefixtures("demo_at_hand")
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if runnable(page)],
+    ids=lambda page: page.relative_to(DOCS).as_posix(),
+)
+def test_commands_of_a_page_run(
+    page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if "board/left" in page.read_text(
+        encoding="utf-8"
+    ):  # images of the chessboard that the examples calibrate with
+        (checkout / DIVE / "board").mkdir()
+        photograph_board(checkout / DIVE / "board", "chessboard:9x6:30mm")
+    if AIR in page.read_text(encoding="utf-8"):  # a rig that was calibrated before the dive
+        rig = (checkout / DIVE / "cam.yaml").read_text(encoding="utf-8")
+        (checkout / DIVE / AIR).write_text(
+            rig.replace("medium: water", "medium: air"), encoding="utf-8"
+        )
+    for language, content in runnable(page):
+        if content.startswith("cd "):
+            monkeypatch.chdir(checkout)
+        run_block(language, content, monkeypatch, shell)
+
+
+@pytest.mark.slow
+def test_commands_of_the_readme_run(
+    checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(checkout / DIVE)
+    for language, content in runnable(ROOT / "README.md"):
+        if ".venv" not in content:  # those two are run by tests/docs/test_readme.py and .ci/run
+            run_block(language, content, monkeypatch, shell)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
+def test_every_page_opens_with_an_example_and_a_picture(page: Path) -> None:
+    opening = page.read_text(encoding="utf-8").split("\n## ")[0]
+    assert re.search(r"^```(sh|bash|python)$", opening, flags=re.MULTILINE)
+    assert re.search(r"!\[.+?\]\((\.\./)?images/", opening)
+
+
+def test_pictures_exist_and_are_small() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in (*PAGES, ROOT / "README.md"))
+    named = {
+        Path(name).name for name in re.findall(r"!\[.*?\]\((?:docs/|\.\./)?images/(.+?)\)", text)
+    }
+    files = {path.name: path.stat().st_size for path in (DOCS / "images").iterdir()}
+    assert named == set(files)
+    assert not [name for name, size in files.items() if size > MOST_BYTES]
+
+
+def test_links_of_the_top_level_texts_lead_somewhere() -> None:
+    for page in ROOT.glob("*.md"):
+        for link in re.findall(r"\]\(((?!https?:)[^)#]+)\)", page.read_text(encoding="utf-8")):
+            assert (ROOT / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_page_is_in_the_sites_index() -> None:
+    trees = re.findall(
+        r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    listed = re.findall(r"^[\w/-]+$", "".join(trees), flags=re.MULTILINE)
+    pages = (page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES)
+    assert sorted(listed) == sorted(page for page in pages if page != "index")
+
+
+def test_reference_pages_are_those_of_this_program() -> None:
+    command = [sys.executable, str(DOCS / "reference.py"), "--check"]
+    checked = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert checked.returncode == 0, checked.stderr
+
+
+def test_every_command_has_an_example() -> None:
+    for section in (DOCS / "commands.md").read_text(encoding="utf-8").split("\n## `")[1:]:
+        assert "```sh\n" in section, (
+            f"{section.splitlines()[0]}: add an example to docs/command_examples.py"
+        )

@@ -1,0 +1,464 @@
+"""Lengths and areas on the surface that a frame shows: closed forms, silhouettes, and the synthetic
+reef's known truth.
+"""
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Cli, Dive
+
+from calibration import RectifiedPair
+from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.commands.measure import Wanted, measure, measured, surface_of
+from stereo_seecolor.extras.reef.measuring.measures import (
+    along_surface,
+    planar_area,
+    profile,
+    range_of,
+    straight_length,
+    surface_area,
+)
+from stereo_seecolor.extras.reef.measuring.picking import Pick, Surface
+from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
+from stereo_seecolor.report.measuring_limits import LIMITS
+from stereo_seecolor.report.range_code import std_blocks
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+
+GEOMETRY = RectifiedPair(400.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+REEF = Path(__file__).resolve().parents[3] / "data_samples/reef"
+
+
+def plane(slope: float = 0.0, depth_m: float = 2.0, std_m: float = 1e-4) -> Surface:
+    """z = depth + slope x, seen by the camera."""
+    x = (np.arange(320) - 160.0) / 400.0
+    range_m = (depth_m / (1 - slope * x))[None, :] * GEOMETRY.ray_length
+    return Surface(
+        GEOMETRY, range_m.astype(np.float32), std_blocks(np.full((240, 320), std_m, np.float32))
+    )
+
+
+def picked(surface: Surface, *places: tuple[float, float]) -> list[Pick]:
+    found = [surface.pick(*place) for place in places]
+    assert None not in found
+    return [pick for pick in found if pick is not None]
+
+
+# Closed forms
+
+
+def test_a_point_of_a_plane_is_where_it_is_between_the_pixels_too() -> None:
+    (pick,) = picked(plane(slope=0.7), (201.3, 77.9))
+    x, y = 41.3 / 400, -42.1 / 400
+    z = 2 / (1 - 0.7 * x)
+    np.testing.assert_allclose(pick.point_m, [x * z, y * z, z], rtol=1e-5)
+    assert range_of(pick).value == pytest.approx(z * np.sqrt(1 + x**2 + y**2), rel=1e-5)
+
+
+def test_length_and_area_on_a_slanted_plane() -> None:
+    surface = plane(slope=1.0)
+    corners = picked(surface, (120, 90), (200, 90), (200, 160), (120, 160))
+    points = np.array([pick.point_m for pick in corners])
+    expected_m = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert straight_length(corners).value == pytest.approx(expected_m, rel=1e-6)
+    assert straight_length(along_surface(surface, corners)).value == pytest.approx(
+        expected_m, rel=1e-4
+    )
+    trapezoid_m2 = 0.5 * np.linalg.norm(np.cross(points[2] - points[0], points[3] - points[1]))
+    assert planar_area(corners).value == pytest.approx(trapezoid_m2, rel=1e-6)
+    area, known = surface_area(surface, corners)
+    assert known == 1
+    assert area.value == pytest.approx(trapezoid_m2, rel=0.02)
+
+
+def test_a_bulge_is_longer_along_the_surface_and_rises_in_its_profile() -> None:
+    surface = plane()
+    y, x = np.mgrid[:240, :320]
+    bulge_m = 0.2 * np.exp(-((x - 160) ** 2 + (y - 120) ** 2) / (2 * 30**2))
+    range_m = ((2 - bulge_m) * GEOMETRY.ray_length).astype(np.float32)
+    line = along_surface(
+        Surface(GEOMETRY, range_m, surface.std_blocks_m), picked(surface, (60, 120), (260, 120))
+    )
+    along_m, height_m = profile(line)
+    assert straight_length(line).value > 1.03 * 1.0
+    assert height_m.max() == pytest.approx(0.2, abs=0.01)
+    assert along_m[np.argmax(height_m)] == pytest.approx(0.5, abs=0.03)
+
+
+def test_the_error_of_a_length_is_that_of_range_and_click() -> None:
+    surface = plane(std_m=0.01)
+    flat = straight_length(picked(surface, (100, 120), (220, 120)))
+    by_click = LIMITS.click_std_px * np.sqrt(2) * 2 / 400
+    assert flat.std == pytest.approx(np.hypot(by_click, np.sqrt(2) * 0.01 * 60 / 400), rel=0.03)
+    assert flat.total_std(0.01) == pytest.approx(np.hypot(flat.std, 0.01 * flat.value))
+    area = planar_area(picked(surface, (100, 120), (220, 120), (220, 200)))
+    assert area.total_std(0.01) == pytest.approx(np.hypot(area.std, 0.02 * area.value))
+
+
+@pytest.mark.parametrize("kind", ["length", "area"])
+def test_stated_errors_are_those_of_repeated_clicks(kind: str) -> None:
+    rng, surface = np.random.default_rng(3), plane(slope=0.5, std_m=1e-6)
+    places = np.array([(120, 90), (200, 100), (190, 160), (110, 150)], float)
+    of = straight_length if kind == "length" else planar_area
+    clicks = rng.normal(places, LIMITS.click_std_px, (400, *places.shape))
+    values = [of(picked(surface, *map(tuple, each))).value for each in clicks]
+    assert np.std(values) == pytest.approx(of(picked(surface, *map(tuple, places))).std, rel=0.12)
+
+
+# Edges and holes
+
+
+@pytest.mark.parametrize("offset_px", [-2, -1, 0, 1, 2])
+def test_at_a_silhouette_the_object_is_measured_and_not_what_is_behind(offset_px: int) -> None:
+    x = np.arange(320)
+    depth_m = np.where(x < 160, 1.0, 2.0)[None, :] * np.ones((240, 1))
+    surface = Surface(
+        GEOMETRY,
+        (depth_m * GEOMETRY.ray_length).astype(np.float32),
+        np.full((60, 80), 1e-3, np.float32),
+    )
+    (pick,) = picked(surface, (159 + offset_px, 120))
+    assert pick.point_m[2] == pytest.approx(1.0, rel=1e-3)
+
+
+def test_single_wrong_pixels_before_the_object_are_not_measured() -> None:
+    surface = plane()
+    surface.range_m[119:122, 160] = 0.5
+    (pick,) = picked(surface, (160, 120))
+    assert pick.point_m[2] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_what_was_not_measured_has_no_range() -> None:
+    surface = plane()
+    surface.range_m[100:140, 100:140] = np.nan
+    assert surface.pick(120, 120) is None
+    assert surface.pick(-5, 120) is None
+    corners = picked(surface, (90, 90), (150, 90), (150, 150), (90, 150))
+    area, known = surface_area(surface, corners)
+    assert 0.5 < known < 0.8
+    assert area.value == pytest.approx(planar_area(corners).value, rel=0.1)
+
+
+# The terrain of a map
+
+
+def ground(heights_m: np.ndarray, std_m: float = 1e-4) -> Ground:
+    """Cells of 1 cm, whose north-west corner lies at (5, 3)."""
+    return Ground(heights_m.astype(np.float32), 5.0, 3.0, 0.01, std_m)
+
+
+def slope(east: float = 0.5, north: float = 0.0) -> Ground:
+    y, x = np.mgrid[:80, :120]
+    return ground(-2 + east * 0.01 * (x + 0.5) - north * 0.01 * (y + 0.5))
+
+
+def spots(terrain: Ground, *places: tuple[float, float]) -> list[Spot]:
+    found = [terrain.pick(x_m, y_m, None, 0.002) for x_m, y_m in places]
+    assert None not in found
+    return [spot for spot in found if spot is not None]
+
+
+@pytest.mark.slow
+def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
+    terrain = slope(east=0.5)
+    corners = spots(terrain, (5.2, 2.8), (5.8, 2.8), (5.8, 2.4), (5.2, 2.4))
+    assert corners[0].point_m[2] == pytest.approx(-2 + 0.5 * 0.2, abs=1e-5)
+    assert straight_length(corners[:2]).value == pytest.approx(0.6 * np.hypot(1, 0.5), rel=1e-5)
+    line = terrain.along(corners[:2])
+    assert line
+    assert straight_length(line).value == pytest.approx(0.6 * np.hypot(1, 0.5), rel=1e-4)
+    assert planar_area(corners).value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-5)
+    area = terrain.area(corners)
+    assert area
+    assert area[0].value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-4) and area[
+        1
+    ] == pytest.approx(1, abs=0.05)
+
+
+def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
+    terrain = Ground(slope(east=0.5).heights_m, 5.0, 3.0, 0.01, 0.004)
+    (spot,) = spots(terrain, (5.5, 2.5))
+    assert spot.covariance[2, 2] == pytest.approx(0.004**2 + (0.5 * 0.002) ** 2, rel=1e-4)
+    rng, ends = np.random.default_rng(4), np.array([(5.2, 2.7), (5.7, 2.4)])
+    lengths = []
+    for _ in range(400):
+        clicked = [terrain.pick(x, y, None, 0.002) for x, y in rng.normal(ends, 0.002)]
+        points = np.array([spot.point_m for spot in clicked if spot]) + rng.normal(
+            0, 0.004, (2, 1)
+        ) * (0, 0, 1)
+        lengths.append(np.linalg.norm(points[1] - points[0]))
+    assert np.std(lengths) == pytest.approx(
+        straight_length(spots(terrain, *map(tuple, ends))).std, rel=0.12
+    )
+
+
+@pytest.mark.parametrize("offset_cells", [-1, 0, 1, 2])
+def test_at_the_edge_of_a_coral_its_top_is_measured(offset_cells: int) -> None:
+    heights_m = np.where(np.arange(120) < 60, -1.5, -2.0)[None, :] * np.ones((80, 1))
+    (spot,) = spots(ground(heights_m), (5 + 0.01 * (59.5 + offset_cells), 2.5))
+    assert spot.point_m[2] == pytest.approx(-1.5 if offset_cells < 2 else -2.0, abs=1e-4)
+
+
+def test_what_stands_over_the_ground_has_no_length_along_it() -> None:
+    terrain = slope()
+    over = terrain.pick(5.5, 2.5, -1.0, 0.002)
+    assert over
+    assert over.point_m[2] == -1.0
+    assert terrain.along([over, *spots(terrain, (5.2, 2.5))]) is None
+    steep = [terrain.pick(5.5, y, z, 0.002) for y, z in ((2.5, -1.75), (2.6, -1.75), (2.6, -1.2))]
+    assert terrain.area([spot for spot in steep if spot]) is None
+    assert terrain.pick(4.0, 2.5, None, 0.002) is None
+
+
+# The synthetic reef
+
+
+@pytest.fixture(scope="module")
+def reef(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
+    """Ranges of three frames of the sample dive."""
+    root = tmp_path_factory.mktemp("reef")
+    for side in ("left", "right"):
+        (root / side).mkdir()
+        for path in sorted((REEF / side).iterdir())[1::4]:
+            (root / side / path.name).symlink_to(path)
+    range_maps(root / "left", root / "right", REEF / "cam.yaml", root / "out")
+    return open_run(root / "out")
+
+
+def known_lengths(run: FinishedRun, count: int, seed: int) -> Iterator[tuple[float, float, float]]:
+    """(true length, measured length, stated error) of lines of 0.05 to 2 m, clicked half a pixel
+    beside their true ends.
+
+    Ends lie where the truth has no edge within four pixels: which side of an edge a click means, no
+    truth can say.
+    """
+    rng, near = np.random.default_rng(seed), np.ones((9, 9), np.uint8)
+    frames = []
+    for frame in run.frames:
+        truth_m = cv2.imread(str(REEF / f"truth/range/{frame.name}.tiff"), cv2.IMREAD_UNCHANGED)
+        steady = cv2.dilate(truth_m, near) - cv2.erode(truth_m, near) < 0.05 * truth_m
+        frames.append((surface_of(run, frame.name), truth_m, steady))
+    while count:
+        surface, truth_m, steady = frames[rng.integers(len(frames))]
+        g, (height, width) = surface.geometry, truth_m.shape
+        start = rng.uniform(4, (width - 5, height - 5)).round()
+        length_px = (
+            np.exp(rng.uniform(np.log(0.05), np.log(2)))
+            * g.focal_px
+            / truth_m[int(start[1]), int(start[0])]
+        )
+        angle = rng.uniform(0, 2 * np.pi)
+        ends = np.array(
+            [start, (start + length_px * np.array([np.cos(angle), np.sin(angle)])).round()]
+        )
+        if (
+            (ends < 4).any()
+            or (ends > (width - 5, height - 5)).any()
+            or not all(steady[int(y), int(x)] for x, y in ends)
+        ):
+            continue
+        true_m = [truth_m[int(y), int(x)] * g.rays[int(y), int(x)].astype(float) for x, y in ends]
+        picks = [surface.pick(*place) for place in rng.normal(ends, LIMITS.click_std_px)]
+        length_m = float(np.linalg.norm(true_m[1] - true_m[0]))
+        if 0.05 <= length_m <= 2 and picks[0] and picks[1]:
+            found = straight_length([picks[0], picks[1]])
+            yield length_m, found.value, found.std
+            count -= 1
+
+
+@pytest.mark.slow
+def test_200_known_lengths_are_found_and_their_intervals_hold(reef: FinishedRun) -> None:
+    true_m, found_m, std_m = np.array(list(known_lengths(reef, 200, seed=11))).T
+    relative, inside = (found_m - true_m) / true_m, abs(found_m - true_m) < 1.96 * std_m
+    assert abs(found_m.sum() / true_m.sum() - 1) < 0.005
+    assert abs(relative.mean()) < 3 * relative.std() / np.sqrt(
+        relative.size
+    )  # short lines scatter by more than half a percent
+    assert 0.93 <= inside.mean() <= 0.97
+
+
+def test_of_an_outline_half_off_the_surface_the_known_part_is_measured() -> None:
+    """A wall at 2 m of which the right half is not known; corners on the known side and beyond."""
+    pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+    range_m = (2 * pair.ray_length).astype(np.float32)
+    range_m[:, 160:] = np.nan
+    surface = Surface(pair, range_m, np.full((60, 80), 0.004, np.float32))
+    corners = ((100, 80), (220, 80), (220, 160), (100, 160))
+    (wanted,) = [Wanted("a", "0", "area", "", corners)]
+    found = measured(surface, wanted, 0.0)
+    assert found.value is None and "place 2: no surface is known there" in found.note
+    assert found.known == pytest.approx(0.5, abs=0.05)
+    assert found.surface == pytest.approx(60 * 80 * (2 / 500) ** 2, abs=2 * found.surface_std)
+    assert f"{found.known:.0%} of the outline" in found.note
+
+
+def test_an_unknown_part_of_an_outline_is_in_its_standard_error() -> None:
+    pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+    depth_m = np.tile(np.linspace(1.5, 2.5, 320), (240, 1))
+    range_m = (depth_m * pair.ray_length).astype(np.float32)
+    corners = ((60, 60), (260, 60), (260, 180), (60, 180))
+    stds = []
+    for unknown in (slice(0, 0), slice(90, 230)):
+        holed = range_m.copy()
+        holed[:, unknown] = np.nan
+        found = measured(
+            Surface(pair, holed, np.full((60, 80), 0.004, np.float32)),
+            Wanted("a", "0", "area", "", corners),
+            0.0,
+        )
+        assert found.surface is not None and found.surface_std is not None
+        stds.append(found.surface_std / found.surface)
+    assert found.known == pytest.approx(0.33, abs=0.06)
+    assert stds[1] > 5 * stds[0] and stds[1] > 0.1
+
+
+def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
+    """A plate at 1.5 m before a bottom at 3 m, whose ranges end four pixels before its edge, as
+    they do there.
+    """
+    pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
+    depth_m = np.full((240, 320), 3.0)
+    depth_m[100:140, 100:200] = 1.5
+    depth_m[100:140, 196:200] = np.nan
+    surface = Surface(
+        pair, (depth_m * pair.ray_length).astype(np.float32), np.full((60, 80), 0.004, np.float32)
+    )
+    within, edge, far = (
+        measured(surface, Wanted("a", "0", "length", "", ((104, 120), (x, 120))), 0.0)
+        for x in (194, 201, 260)
+    )
+    assert within.value == pytest.approx(90 * 1.5 / 500, rel=0.01) and within.note == ""
+    assert (
+        edge.value is None
+        and "place 2 lies at a step, 3.00 m away beside something 1.50 m away" in edge.note
+    )
+    assert far.value is not None and far.note == ""
+
+
+# The command
+
+
+@pytest.fixture
+def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
+    dive = make_dive(2)
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        load_config(None, []),
+    )
+    return tmp_path / "out"
+
+
+def table(path: Path, *rows: str) -> Path:
+    path.write_text("\n".join(["measure,frame,kind,label,x_px,y_px", *rows]) + "\n")
+    return path
+
+
+@pytest.mark.slow
+def test_a_table_of_places_is_measured(out: Path, tmp_path: Path) -> None:
+    rows = ("a,0000,length,coral,60,60", "a,0000,length,coral,100,60", "b,0001,point,,88,64")
+    length, point = measure(out, table(tmp_path / "points.csv", *rows))
+    surface = surface_of(open_run(out), "0000")
+    assert (length.label, length.kind) == ("coral", "length")
+    assert length.value == pytest.approx(
+        straight_length(picked(surface, (60, 60), (100, 60))).value, rel=1e-12
+    )
+    assert point.z_m == pytest.approx(1.5, rel=0.02)
+
+
+def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None:
+    rows = (
+        "a,0000,area,,60,60",
+        "a,0000,area,,100,60",
+        "a,0000,area,,100,90",
+        "b,0000,point,,-50,3",
+    )
+    code, text, _ = cli("measure", out, table(tmp_path / "points.csv", *rows))
+    found = list(csv.DictReader(io.StringIO(text)))
+    assert code == 3  # b lies outside the picture
+    assert float(found[0]["surface"]) == pytest.approx(float(found[0]["value"]), rel=0.1)
+    assert (found[1]["measure"], found[1]["value"]) == ("b", "")
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["a,0000,line,,1,2"], r"line 2: kind is 'line': give point, length or area"),
+        (["a,0000,point,,x,2"], r"line 2: x_px is 'x': give a number"),
+        (["a,0000,point,,2,nan"], r"line 2: y_px is 'nan': give a number"),
+        (["a,0000,length,,50,50"], r"measure 'a': length needs at least 2 places"),
+        (
+            ["a,0000,length,,50,50", "a,0001,length,,50,50"],
+            r"line 3: measure 'a' has another frame or kind than before",
+        ),
+        (["a,0009,point,,50,50"], r"holds no finished frame '0009'"),
+        (["a,,point,,,"], r"x_m is '': give a number"),
+        (["a,0000,point,,inf,2"], r"line 2: x_px is 'inf': give a number"),
+        (
+            [f"a,0000,area,,{place}" for place in ("60,60", "100,90", "100,60", "60,90")],
+            r"measure 'a': the outline crosses itself",
+        ),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_named(
+    out: Path, tmp_path: Path, rows: list[str], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        measure(out, table(tmp_path / "points.csv", *rows))
+
+
+def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text("x,y\n1,2\n")
+    with pytest.raises(
+        InputError, match=r"has no column 'measure': give the columns measure, frame"
+    ):
+        measure(out, tmp_path / "points.csv")
+
+
+def test_places_on_a_map_need_a_map(out: Path, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text("measure,frame,kind,label,x_m,y_m\na,,point,,1,2\n")
+    with pytest.raises(InputError, match="holds no terrain"):
+        measure(out, tmp_path / "points.csv")
+
+
+@pytest.mark.slow
+def test_lengths_as_eventmeasure_has_them(out: Path, tmp_path: Path, cli: Cli) -> None:
+    fish, bar = "a,0001,length,Lutjanidae Lutjanus bohar,", "b,0001,length,bar,"
+    rows = [f"{row}{place}" for row in (fish, bar) for place in ("60,60", "100,60")]
+    points = table(tmp_path / "points.csv", *rows, "c,0001,point,,88,64")
+    code, printed, _ = cli("measure", out, points, "--lengths")
+    fish, bar = csv.DictReader(io.StringIO(printed), delimiter="\t")
+    assert code == 0
+    length = measure(out, points)[0]
+    assert float(fish["Length (mm)"]) == pytest.approx(1000 * length.value, abs=0.01)
+    assert float(fish["Precision (mm)"]) == pytest.approx(1000 * length.std, abs=0.01)
+    assert [fish[name] for name in ("Family", "Genus", "Species", "Number", "RMS (mm)")] == [
+        "Lutjanidae",
+        "Lutjanus",
+        "bohar",
+        "1",
+        "",
+    ]
+    assert (bar["Comment"], bar["Genus"], bar["OpCode"], bar["Frame"]) == (
+        "bar",
+        "",
+        out.name,
+        "0001",
+    )
+    middle = np.array([float(fish[f"Mid {axis} (mm)"]) for axis in "XYZ"])
+    assert float(fish["Range (mm)"]) == pytest.approx(np.linalg.norm(middle), abs=0.02)
+    assert float(fish["Direction (deg)"]) == pytest.approx(
+        np.degrees(np.arccos(middle[2] / np.linalg.norm(middle))), abs=0.01
+    )
+    assert float(fish["Horz. Dir. (deg)"]) == pytest.approx(
+        np.degrees(np.arctan2(middle[0], middle[2])), abs=0.01
+    )
+    assert fish["Time (mins)"] == "", "the frames tell no time"

@@ -1,0 +1,297 @@
+"""Packages add commands, export formats and formats of trajectories by entry points; the core loads
+none of its own extras.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import REEF, Cli, SampleRun
+
+from stereo_seecolor import plugins
+from stereo_seecolor.commands.doctor import CORE, EXTRAS
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.errors import PluginError
+from stereo_seecolor.files.ply import read_vertices
+from stereo_seecolor.run_folder.finished_run import open_run
+
+PROJECT_FILE = tomllib.loads(
+    (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+)["project"]
+LOADED_WHERE_NEEDED = {"rich", "threadpoolctl"}
+"""rich: on a terminal. threadpoolctl: where numpy was imported before the program."""
+
+PROJECT = """
+[build-system]
+requires = ["setuptools"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "reef-notes"
+version = "1.0"
+
+[project.entry-points."stereo_seecolor.commands"]
+note = "reef_notes:note"
+lost = "reef_notes.not_there:lost"
+
+[project.entry-points."stereo_seecolor.exports"]
+names = "reef_notes:NAMES"
+
+[project.entry-points."stereo_seecolor.trajectory_formats"]
+notes = "reef_notes"
+
+[project.entry-points."stereo_seecolor.engines"]
+raised = "reef_notes:fuse_raised"
+
+[project.entry-points."stereo_seecolor.matching_engines"]
+level = "reef_notes:Level"
+
+[tool.setuptools]
+py-modules = ["reef_notes"]
+"""
+
+MODULE = '''
+from dataclasses import replace
+
+import numpy as np
+
+from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.command import command
+from stereo_seecolor.cli.report import BareReport
+from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.mapping.surface.fusion import fuse_tile
+from stereo_seecolor.matching.disparity import MatchedDisparity
+from stereo_seecolor.records import Trajectory
+
+
+@command("Notes", "note OUT")
+def note(out: opt.Finished, *, report: BareReport) -> None:
+    """Print the name of a run."""
+    report.end({"out": out}, f"noted {out.name}\\n")
+
+
+def write(posed, folder):
+    (folder / "names.txt").write_text("\\n".join(frame.name for frame in posed.frames))
+
+
+NAMES = ExportFormat("the names of the frames", "any editor", write)
+
+
+def recognizes(path):
+    return path.suffix == ".notes"
+
+
+def read(path, mount):
+    names = path.read_text().split()
+    T = np.tile(np.eye(4), (len(names), 1, 1))
+    T[:, 0, 3] = np.arange(len(names))
+    return Trajectory(tuple(names), np.full(len(names), np.nan), T)
+
+
+def fuse_raised(tile, tiling, frames, geometry):
+    surface = fuse_tile(tile, tiling, frames, geometry)
+    return replace(surface, points_m=surface.points_m + np.float32([0, 0, 1]))
+
+
+class Level:
+    refined = True
+
+    def __init__(self, config, lowest_px, highest_px):
+        self.disparity_px = (lowest_px + highest_px) // 2
+
+    def find(self, frame, pair):
+        found = np.full(frame.left.shape[:2], self.disparity_px, np.float32)
+        return MatchedDisparity(found, found, np.full_like(found, 0.5))
+'''
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a Python in which a package of somebody else is installed."""
+    root = tmp_path_factory.mktemp("reef-notes")
+    (root / "pyproject.toml").write_text(PROJECT)
+    (root / "reef_notes.py").write_text(MODULE)
+    options = (
+        "--no-deps",
+        "--no-index",
+        "--no-build-isolation",
+        "--quiet",
+        "--target",
+        str(root / "installed"),
+    )
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", *options, str(root)],
+        check=True,
+        capture_output=True,
+    )
+    return os.environ | {"PYTHONPATH": str(root / "installed"), "COLUMNS": "300", "TERM": "dumb"}
+
+
+def program(environment: dict[str, str], *words: str | Path) -> tuple[int, str, str]:
+    """Run the program: (exit code, what was printed, what was said)."""
+    command = [sys.executable, "-m", "stereo_seecolor", *map(str, words)]
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment)
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+@pytest.mark.slow
+def test_a_command_of_another_package_is_in_the_help_and_runs(
+    installed: dict[str, str], sample_run: SampleRun
+) -> None:
+    code, printed, said = program(installed, "--help")
+    assert code == 0
+    assert " Notes " in printed and "Print the name of a run." in printed
+    assert printed.index(" run ") < printed.index(" config ") < printed.index(" export ")
+    assert said.startswith(
+        "lost: the package reef-notes, which adds it to commands, cannot be loaded: "
+    )
+    assert program(installed, "note", sample_run.out) == (0, f"noted {sample_run.out.name}\n", "")
+    code, _, said = program(installed, "lost")
+    assert code == 1
+    assert "cannot be loaded" in said and "Traceback" not in said
+
+
+@pytest.mark.slow
+def test_an_export_format_of_another_package_is_written(
+    installed: dict[str, str], sample_run: SampleRun, tmp_path: Path
+) -> None:
+    code, printed, _ = program(installed, "export", "--list")
+    assert code == 0
+    assert "names        the names of the frames: any editor" in printed.splitlines()
+    code, _, said = program(
+        installed, "export", sample_run.out, "--to", "names", "--out", tmp_path / "names"
+    )
+    assert (code, said) == (0, "")
+    assert (tmp_path / "names" / "names.txt").read_text().split()[0] == "reef_1790000000000"
+
+
+@pytest.mark.slow
+def test_a_trajectory_format_of_another_package_is_read(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    notes = tmp_path / "track.notes"
+    notes.write_text("a b c")
+    code = (
+        "import sys, pathlib; from stereo_seecolor.inputs.trajectories import read_trajectory "
+        "as read; "
+    )
+    code += "print(read(pathlib.Path(sys.argv[1])).T_world_camera[:, 0, 3].tolist())"
+    ended = subprocess.run(
+        [sys.executable, "-c", code, notes], capture_output=True, text=True, env=installed
+    )
+    assert ended.stdout == "[0.0, 1.0, 2.0]\n", ended.stderr
+
+
+@pytest.mark.slow
+def test_an_engine_of_another_package_fuses_the_map(
+    installed: dict[str, str], sample_run: SampleRun, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(sample_run.out, out)
+    code, _, said = program(installed, "fuse", out, "--set", "mapping.engine=raised")
+    assert code == 0, said
+    assert json.loads((out / "map/map.json").read_text())["engine"] == "raised"
+    raised, ours = (
+        read_vertices(folder / "map/cloud.ply")["position"] for folder in (out, sample_run.out)
+    )
+    np.testing.assert_allclose(raised - ours, np.broadcast_to([0, 0, 1], ours.shape), atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_matching_engine_of_another_package_gives_the_ranges(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    sides = (
+        "--left",
+        REEF / "left",
+        "--right",
+        REEF / "right",
+        "--calib",
+        REEF / "cam.yaml",
+        "--out",
+        out,
+    )
+    settings = ("--set", "matching.engine=level", "--set", "matching.min_confidence=0")
+    code, _, said = program(installed, "run", *sides, *settings, "--progress", "none")
+    assert code == 0, said
+    run = open_run(out)
+    range_m = run.frames[0].read("range")
+    depth_m = range_m[np.isfinite(range_m)] / run.geometry.ray_length[np.isfinite(range_m)]
+    np.testing.assert_allclose(depth_m, np.median(depth_m), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("setting", "known"),
+    [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, onnx")],
+    ids=["maps", "matching"],
+)
+def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(
+    cli: Cli, setting: str, known: str
+) -> None:
+    code, _, said = cli("config", "--set", f"{setting}=voxblox")
+    assert code == 1
+    assert (
+        said
+        == f"stereo-seecolor: --set: {setting}: no installed package adds this engine; known are "
+        f"{known} (got 'voxblox')\n"
+    )
+
+
+def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(sample_run.out, out)
+    text = (out / "run.json").read_text()
+    (out / "run.json").write_text(text.replace('"engine": "tiles"', '"engine": "voxblox"'))
+    assert open_run(out).config.mapping.engine == "voxblox"
+    with pytest.raises(PluginError, match="voxblox: no installed package adds it to engines"):
+        fuse(out)
+
+
+def test_a_part_that_no_package_adds_is_named_with_those_that_are_known() -> None:
+    with pytest.raises(
+        PluginError, match=r"^fax: no installed package adds it to recordings \(known: mcap\)$"
+    ):
+        plugins.load("recordings", "fax")
+
+
+def test_a_cluster_of_an_unknown_kind_is_named(cli: Cli, tmp_path: Path) -> None:
+    sides = ("--left", tmp_path, "--right", tmp_path, "--calib", "cam.yaml")
+    code, _, said = cli("run", *sides, "--out", tmp_path / "out", "--cluster", "cloud:4")
+    assert code == 1
+    assert "--cluster cloud:4: is not a cluster: give one of htcondor, local, " in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_run_with_a_map_loads_no_extra_and_all_that_the_base_installs(tmp_path: Path) -> None:
+    code = "import sys, stereo_seecolor; from stereo_seecolor.cli import main\n"
+    code += "try: main()\nexcept SystemExit as end: print(end.code)\n"
+    code += "print([name for name in sys.modules if name.startswith('stereo_seecolor.extras')])\n"
+    code += "print(*(name for name in sys.modules if '.' not in name))"
+    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
+    words = (
+        "run",
+        *map(str, sides),
+        "--out",
+        str(tmp_path / "out"),
+        "--fuse",
+        "--progress",
+        "none",
+    )
+    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert ended.stdout.splitlines()[-3:-1] == ["0", "[]"], ended.stderr
+    loaded = set(ended.stdout.splitlines()[-1].split())
+    modules = {library.distribution: library.module for library in (*CORE, *EXTRAS)}
+    base = {modules[re.split(r"[\[>; ]", wanted)[0]] for wanted in PROJECT_FILE["dependencies"]}
+    assert base - loaded <= LOADED_WHERE_NEEDED
+    assert not loaded & ({*modules.values()} - base - {"lazrs"})  # which is the base's laspy[lazrs]

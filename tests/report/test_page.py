@@ -1,0 +1,631 @@
+"""The page of a run: what it says, what it is made of, and that making it again costs nothing and
+loses nothing.
+"""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import REEF, Cli, Dive, SampleRun, command, contents
+
+from calibration.formats import native
+from calibration.rig import Movement, Refinement, RigErrors
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.view import report
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import InputError, OutputError, SeeColorError
+from stereo_seecolor.extras.evaluation.charts.finder import FoundChart
+from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
+from stereo_seecolor.extras.evaluation.charts.search import patch_colors
+from stereo_seecolor.extras.evaluation.charts.targets import chart
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.frame_files import FrameFiles
+from stereo_seecolor.report.live_page import LivePace
+from stereo_seecolor.report.overview import RowFacts, judge_so_far
+from stereo_seecolor.report.range_code import (
+    RANGE_CODE_CODE,
+    CodedRanges,
+    std_blocks,
+    std_codes,
+    std_from_codes,
+)
+from stereo_seecolor.report.texts import digits
+from stereo_seecolor.run_folder.finished_run import open_run
+
+STATIC = Path(__file__).resolve().parents[2] / "stereo_seecolor/report/static"
+
+NASTY = "<img src=x onerror=alert(1)>"
+
+
+def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> None:
+    """A run without a page."""
+    options = RunOptions(overwrite=overwrite, page="none")
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        out,
+        load_config(None, settings),
+        options,
+    )
+
+
+@pytest.fixture
+def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
+    go(make_dive(2), tmp_path / "out")
+    return tmp_path / "out"
+
+
+def data(out: Path) -> dict:
+    text = (out / "page/dive.js").read_text("ascii")
+    return json.loads(text.removeprefix("seecolor.dive(").removesuffix(");\n"))
+
+
+def colors(path: Path) -> np.ndarray:
+    """The mean color of an image, which JPEG leaves as it is."""
+    return cv2.imread(str(path)).astype(float).mean(axis=(0, 1))
+
+
+# What it shows
+
+
+def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
+    assert report(out).made == 2
+    assert data(out)["shown"] == {
+        name: ["thumbnails", "after", "before", "ranges"] for name in ("0000", "0001")
+    }
+    for product in ("thumbnails", "before", "after"):
+        assert cv2.imread(str(out / "page" / product / "0001.jpg")).shape == (128, 176, 3)
+    before, after, corrected = (
+        colors(out / path)
+        for path in ("page/before/0001.jpg", "page/after/0001.jpg", "corrected/0001.png")
+    )
+    assert abs(after - corrected).max() < 1 < abs(before - corrected).max()
+
+
+def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
+    report(out)
+    assert data(out)["calibration"].startswith(
+        "Standard errors include 0.5 % of a length for the calibration"
+    )
+    assert "0.5 % is an assumption" in data(out)["calibration"]
+    assert "yaw" not in data(out)["calibration"]
+    assert data(out)["calibration_std"] == 0.005
+
+
+def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> None:
+    rig = native.read(out / "rig.yaml")
+    (out / "rig.yaml").write_bytes(
+        native.to_bytes(replace(rig, errors=RigErrors(0.003, 0.004, "Kalibr")))
+    )
+    report(out)
+    assert data(out)["calibration_std"] == pytest.approx(0.005)
+    assert "as the calibration itself states (Kalibr)" in data(out)["calibration"]
+
+
+def test_a_setting_says_how_well_lengths_are_known(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    go(make_dive(2), tmp_path / "out", "measuring.length_error=0.002")
+    report(tmp_path / "out")
+    assert data(tmp_path / "out")["calibration_std"] == 0.002
+    assert "set by measuring.length_error" in data(tmp_path / "out")["calibration"]
+
+
+def test_inputs_are_found_from_another_folder(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dive = make_dive(2)
+    monkeypatch.chdir(dive.root)
+    options = RunOptions(page="none")
+    run(Path("L"), Path("R"), Path("cam.yaml"), tmp_path / "out", load_config(None, ()), options)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    report(tmp_path / "out")
+    assert "before" in data(tmp_path / "out")["shown"]["0000"]
+
+
+def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
+    rig = native.read(out / "rig.yaml")
+    refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
+    (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, refinement=refinement)))
+    report(out)
+    said = re.search(r"yaw makes ([0-9.]+) % of a range of ([0-9.]+) m", data(out)["calibration"])
+    assert said
+    assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
+    assert data(out)["calibration_std"] == pytest.approx(
+        np.hypot(0.005, float(said[1]) / 100), rel=0.05
+    )
+
+
+def test_every_plot_has_a_title(out: Path) -> None:
+    report(out)
+    found = data(out)
+    written = {
+        "light_gain",
+        "exposure",
+        "camera_exposure_s",
+        "camera_gain",
+        "camera_aperture",
+        "clipped_fraction",
+    }
+    assert not {f"plots.{plot}" for plot in found["plots"].keys() | written} - found["texts"].keys()
+
+
+def test_a_dive_without_faults_is_called_good(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive, known = make_dive(2), load_config(None, ["color.robust.white_point=[1, 1, 1]"])
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", known)
+    page = (tmp_path / "out/index.html").read_text("utf-8")
+    assert "Good: nothing stands out." in page
+    assert "2 of 2" in page
+    assert "baseline 100 mm" in page
+
+
+def test_something_small_that_moves_is_no_reason_to_doubt_a_dive() -> None:
+    def rows(percent: float) -> RowFacts:
+        said = f"{percent}% of the left image finds no counterpart in the right one: it moved"
+        return RowFacts(tuple(FrameRow(f"f{i}", warnings=(said,)) for i in range(4)))
+
+    assert judge_so_far(rows(1.2)).good
+    assert not judge_so_far(rows(12.0)).good
+
+
+def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive = make_dive(3)
+    (dive.root / "L/0001.png").write_bytes(b"")
+    go(dive, tmp_path / "out")
+    report(tmp_path / "out")
+    page = (tmp_path / "out/index.html").read_text("utf-8")
+    assert "Look at this before you use the results:" in page
+    assert "1 of 3 pairs failed." in page
+    assert re.search(
+        r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S
+    )
+    assert data(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
+
+
+def test_a_run_without_a_good_frame_has_a_page(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive = make_dive(2)
+    noise = np.random.default_rng(0)
+    for file in sorted((dive.root / "L").iterdir()):  # nothing that the right camera saw
+        cv2.imwrite(str(file), noise.integers(0, 256, cv2.imread(str(file)).shape, np.uint8))
+    go(dive, tmp_path / "out")
+    assert report(tmp_path / "out").made == 0
+    assert "No frame went through all stages." in (tmp_path / "out/index.html").read_text("utf-8")
+
+
+def test_names_with_markup_stay_text(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive = make_dive(2)
+    for side in "LR":
+        (dive.root / side / "0001.png").rename(dive.root / side / f"{NASTY}.png")
+    go(dive, tmp_path / "out")
+    report(tmp_path / "out")
+    page = (tmp_path / "out/index.html").read_text("utf-8")
+    assert NASTY not in page
+    assert "&lt;img src=x onerror=alert(1)&gt;" in page
+    assert "page/after/%3Cimg%20src%3Dx%20onerror%3Dalert%281%29%3E.jpg" in page
+    assert NASTY in data(tmp_path / "out")["names"]
+
+
+def test_the_page_allows_no_network_and_no_inline_script(out: Path) -> None:
+    report(out)
+    page = (out / "index.html").read_text("utf-8")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy
+    assert "default-src 'none'" in policy[1]
+    assert "http" not in policy[1]
+    assert not re.search(r'(src|href)="(https?:)?//', page)
+    assert not re.search(r"<script(?! src=\"page/)", page)
+
+
+@pytest.mark.slow
+def test_formats_that_no_browser_shows_are_shown_as_jpeg(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive = make_dive(1, dtype=np.uint16)
+    go(dive, tmp_path / "a", "output.image_format=tiff32")
+    go(dive, tmp_path / "b")
+    report(tmp_path / "a")
+    report(tmp_path / "b")
+    assert (
+        abs(
+            colors(tmp_path / "a/page/after/0000.jpg") - colors(tmp_path / "b/page/after/0000.jpg")
+        ).max()
+        < 2
+    )
+
+
+@pytest.mark.slow
+def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.live_page.BRIEF_FRAMES", 2)
+    monkeypatch.setattr("stereo_seecolor.report.frame_files.COUNT", 1)
+    go(make_dive(5), tmp_path / "out")
+    brief = report(tmp_path / "out", brief=True)
+    assert {"0000", "0003"} <= set(data(tmp_path / "out")["shown"])
+    assert (brief.made, brief.kept) == (len(data(tmp_path / "out")["shown"]), 0)
+    assert brief.made < 5
+    whole = report(tmp_path / "out")
+    assert (whole.made, whole.kept) == (5 - brief.made, brief.made)
+    assert report(tmp_path / "out", brief=True).kept == 5
+
+
+# Making it again
+
+
+@pytest.mark.slow
+def test_the_page_takes_at_most_15_percent_of_a_lean_folder(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
+    out = sample_run.copy(tmp_path / "out")
+    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
+    code, said = command("run", *sides, "--out", out, "--set", "output.preset=lean")
+    assert code == 0, said
+    code, said = command("fuse", out)
+    assert code == 0, said
+    report(out)
+    shutil.rmtree(out / "clouds", ignore_errors=True)  # of the run before, with other settings
+    assert (out / "page/map/map.js").is_file()
+    page, whole = (
+        sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+        for folder in (out / "page", out)
+    )
+    assert page <= 0.15 * whole
+
+
+def test_a_page_is_made_once(out: Path) -> None:
+    report(out)
+    before = {path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()}
+    result = report(out)
+    assert (result.made, result.kept) == (0, 2)
+    assert before == {
+        path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()
+    }
+
+
+def test_what_a_run_makes_of_its_frames_in_memory_is_what_their_files_give(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr(FrameFiles, "make", None)  # reads files
+        run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
+    made = {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")}
+    assert len(made) == 8
+    shutil.rmtree(out / "page")
+    report(out)
+    assert {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")} == made
+
+
+@pytest.mark.slow
+def test_a_frame_that_changed_is_made_again(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive, out = make_dive(3), tmp_path / "out"
+    go(dive, out)
+    report(out)
+    before = contents(out)
+    cv2.imwrite(str(dive.root / "L/0001.png"), cv2.imread(str(dive.root / "L/0001.png"))[..., ::-1])
+    go(dive, out)
+    assert not (out / "index.html").exists()  # it would show what is no longer there
+    changed = [
+        name
+        for name in ("0000", "0001", "0002")
+        if contents(out)[f"corrected/{name}.png"] != before[f"corrected/{name}.png"]
+    ]
+    result = report(out)
+    assert "0001" in changed
+    assert (result.made, result.kept) == (len(changed), 3 - len(changed))
+
+
+def test_pictures_of_inputs_that_are_gone_are_kept(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    go(dive, out)
+    report(out)
+    shutil.rmtree(dive.root)
+    assert report(out).made == 0
+    assert (out / "page/before/0001.jpg").exists()
+
+
+def test_without_inputs_the_page_shows_what_there_is(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    go(dive, out)
+    shutil.rmtree(dive.root)
+    assert report(out).made == 2
+    assert data(out)["shown"]["0001"] == ["thumbnails", "after", "ranges"]
+
+
+def test_a_damaged_frame_is_named_and_left_out(out: Path) -> None:
+    (out / "range/0001.tiff").write_bytes(b"broken")
+    result = report(out)
+    assert result.left_out.keys() == {"0001"}
+    assert "run again" in result.left_out["0001"]
+    assert list(data(out)["shown"]) == ["0000"]
+
+
+# Nothing of a user's is lost
+
+
+@pytest.mark.slow
+def test_overwrite_takes_the_page_away(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    go(dive, out)
+    report(out)
+    (dive.root / "L/0001.png").unlink()
+    go(dive, out, overwrite=True)
+    assert not (out / "index.html").exists()
+    assert not (out / "page").exists()
+
+
+@pytest.mark.slow
+def test_a_pair_that_is_gone_takes_its_pictures_along(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive, out = make_dive(3), tmp_path / "out"
+    go(dive, out)
+    report(out)
+    for side in "LR":
+        (dive.root / side / "0002.png").unlink()
+    go(dive, out)
+    assert not list((out / "page").rglob("0002*"))
+    report(out)
+    assert data(out)["names"] == ["0000", "0001"]
+
+
+def test_an_edited_page_is_kept_aside(out: Path) -> None:
+    report(out)
+    (out / "index.html").write_text("my own notes")
+    (out / "page/after/0001.jpg").write_bytes(b"my own picture")
+    report(out)
+    assert (out / "set_aside/index.html").read_text() == "my own notes"
+    assert (out / "set_aside/page/after/0001.jpg").read_bytes() == b"my own picture"
+    assert "stereo-seecolor" in (out / "index.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    "name", ["index.html", "page/notes.txt", "page/after/notes.txt", "page/mine/x.js"]
+)
+def test_files_of_others_where_the_page_goes_are_refused(out: Path, name: str) -> None:
+    (out / name).parent.mkdir(parents=True, exist_ok=True)
+    (out / name).write_text("field notes")
+    with pytest.raises(OutputError, match=r"is not of this program.*nothing was touched"):
+        report(out)
+    assert (out / name).read_text() == "field notes"
+    assert not (out / "page/dive.js").exists()
+
+
+@pytest.mark.parametrize("name", ["page", "page/after"])
+def test_a_link_out_of_the_folder_is_not_followed(out: Path, tmp_path: Path, name: str) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (out / name).parent.mkdir(exist_ok=True)
+    (out / name).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match="is a link"):
+        report(out)
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no finished run"):
+        report(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_chart_is_shown_before_and_after_beside_its_published_colors(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = np.array([(30, 30), (120, 30), (120, 90), (30, 90)], float)
+    monkeypatch.setattr(
+        "stereo_seecolor.extras.evaluation.charts.search.find_charts",
+        lambda image: (FoundChart(CLASSIC, corners, 0.9, np.ones(24, bool)),),
+    )
+    report(out, charts=True)
+    kept = json.loads((out / "page/charts.json").read_bytes())["charts"]
+    assert [each["frame"] for each in kept] == ["0000", "0001"]
+    assert kept[0]["published"][0] == "rgb(115 82 68)"  # dark skin
+    assert kept[0]["after_ciede2000"] > 5  # there is none in truth
+    report(out)
+    page = (out / "index.html").read_text("utf-8")
+    assert page.count('class="patches"') == 2
+    assert f"<strong>{kept[1]['after_ciede2000']:.1f}</strong>" in page
+
+
+def test_patches_of_the_published_colors_have_no_difference() -> None:
+    cells = np.rint(CLASSIC.srgb * 255).astype(np.uint8).reshape(4, 6, 3)
+    image = np.kron(cells, np.ones((20, 20, 1), np.uint8))
+    colors, difference = patch_colors(
+        chart("chart", np.array([(0, 0), (120, 0), (120, 80), (0, 80)]), image.shape[:2]), image
+    )
+    assert difference < 0.5
+    assert colors[0] == "rgb(115 82 68)"
+
+
+# Written by the run itself
+
+
+def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive = make_dive(2)
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+    assert "White point: red over green is known to" in (tmp_path / "out/index.html").read_text(
+        "utf-8"
+    )
+    assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
+
+
+class Watch:
+    """Reads the page after each pair of a run."""
+
+    def __init__(self, page: Path) -> None:
+        self.page = page
+        self.seen: list[str] = []
+
+    def begin(self, stage: str, total: int) -> None:
+        """Nothing is there yet."""
+
+    def advance(self, row: FrameRow) -> None:
+        self.seen.append(self.page.read_text("utf-8"))
+
+
+def test_while_a_run_works_its_page_says_how_far_it_is(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "stereo_seecolor.report.live_page.PACE", LivePace(every_s=0.0, most_of_time=1e9)
+    )
+    dive, watch = make_dive(3), Watch(tmp_path / "out/index.html")
+    (dive.root / "L/0001.png").write_bytes(b"")
+    for side in "LR":
+        (dive.root / side / "0002.png").rename(dive.root / side / f"{NASTY}.png")
+    options = RunOptions(workers=1, page="live", listener=watch)
+    run(
+        dive.root / "L",
+        dive.root / "R",
+        dive.root / "cam.yaml",
+        tmp_path / "out",
+        load_config(None, []),
+        options,
+    )
+    ranges = next(page for page in watch.seen if "ranges, 2 of 3." in page)
+    assert "1 of 2 pairs failed." in ranges
+    colors = next(page for page in watch.seen if "colors, 1 of 2." in page)
+    assert colors.count("data:image/jpeg;base64,") == 3
+    assert all(NASTY not in page for page in watch.seen)
+    final = (tmp_path / "out/index.html").read_text("utf-8")
+    assert "is in progress" not in final
+    assert "1 of 3 pairs failed." in final
+
+
+def test_no_page_says_that_a_run_works_that_has_ended_by_an_error(
+    make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
+    dive, options = make_dive(2), RunOptions(page="live", strict=True)
+    (dive.root / "L/0001.png").write_bytes(b"")
+    with pytest.raises(SeeColorError):
+        run(
+            dive.root / "L",
+            dive.root / "R",
+            dive.root / "cam.yaml",
+            tmp_path / "out",
+            load_config(None, []),
+            options,
+        )
+    assert not (tmp_path / "out/index.html").exists()
+
+
+# The command line
+
+
+def test_run_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path, cli: Cli) -> None:
+    code, text, _ = cli(*make_dive(2).command(tmp_path / "out"))
+    assert code == 0
+    assert f"{tmp_path / 'out/index.html'}: the page of the dive" in text
+    assert (tmp_path / "out/index.html").exists()
+
+
+def test_report_says_which_frames_it_does_not_show(out: Path, cli: Cli) -> None:
+    (out / "range/0001.tiff").write_bytes(b"broken")
+    code, text, _ = cli("report", out)
+    assert code == 3
+    assert "not shown: 0001:" in text
+    assert "1 frame shown, 0 of them kept" in text
+
+
+def test_report_as_json(out: Path, cli: Cli) -> None:
+    _, text, _ = cli("report", out, "--json")
+    assert json.loads(text)["made"] == 2
+
+
+# Ranges as the page holds them
+
+
+def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
+    rng = np.random.default_rng(1)
+    range_m = rng.uniform(0.3, 20, (61, 83)).astype(np.float32)
+    range_m[rng.random(range_m.shape) < 0.2] = np.nan
+    found = CodedRanges.of(range_m).range_m()
+    assert (np.isnan(found) == np.isnan(range_m)).all()
+    assert np.nanmax(abs(found - range_m) / range_m**2) < 1e-4
+
+
+def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
+    range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
+    coded = CodedRanges.of(range_m)
+    assert coded.step_per_m > RANGE_CODE_CODE.step_per_m
+    np.testing.assert_allclose(coded.range_m(), range_m, rtol=1e-3)
+
+
+def test_coded_standard_errors_are_exact_to_three_percent() -> None:
+    std_m = np.random.default_rng(2).uniform(1e-4, 0.5, (30, 43)).astype(np.float32)
+    std_m[:9, :9] = np.nan
+    found, expected = std_from_codes(std_codes(std_m)), std_blocks(std_m)
+    assert found.shape == (8, 11)
+    assert np.isnan(found[0, 0])
+    np.testing.assert_allclose(found, expected, rtol=0.03)
+
+
+def test_the_tables_rows_are_read_back_as_they_were(out: Path) -> None:
+    from stereo_seecolor.run_folder.frames_csv import frames_csv, read_frames
+
+    stages = list(open_run(out).totals["stage_seconds"])
+    rows = read_frames(out / "frames.csv", stages)
+    assert b"".join(frames_csv(rows)) == (out / "frames.csv").read_bytes()
+    assert [
+        row["name"] for row in csv.DictReader((out / "frames.csv").read_text().splitlines())
+    ] == [row.name for row in rows]
+
+
+# The page's program
+
+
+WEB = Path(__file__).resolve().parents[2] / "web"
+BUILT = ("page.js", "map.js", "live.js", "page.css", "licenses.txt")
+
+
+@pytest.mark.slow
+def test_the_built_program_is_that_of_its_sources(tmp_path: Path) -> None:
+    if shutil.which("npm") is None:
+        pytest.skip("Node is not installed: the page's program cannot be built again")
+    work = tmp_path / "web"
+    shutil.copytree(WEB, work, ignore=shutil.ignore_patterns("node_modules"))
+    if (WEB / "node_modules").is_dir():
+        (work / "node_modules").symlink_to(WEB / "node_modules")
+    elif subprocess.run(
+        ["npm", "ci", "--no-audit", "--no-fund"], cwd=work, capture_output=True
+    ).returncode:
+        pytest.skip("npm ci could not fetch the page's libraries")
+    (tmp_path / "built").mkdir()
+    subprocess.run(["npx", "--no-install", "tsc", "--noEmit"], cwd=work, check=True)
+    subprocess.run(["node", "build.mjs", str(tmp_path / "built")], cwd=work, check=True)
+    for name in BUILT:
+        assert (tmp_path / "built" / name).read_bytes() == (STATIC / name).read_bytes(), (
+            f"{name}: run npm run build in web/"
+        )
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.0, "0"),
+        (5.67e-17, "0"),
+        (0.00001364, "0.000014"),
+        (0.0123456, "0.0123"),
+        (12345.6, "12346"),
+    ],
+)
+def test_numbers_of_the_page_have_no_powers_of_ten(value: float, shown: str) -> None:
+    assert digits(value) == shown
