@@ -76,10 +76,10 @@ def _message(ros: Any, stamp_ns: int, image: np.ndarray, jpeg: bool) -> Any:
 
 def play(dive: Path, bag: Path, keep: str, budget_ms: float) -> None:
     """One rate, in this process; prints JSON."""
-    from stereo_seecolor.compute.process import keep_freed_memory
+    from stereo_seecolor.compute.process import tune_malloc
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 
-    keep_freed_memory()  # as the command does
+    tune_malloc()  # as the command does
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out" if keep == "files" else None
         record = Path(folder) / "live.mcap" if keep == "mcap" else None

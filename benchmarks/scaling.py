@@ -34,7 +34,7 @@ from stereo_seecolor import cli
 from stereo_seecolor.compute import threads
 
 CORES = (1, 2, 4, 8, 16, 32, 64)
-LOOK = "FrameLook."
+LOOK = "FrameMatcher."
 """Begins the names of the passes that look for the light, which run inside each other: they are one
 part, named as the first.
 """

@@ -66,11 +66,11 @@ def plain_loop(dive: Path, out: Path) -> None:
 
 def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor.commands.run import run
-    from stereo_seecolor.compute.process import keep_freed_memory
+    from stereo_seecolor.compute.process import tune_malloc
     from stereo_seecolor.config.file import load_config
     from stereo_seecolor.dive.run_options import RunOptions
 
-    keep_freed_memory()  # as the command does
+    tune_malloc()  # as the command does
     config = load_config(None, ["color.lock=survey"])
     summary = run(
         dive / "left",

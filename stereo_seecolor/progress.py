@@ -1,4 +1,4 @@
-"""Listeners, which are told of a command's progress."""
+"""Listeners, which receive the progress events of a command."""
 
 import logging
 import re
@@ -17,7 +17,7 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class Listener(Protocol):
-    """Is told of a command's progress: cli/ has listeners that draw it."""
+    """Receives progress events of a command: cli/ has listeners that draw it."""
 
     def begin(self, stage: str, total: int) -> None:
         """A pass over ``total`` pairs begins."""

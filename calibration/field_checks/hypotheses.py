@@ -29,7 +29,7 @@ KEPT, ACROSS, DOWN, TURNED = (False, False), (True, False), (False, True), (True
 
 
 @dataclass(frozen=True)
-class MistakeLimits:
+class HypothesisLimits:
     """Decides when a mistake explains the images. Distances are medians, from a point to the line
     that the rig expects it on.
 
@@ -51,7 +51,7 @@ class MistakeLimits:
     rectified_px: float = 0.7
 
 
-LIMITS = MistakeLimits()
+LIMITS = HypothesisLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ NOTHING = Fit(np.inf, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Mistake:
+class Hypothesis:
     """A usual mistake. what: was done. cure: what to do. rig: the calibration without it.
 
     left_flip, right_flip: which axes of a side's images run the other way, x and y: both where they
@@ -93,7 +93,7 @@ class Mistake:
     """
 
     what: str
-    cure: str
+    fix: str
     rig: StereoRig
     left_flip: Flip = KEPT
     right_flip: Flip = KEPT
@@ -123,19 +123,21 @@ _TURN = (
 )
 
 
-def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
+def _mistakes(rig: StereoRig) -> Iterator[Hypothesis]:
     """Those that give a rig at all, the most usual first."""
     R, t = rig.T_right_left[:3, :3], rig.T_right_left[:3, 3]
     back = _transform(R.T, -R.T @ t)
     with suppress(CalibrationError):
-        yield Mistake(
+        yield Hypothesis(
             EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back)
         )
     distorted = (
         rig.left.distortion.any() and rig.right.distortion.any()
     )  # else a moved camera comes to the same
     if distorted and rig.left.image_size == rig.right.image_size:
-        yield Mistake(RECTIFIED, GIVE_RECTIFIED, rectified_like(rig), most_px=LIMITS.rectified_px)
+        yield Hypothesis(
+            RECTIFIED, GIVE_RECTIFIED, rectified_like(rig), most_px=LIMITS.rectified_px
+        )
     wrong_way = "the translation between the cameras points the wrong way"
     reverse = "use -T, or -R T if it is the place of the right camera"
     transforms = (
@@ -152,11 +154,11 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
         (wrong_way, reverse, _transform(R, -t)),
         (wrong_way, reverse, _transform(R, -R @ t)),
     )
-    for what, cure, T in transforms:
+    for what, fix, T in transforms:
         with suppress(CalibrationError):
-            yield Mistake(f"{what}, in the calibration", cure, replace(rig, T_right_left=T))
+            yield Hypothesis(f"{what}, in the calibration", fix, replace(rig, T_right_left=T))
     lenses = "the lenses of left and right are exchanged in the calibration"
-    yield Mistake(
+    yield Hypothesis(
         lenses,
         "exchange K and distortion, and leave R and T",
         replace(rig, left=rig.right, right=rig.left),
@@ -166,7 +168,7 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
         ("right", KEPT, TURNED),
         ("left and right", TURNED, TURNED),
     ):
-        yield Mistake(
+        yield Hypothesis(
             f"the {sides} images are turned by 180 degrees against the calibration",
             _TURN,
             rig,
@@ -193,16 +195,16 @@ def rectified_like(rig: StereoRig) -> StereoRig:
     )
 
 
-def _mirrors(rig: StereoRig) -> Iterator[Mistake]:
+def _mirrors(rig: StereoRig) -> Iterator[Hypothesis]:
     """One side alone mirrored."""
     for flip in (ACROSS, DOWN):
         yield _mirrored("left", rig, flip, KEPT)
         yield _mirrored("right", rig, KEPT, flip)
 
 
-def _mirrored(sides: str, rig: StereoRig, left: Flip, right: Flip) -> Mistake:
+def _mirrored(sides: str, rig: StereoRig, left: Flip, right: Flip) -> Hypothesis:
     way = "left to right" if ACROSS in (left, right) else "top to bottom"
-    return Mistake(
+    return Hypothesis(
         f"the {sides} images are mirrored, {way}, against the calibration",
         "mirror them back",
         rig,
@@ -224,7 +226,7 @@ def may_be_mistaken(rows: RowCheck) -> bool:
     return rows.swapped or (rows.row_error_px > LIMITS.wrong_px and not rows.refusal)
 
 
-def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
+def likely_hypothesis(rig: StereoRig, pairs: Iterable[Images]) -> Hypothesis | None:
     """The mistake that explains raw image pairs, (H, W) or (H, W, C), which the rig as given does
     not.
 
@@ -234,7 +236,7 @@ def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
         return None
     fitting = [(left, right) for left, right in pairs if _are_of(rig, left, right)]
     points = _together([look_alikes(left, right) for left, right in fitting])
-    given = fit_of(Mistake("", "", rig), points)
+    given = fit_of(Hypothesis("", "", rig), points)
     behind = (
         f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, "
         if given.is_behind
@@ -258,8 +260,8 @@ def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
 
 
 def _explaining(
-    points: Matches, mistakes: Iterator[Mistake], given: Fit, as_given: str
-) -> Mistake | None:
+    points: Matches, mistakes: Iterator[Hypothesis], given: Fit, as_given: str
+) -> Hypothesis | None:
     """The most usual of the mistakes that explain the points about as well as any, if any does."""
     if len(points.left) < LIMITS.least_points:
         return None
@@ -270,11 +272,11 @@ def _explaining(
     least = min(fit.off_px for _, fit in tried)
     alike = [one for one in tried if one[1].off_px <= LIMITS.alike * least]
     mistake, fit = alike[0]
-    cure = mistake.cure
+    fix = mistake.fix
     if not mistake.is_mirrored and any(other.is_mirrored for other, _ in alike):
-        cure += "; images mirrored on both sides would look the same: mirror them back if they are"
+        fix += "; images mirrored on both sides would look the same: mirror them back if they are"
     return replace(
-        mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {cure}"
+        mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {fix}"
     )
 
 
@@ -290,7 +292,7 @@ def _together(found: list[Matches]) -> Matches:
     return Matches(left, right)
 
 
-def fit_of(mistake: Mistake, points: Matches) -> Fit:
+def fit_of(mistake: Hypothesis, points: Matches) -> Fit:
     """Fit matched points of both raw images, some of them wrong, to the rig without that
     mistake.
     """

@@ -362,7 +362,7 @@ STRAY_PX = 1.0  # a row that much off the median is no match of the same point
 
 
 @dataclass(frozen=True, eq=False)
-class QuickLook:
+class QuickCheck:
     """The outcome of a quick look. rows_agree: to a quarter of a pixel, and left is left; False
     also if too little matches to tell.
 
@@ -376,13 +376,13 @@ class QuickLook:
     range_m: Array
 
 
-def quick_look(rectification: Rectification, images: Images) -> QuickLook:
+def quick_check(rectification: Rectification, images: Images) -> QuickCheck:
     """Look at one raw pair. ``vertical_disparity`` says what is wrong where rows do not agree."""
     pair = rectification.matching_pair
     step_px = min(QUICK.step_px, math.ceil(math.sqrt(math.prod(pair.image_size) / LEAST_PIXELS)))
     found = find_matches(rectification, *images, replace(QUICK, step_px=step_px))
     if len(found.left) < MIN_MATCHES:
-        return QuickLook(False, False, np.zeros(0))
+        return QuickCheck(False, False, np.zeros(0))
     shift_px, row_px = (found.left - found.right).T
     disparity_px = shift_px - (pair.cx_left_px - pair.cx_right_px)
     apart = np.median(disparity_px) > -BEHIND_PX  # else swapped, or one camera's picture twice
@@ -393,7 +393,7 @@ def quick_look(rectification: Rectification, images: Images) -> QuickLook:
     )
     keystone = find_keystone(*centered, np.zeros(len(row_px), np.int64), pair.focal_px)
     in_front = (np.abs(row_px - np.median(row_px)) < STRAY_PX) & (disparity_px > -BEHIND_PX)
-    return QuickLook(
+    return QuickCheck(
         bool(agree),
         keystone.is_possible,
         _range_m(pair, found.left[in_front], disparity_px[in_front]),

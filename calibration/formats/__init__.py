@@ -126,7 +126,7 @@ def format_name(path: str | Path) -> str:
             if reader.matches(document):
                 return _name(reader)
     raise CalibrationError(
-        f"{path}: is no calibration known here; see docs/calibration.md for the formats"
+        f"{path}: is not a calibration known here; see docs/calibration.md for the formats"
     )
 
 
@@ -264,7 +264,7 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
         return opencv.parse(document, image_size)
     keys = ", ".join(map(repr, list(document.content)[:6]))
     raise CalibrationError(
-        f"is no calibration known here (its keys: {keys:.120}); see docs/calibration.md for the "
+        f"is not a calibration known here (its keys: {keys:.120}); see docs/calibration.md for the "
         "formats"
     )
 

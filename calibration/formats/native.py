@@ -110,7 +110,7 @@ def read(path: Path) -> StereoRig:
     """Read a native rig file.
 
     Raises CalibrationError, naming the file, the key and the value, if it is not YAML, misses a
-    key, or is no rig.
+    key, or is not a rig.
     """
     with naming(str(path)):
         return parse(load_document(path))

@@ -3,7 +3,7 @@
 import sys
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
-from stereo_seecolor.compute.process import collect_seldom, one_thread_in_libraries
+from stereo_seecolor.compute.process import one_thread_in_libraries, tune_gc
 
 __all__ = ["main"]
 
@@ -14,7 +14,7 @@ def main() -> None:
     """
     with interrupts():
         try:
-            collect_seldom()
+            tune_gc()
             # before any command is imported, since commands import these libraries
             one_thread_in_libraries()
             from stereo_seecolor.cli.app import run_command_line

@@ -15,7 +15,7 @@ from stereo_seecolor.cli.command import Command
 from stereo_seecolor.cli.errors import exit_code_of
 from stereo_seecolor.cli.output import prepare_streams, quiet_libraries, write_error, write_out
 from stereo_seecolor.cli.report import Report
-from stereo_seecolor.compute.process import keep_freed_memory
+from stereo_seecolor.compute.process import tune_malloc
 from stereo_seecolor.errors import PluginError
 from stereo_seecolor.plugins import added, load
 
@@ -165,7 +165,7 @@ def version_option(
 def run_command_line() -> int:
     """Run the command that the program was started with and return its exit code."""
     prepare_streams()
-    keep_freed_memory()
+    tune_malloc()
     words = sys.argv[1:]
     with contextlib.nullcontext() if "--verbose" in words else quiet_libraries():
         return exit_code_of(

@@ -14,7 +14,7 @@ from calibration.boards.report import CalibrationReport
 from calibration.boards.targets import View, detect_view, parse_target
 from calibration.calibrate import calibrate as fit_rig
 from calibration.checks import RowCheck, judge_matches, port_error, suspicions
-from calibration.field_checks.hypotheses import likely_mistake, may_be_mistaken, settle_matches
+from calibration.field_checks.hypotheses import likely_hypothesis, may_be_mistaken, settle_matches
 from calibration.field_checks.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.field_checks.motion import find_motion
 from calibration.field_checks.vertical_disparity import LIMITS
@@ -255,10 +255,10 @@ def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> Row
     try:
         rows = judge_matches(rig, rectified_matches(rig, raw))
     except CalibrationError:
-        if mistake := likely_mistake(rig, images):
+        if mistake := likely_hypothesis(rig, images):
             raise CalibrationError(mistake.line) from None
         raise
-    mistake = likely_mistake(rig, images) if may_be_mistaken(rows) else None
+    mistake = likely_hypothesis(rig, images) if may_be_mistaken(rows) else None
     return replace(rows, mistake=mistake.line) if mistake else rows
 
 

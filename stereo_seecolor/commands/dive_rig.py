@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.hypotheses import LIMITS, likely_mistake, settle_reading
+from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, settle_reading
 from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig_of_images, native
 from calibration.formats.kitti import for_channels
@@ -254,7 +254,7 @@ class DiveRefinement:
                 f"calibration: used as it is, since refined it is no better: {found.summary}",
             )
         if found.before_px > LIMITS.wrong_px and (
-            mistake := likely_mistake(rig, first_images(self.pairing.pairs, self.images))
+            mistake := likely_hypothesis(rig, first_images(self.pairing.pairs, self.images))
         ):
             raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
         return refined, f"calibration: refined, as rig.yaml records: {found.summary}"

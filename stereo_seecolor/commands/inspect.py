@@ -42,10 +42,10 @@ from stereo_seecolor.inputs.video_file import gray, is_video, video_file
 # Files that were named to ``inspect`` and that it cannot use.
 
 NOT_KNOWN = (
-    "is no trajectory that is known here",
-    "is no calibration",
+    "is not a trajectory that is known here",
+    "is not a calibration",
     "cannot be parsed",
-    "is no UTF-8 text",
+    "is not UTF-8 text",
     "is not UTF-8 text",
 )
 """Of errors that say no more than that a file is something else."""

@@ -16,7 +16,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.images import FrameReader
-from stereo_seecolor.inputs.neighbors import neighbor_that_fits, show_one_scene
+from stereo_seecolor.inputs.neighbors import images_overlap, neighbor_that_fits
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.matching.gray import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
@@ -112,7 +112,7 @@ def misfits(
     found, fitting = [], 0
     for pair in sample:
         frame = reader.read(pair)
-        if show_one_scene(rectification, frame.left, frame.right):
+        if images_overlap(rectification, frame.left, frame.right):
             fitting += 1
         elif not sides_without_texture(frame):
             other = neighbor_that_fits(pair, pairing.pairs, rectification, config.input)

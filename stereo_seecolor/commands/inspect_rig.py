@@ -13,13 +13,13 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.field_checks.hypotheses import (
-    Mistake,
-    likely_mistake,
+    Hypothesis,
+    likely_hypothesis,
     may_be_mistaken,
     settle_reading,
 )
 from calibration.field_checks.motion import NO_MOTION, find_motion
-from calibration.field_checks.vertical_disparity import quick_look
+from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.formats.kitti import for_channels
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
@@ -178,7 +178,7 @@ class Tested:
     measured: SampleMeasures | None = None
     fitting: bool = True
     limits: tuple[RangeLimits, ...] = ()
-    mistake: Mistake | None = None
+    mistake: Hypothesis | None = None
 
     @property
     def rows(self) -> RowCheck | None:
@@ -217,7 +217,7 @@ def tested_calibration(
     with suppress(CalibrationError):
         rows = vertical_disparity(rig, images)
     mistake = (
-        likely_mistake(rig, images[:DECIDING_PAIRS])
+        likely_hypothesis(rig, images[:DECIDING_PAIRS])
         if rows is None or may_be_mistaken(rows)
         else None
     )
@@ -256,7 +256,7 @@ def _range_limits(
     rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig
 ) -> tuple[RangeLimits, ...]:
     rectification = Rectification.from_rig(rig)
-    ranges_m = [quick_look(rectification, both).range_m for both in images]
+    ranges_m = [quick_check(rectification, both).range_m for both in images]
     return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
 
 

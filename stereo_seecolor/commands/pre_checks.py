@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from calibration import CalibrationError
 from calibration.checks import RowCheck, vertical_disparity
-from calibration.field_checks.hypotheses import likely_mistake, may_be_mistaken
+from calibration.field_checks.hypotheses import likely_hypothesis, may_be_mistaken
 from calibration.field_checks.motion import Motion, find_motion
-from calibration.field_checks.vertical_disparity import quick_look
+from calibration.field_checks.vertical_disparity import quick_check
 from stereo_seecolor.commands.dive_rig import (
     DECIDING_PAIRS,
     first_images,
@@ -128,7 +128,7 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
         CalibrationError
     ):  # of pairs that are not as large as calibrated: the run names them
         seen = readable(spread(pairs, LOOKED_AT), pipeline.config.input)
-        looks = [(pair, quick_look(pipeline.rectification, both)) for pair, both in seen]
+        looks = [(pair, quick_check(pipeline.rectification, both)) for pair, both in seen]
         looks = [(pair, look) for pair, look in looks if look.range_m.size]
         if looks and all(look.rows_agree for _, look in looks):
             pair, first = looks[0]
@@ -166,7 +166,7 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     if check and check.refusal:
         raise InputError(check.refusal)
     if check is None or may_be_mistaken(check):
-        if mistake := likely_mistake(rig, first_images(chosen, images)):
+        if mistake := likely_hypothesis(rig, first_images(chosen, images)):
             raise InputError(mistake.line)
         if shift := constant_shift(
             spread(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images

@@ -20,14 +20,14 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.matching.diagnostics import NOT_ONE_SCENE
+from stereo_seecolor.matching.diagnostics import NO_OVERLAP
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.folder import Room, RunFolder, need_bytes
+from stereo_seecolor.run_folder.folder import DiskSpace, RunFolder, need_bytes
 from stereo_seecolor.run_folder.frames_csv import CurrentFrames, RunSummary
 from stereo_seecolor.run_folder.layout import RIG, RUN, WATER, Stage, state
-from stereo_seecolor.run_folder.ownership import Claim, Owner
+from stereo_seecolor.run_folder.ownership import FolderRequest, Owner
 from stereo_seecolor.run_folder.reports import (
     FinalRows,
     RunDescription,
@@ -64,7 +64,9 @@ def stereo_run(
         opened = before or inputs.open_in(folder, config)
         options = options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
         with options.compute.sharing(state(folder.root), inputs.paths):
-            opened = _with_room(opened.for_dive(folder, options).part(shard), folder, options, last)
+            opened = _with_disk_space(
+                opened.for_dive(folder, options).part(shard), folder, options, last
+            )
             compile_for(config, options)
             with reported(
                 opened.pipeline, opened.pairing, inputs.names, folder, options, last, passes
@@ -73,22 +75,20 @@ def stereo_run(
                 yield run
 
 
-def _with_room(opened: Opened, folder: RunFolder, options: RunOptions, last: Stage) -> Opened:
+def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, last: Stage) -> Opened:
     """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the
     disk may be too small.
     """
     known = set(folder.manifest.names())
     new = sum(name not in known for name in opened.pairing.names)
     output = opened.pipeline.config.output
-    room = Room.checked(
+    room = DiskSpace.checked(
         folder.root, new, need_bytes(output, opened.pipeline.pixels, last == "corrected")
     )
     if new:
         options.notice(room.line)
     return (
-        replace(opened, pairing=opened.pairing.with_notes((room.line,)))
-        if room.is_tight
-        else opened
+        replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_low else opened
     )
 
 
@@ -165,7 +165,7 @@ def _summary(
         f"{path}: was changed since the program wrote it, and is kept here"
         for path in run.folder.owned.set_aside
     ]
-    failed = {name for name, error in run.table.failed.items() if NOT_ONE_SCENE in error}
+    failed = {name for name, error in run.table.failed.items() if NO_OVERLAP in error}
     misfits: tuple[str, ...] = ()
     if failed and description.rectification:
         misfits = misfit_notes(
@@ -190,7 +190,7 @@ def _earlier_config(folder: RunFolder) -> RunConfig | None:
 
 def claim(
     owner: Owner, config: RunConfig, options: RunOptions, inputs: Sequence[Path], ranges: str = ""
-) -> Claim:
+) -> FolderRequest:
     """The claim of a command on OUT, in which all that it reads is protected from deletion: its
     inputs, and what its settings and options name. ranges: as in Claim.
     """
@@ -198,7 +198,7 @@ def claim(
     unchanged = (
         () if options.overwrite else (WATER, RUN) if config.input.refine else (WATER, RUN, RIG)
     )
-    return Claim(
+    return FolderRequest(
         owner,
         options.overwrite,
         tuple(path for path in given if path is not None),

@@ -23,10 +23,10 @@ from stereo_seecolor.records import FrameRow, Water
 
 STAGE = "compiling for this machine, once"
 WORKS = (
-    "stereo_seecolor.matching.warm_up:search_noise",
-    "stereo_seecolor.matching.warm_up:judge_noise",
-    "stereo_seecolor.commands.warm_up:fit_noise",
-    "stereo_seecolor.commands.warm_up:correct_noise",
+    "stereo_seecolor.matching.warm_up:warm_up_matching",
+    "stereo_seecolor.matching.warm_up:warm_up_quality",
+    "stereo_seecolor.commands.warm_up:warm_up_fit",
+    "stereo_seecolor.commands.warm_up:warm_up_correction",
 )
 """Functions that compile the kernels by calling them. Assigned to cores in turn: 1 and 3 take as
 long as 2 and 4.
@@ -65,7 +65,7 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
             options.listener.advance(FrameRow(name.partition(":")[2]))
 
 
-def fit_noise() -> None:
+def warm_up_fit() -> None:
     """Compile the kernels of decoding, counting, fitting, exposure, the cloud, and the page's
     ranges.
     """
@@ -85,7 +85,7 @@ def fit_noise() -> None:
     CodedRanges.of(range_m)
 
 
-def correct_noise() -> None:
+def warm_up_correction() -> None:
     """Compile the kernels that correct a frame and that place frames for the dive's light."""
     from stereo_seecolor.mapping.track.relative_pose import Observed, fit_pose
 

@@ -21,7 +21,7 @@ the processor time of images of 21 megapixels.
 """
 
 
-def keep_freed_memory() -> None:
+def tune_malloc() -> None:
     """Keep freed memory for the next image, in one arena for all threads; does nothing without the
     GNU C library.
 
@@ -51,7 +51,7 @@ cycles wait for a collection.
 """
 
 
-def collect_seldom() -> None:
+def tune_gc() -> None:
     """Collect garbage after many more new objects, and not when the process ends, which would take
     a third of a second.
     """

@@ -109,7 +109,7 @@ class ColorConfig(StageConfig):
         default="auto",
         description="auto: one water for all frames that share it; where they do not (several "
         "sites, a change of depth), one for "
-        "each stretch of the dive. correct, whose pictures may be unrelated, takes auto as frame. "
+        "each segment of the dive. correct, whose pictures may be unrelated, takes auto as frame. "
         "frame: each frame its own water. "
         "sliding: the water of the last frames. survey: one water for all frames.",
     )

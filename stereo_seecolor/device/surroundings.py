@@ -102,7 +102,7 @@ def _residuals(left: Tensor, right: Tensor, disparity: Tensor, gain: Tensor) -> 
     return torch.stack([one, g, e, g * g, g * e, e * e, disparity.where(inside, 0)])
 
 
-class Surroundings(NamedTuple):
+class LocalContext(NamedTuple):
     """``Context`` as tensors of samples (h, w)."""
 
     known: Tensor
@@ -112,7 +112,7 @@ class Surroundings(NamedTuple):
     levels: Tensor
 
 
-def surroundings(disparity: Tensor, best: Tensor, left: Tensor) -> Surroundings:
+def surroundings(disparity: Tensor, best: Tensor, left: Tensor) -> LocalContext:
     """As ``Context.of``. left: (H, W) gray."""
     sampled, checked, levels = (_samples(values) for values in (best, disparity, left))
     there, known = sampled.isfinite().to(torch.float32), sampled.nan_to_num()
@@ -121,7 +121,7 @@ def surroundings(disparity: Tensor, best: Tensor, left: Tensor) -> Surroundings:
     roughness = _blur(departure, CONTEXT.window) / _blur(there, CONTEXT.window).clamp(min=0.01)
     found = sampled.where(sampled.isfinite(), torch.inf)
     farthest = -F.max_pool2d(-found[None], 5, 1, 2)[0]
-    return Surroundings(
+    return LocalContext(
         _blur(checked.isfinite().to(torch.float32), CONTEXT.window),
         roughness,
         found,
@@ -140,7 +140,7 @@ def _blur(image: Tensor, size: int) -> Tensor:
     return F.avg_pool2d(wide, size, 1)[0, 0]
 
 
-def log_odds(uniqueness: Tensor, refined: Refined, around: Surroundings) -> Tensor:
+def log_odds(uniqueness: Tensor, refined: Refined, around: LocalContext) -> Tensor:
     """(H, W) log odds, base 2, before fattening, as ``weigh_rows``."""
     samples = (
         WEIGHTS.known * around.known
@@ -163,7 +163,7 @@ def log_odds(uniqueness: Tensor, refined: Refined, around: Surroundings) -> Tens
 
 
 def fattening(
-    best: Tensor, left: Tensor, around: Surroundings, odds: Tensor, least: float
+    best: Tensor, left: Tensor, around: LocalContext, odds: Tensor, least: float
 ) -> Tensor:
     """(H, W) as ``matching.fattening.fattening``."""
     height, width = best.shape

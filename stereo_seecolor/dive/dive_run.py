@@ -57,7 +57,7 @@ def attempt(work: Work[Result], folder: RunFolder, pair: Pair) -> Outcome[Result
     except (SeeColorError, CalibrationError) as error:
         kept = (
             f" (what an earlier run made of it is in {SET_ASIDE})"
-            if folder.frames.retire(pair.name)
+            if folder.frames.remove_stale(pair.name)
             else ""
         )
         row, failure = (

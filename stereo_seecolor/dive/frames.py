@@ -16,7 +16,7 @@ from calibration import Rectification, RectifiedPair
 from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.exposure import exposure_warnings
-from stereo_seecolor.color.photometry.frame_shading import even_light
+from stereo_seecolor.color.photometry.frame_shading import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
@@ -214,7 +214,7 @@ def count_colors(
     if packed:
         return ranged.row, MomentTable.unpacked(packed)
     image, range_map = _pixels(frames, ranged, clock)
-    image = _evened(frames, light, pair.name, image, range_map.measured_m, clock)
+    image = _divided(frames, light, pair.name, image, range_map.measured_m, clock)
     with clock("color"):
         table = frames.source.corrector.measure(image, range_map.measured_m)
     with clock("write"):
@@ -262,7 +262,7 @@ def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeM
     return image, range_map
 
 
-def _evened(
+def _divided(
     frames: Frames, light: Light | None, name: str, image: Image, range_m: Map, clock: Clock
 ) -> Image:
     """The rectified image without the dive's light."""
@@ -270,7 +270,7 @@ def _evened(
         return image
     with clock("light"):
         of_frame = light.on(name, (image.shape[1], image.shape[0]))
-        return even_light(image, range_m, of_frame, frames.config.color.input_encoding)
+        return divide_illumination(image, range_m, of_frame, frames.config.color.input_encoding)
 
 
 def light_key(light: Light | None) -> str:
@@ -352,7 +352,7 @@ def _corrected(
     before, measured = _pixels(frames, ranged, clock)
     with clock("color"):
         ranges = ranges_for_color(source.corrector, before, measured, water, source.seen)
-    image = _evened(frames, light, ranged.pair.name, before, ranges.range_m, clock)
+    image = _divided(frames, light, ranged.pair.name, before, ranges.range_m, clock)
     with clock("color"):
         exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)
         correction = correct(source.corrector, source.config, image, ranges, water)
@@ -391,7 +391,9 @@ def _original_files(
         for_color = ranges_for_color(source.corrector, image, range_map, water)
         if light:
             seen = light.on(pair.name, rectified.range_m.shape[::-1]).seen_through(view.smooth)
-            image = even_light(image, for_color.range_m, seen, source.config.color.input_encoding)
+            image = divide_illumination(
+                image, for_color.range_m, seen, source.config.color.input_encoding
+            )
         correction = correct(source.corrector, source.config, image, for_color, water)
     return original_files(
         pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.color_beside_water import beside_water
+from stereo_seecolor.color.photometry.color_beside_water import refit_color_after_water
 from stereo_seecolor.color.photometry.exposure import (
     explain,
     log_exposures,
@@ -27,13 +27,13 @@ from stereo_seecolor.color.photometry.gain_chain import (
     solve_chain,
 )
 from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
-from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy, Names, SomeNames
-from stereo_seecolor.dive.overlap import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
+from stereo_seecolor.dive.overlap import LOOK, FrameMatcher, ReadFrame, Segment, reduced, reduction
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
@@ -46,17 +46,17 @@ Differing = tuple[NDArray[np.int64], tuple[Differences, Parts]]
 class SampleSettings:
     """The frames of a long dive from which the pattern is solved."""
 
-    stretch: int = 5
+    segment: int = 5
     """Frames of a stretch: one more than the farthest back."""
     most_frames: int = 60
-    """Frames in all: 60 give 60,000 sightings for at most 150 unknowns."""
+    """Frames in all: 60 give 60,000 observations for at most 150 unknowns."""
 
 
 SAMPLE = SampleSettings()
 
 
 @dataclass(frozen=True)
-class StretchSettings:
+class GapSettings:
     """Frames that are examined together, as one piece of work. Results do not depend on where the
     dive is cut.
     """
@@ -75,7 +75,7 @@ class StretchSettings:
         return max(min(self.frames, -(-frames // parts)), self.least)
 
 
-STRETCH = StretchSettings()
+STRETCH = GapSettings()
 MOST_SHADED = 100_000
 """Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again
 to solve it.
@@ -112,10 +112,12 @@ class LightSearch:
     examined: Callable[[str], None] = lambda _: None
 
     @property
-    def _frame_look(self) -> FrameLook:
-        return FrameLook(self.read, reduced(self.geometry), reduction(self.geometry), self.encoding)
+    def _frame_look(self) -> FrameMatcher:
+        return FrameMatcher(
+            self.read, reduced(self.geometry), reduction(self.geometry), self.encoding
+        )
 
-    def solve(self, allowed: Use) -> Found:
+    def solve(self, allowed: LightTerms) -> Found:
         """Solve the light of the dive, with terms that are ``allowed``.
 
         The pattern of a long dive is solved from a part of its frames. Then all frames are examined
@@ -128,14 +130,14 @@ class LightSearch:
         parts = (
             self.compute.parts if is_sampled else 1
         )  # cutting a short dive would break its loops
-        windows = list(self._looked(sample, _WindowLook(self._frame_look), parts))
+        windows = list(self._looked(sample, _WindowMatcher(self._frame_look), parts))
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames)
         light, recorded = self._pattern(windows, names, allowed, is_sampled)
         if light and is_sampled and allowed.gains:
             every = self._looked(
-                range(len(names)), _DifferenceLook(self._frame_look, light), self.compute.parts
+                range(len(names)), _DifferenceMatcher(self._frame_look, light), self.compute.parts
             )
             light = self._with_gains(light, names, every, links, recorded, None)
         elif light and (allowed.gains or light.recorded):
@@ -153,7 +155,7 @@ class LightSearch:
         return reduced(self.geometry).image_size
 
     def _pattern(
-        self, windows: Sequence[SeenWindow], names: Names, allowed: Use, is_sampled: bool
+        self, windows: Sequence[SeenWindow], names: Names, allowed: LightTerms, is_sampled: bool
     ) -> tuple[SurveyLight | None, Array | None]:
         """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they
         explain differences of frames.
@@ -169,7 +171,7 @@ class LightSearch:
                 light = solve_light(windows, names, self._size, allowed, used, is_sampled)
             else:
                 light = replace(light, refused=offsets)
-        return light and beside_water(light, windows, names, self._size, used), used
+        return light and refit_color_after_water(light, windows, names, self._size, used), used
 
     def _offsets_about(
         self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]
@@ -232,7 +234,7 @@ class LightSearch:
         return light.of_frames(gains, own, solved.offsets)
 
     def _looked(
-        self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int
+        self, numbers: Sequence[int], look_at: "Callable[[Segment], list[Shown]]", parts: int
     ) -> Iterator[Shown]:
         """The windows of the frames of these numbers, in order; none of a frame that shows no spot
         of frames before it.
@@ -241,17 +243,17 @@ class LightSearch:
         """
         look_at_all = self.compute.tiles if parts == 1 else self.compute.each
         length = STRETCH.length(len(numbers), parts)
-        for stretch, shown in enumerate(
+        for segment, shown in enumerate(
             look_at_all(look_at, _Stretches(numbers, self.frames, length))
         ):
             yield from shown
             if len(numbers) == len(self.frames):
-                for number in numbers[stretch * length : (stretch + 1) * length]:
+                for number in numbers[segment * length : (segment + 1) * length]:
                     self.examined(self.frames[number][0])
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretches(Lazy[Stretch]):
+class _Stretches(Lazy[Segment]):
     """Frame numbers cut into stretches of ``length``; each begins with some frames of the stretch
     before, to be compared with.
     """
@@ -263,7 +265,7 @@ class _Stretches(Lazy[Stretch]):
     def __len__(self) -> int:
         return -(-len(self.numbers) // self.length)
 
-    def item(self, number: int) -> Stretch:
+    def item(self, number: int) -> Segment:
         """The stretch of this number."""
         numbers, start, back = self.numbers, number * self.length, max(LOOK.back)
         before = [
@@ -272,32 +274,33 @@ class _Stretches(Lazy[Stretch]):
             if numbers[start] - number <= back
         ]
         several = [*before, *numbers[start : start + self.length]]
-        return Stretch(len(before), tuple((number, self.frames[number][1]) for number in several))
+        return Segment(len(before), tuple((number, self.frames[number][1]) for number in several))
 
 
 @dataclass(frozen=True, eq=False)
-class _WindowLook:
-    """Makes windows with all their sightings (200 kB each) and with loops, for the pattern, which
+class _WindowMatcher:
+    """Makes windows with all their observations (200 kB each) and with loops, for the pattern,
+    which
     is solved from few frames.
     """
 
-    frames: FrameLook
+    frames: FrameMatcher
 
-    def __call__(self, stretch: Stretch) -> list[SeenWindow]:
-        return list(self.frames.windows(stretch, LOOK.loops))
+    def __call__(self, segment: Segment) -> list[SeenWindow]:
+        return list(self.frames.windows(segment, LOOK.loops))
 
 
 @dataclass(frozen=True, eq=False)
-class _DifferenceLook:
+class _DifferenceMatcher:
     """Makes the differences of a window's frames with the pattern removed: small, for every frame
     of a long dive. Without loops, which are broken where a dive is cut.
     """
 
-    frames: FrameLook
+    frames: FrameMatcher
     light: SurveyLight
 
-    def __call__(self, stretch: Stretch) -> list[Differing]:
-        return list(self.frames.of_windows(stretch, 0, self._differing))
+    def __call__(self, segment: Segment) -> list[Differing]:
+        return list(self.frames.of_windows(segment, 0, self._differing))
 
     def _differing(self, seen: SeenWindow) -> Differing:
         return seen.frames, differences(seen, self.light, self.frames.geometry.image_size)
@@ -332,7 +335,7 @@ def sampled_frames(frames: int) -> list[int]:
     """
     if is_short(frames):
         return list(range(frames))
-    starts = np.linspace(0, frames - SAMPLE.stretch, SAMPLE.most_frames // SAMPLE.stretch).astype(
+    starts = np.linspace(0, frames - SAMPLE.segment, SAMPLE.most_frames // SAMPLE.segment).astype(
         int
     )
-    return sorted({int(start) + k for start in starts for k in range(SAMPLE.stretch)})
+    return sorted({int(start) + k for start in starts for k in range(SAMPLE.segment)})

@@ -26,7 +26,7 @@ ReadFrame = Callable[[Any], tuple[Image, Map]]
 
 
 @dataclass(frozen=True)
-class Look:
+class OverlapSettings:
     """Settings of the search for spots that several frames show."""
 
     width_px: int = 480
@@ -58,7 +58,7 @@ class Look:
     """
 
 
-LOOK = Look()
+LOOK = OverlapSettings()
 
 FEATURES = FeatureSettings(max_features=600, max_width_px=240)
 """Features for relative poses. A pose among neighbors needs some 50 matches, a map's track many
@@ -68,7 +68,7 @@ and how much it helps is the same to noise.
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """Successive frames of a dive. frames: number in the dive and key of each. before: the first so
     many belong to the stretch before, and are only compared with.
     """
@@ -116,7 +116,7 @@ _Near = tuple[_Seen, View, Sequence[tuple[int, RelativePose]]]
 
 
 @dataclass(frozen=True, eq=False)
-class FrameLook:
+class FrameMatcher:
     """Examines frames; it can be sent to another process. geometry: of images reduced ``every``
     times.
     """
@@ -126,21 +126,21 @@ class FrameLook:
     every: int
     encoding: InputEncoding
 
-    def windows(self, stretch: Stretch, loops: int) -> Iterator[SeenWindow]:
+    def windows(self, segment: Segment, loops: int) -> Iterator[SeenWindow]:
         """The windows of a stretch's own frames, each with at most ``loops`` frames of other survey
         lines.
         """
-        return self.of_windows(stretch, loops, lambda window: window)
+        return self.of_windows(segment, loops, lambda window: window)
 
     def of_windows(
-        self, stretch: Stretch, loops: int, work: Callable[[SeenWindow], Shown]
+        self, segment: Segment, loops: int, work: Callable[[SeenWindow], Shown]
     ) -> Iterator[Shown]:
         """``work`` on each window of ``windows``. All but the chain of poses is done on all
         cores.
         """
         on_cores = Threads(cores())
-        seen = on_cores.each(self._seen, stretch.frames)
-        chain = self._chain(on_cores.each(self._near, _with_before(seen)), stretch.before, loops)
+        seen = on_cores.each(self._seen, segment.frames)
+        chain = self._chain(on_cores.each(self._near, _with_before(seen)), segment.before, loops)
         return on_cores.each(lambda placed: work(self._window(*placed)), chain)
 
     def _chain(
@@ -178,7 +178,7 @@ class FrameLook:
         )
 
     def _window(self, frame: _Placed, others: _Others) -> SeenWindow:
-        """The sightings of spots that a frame and others, placed by features, show."""
+        """The observations of spots that a frame and others, placed by features, show."""
         view = frame.view or self._view(frame.seen)
         views = [
             replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b)

@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 from stereo_seecolor.color.photometry.light_model import Light
-from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.survey import CountedFrames, Fitter
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.sequences import ByName
@@ -107,7 +107,7 @@ def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
     now; none for a single frame.
     """
     color, source = run.frames.config.color, run.frames.source
-    allowed = Use(
+    allowed = LightTerms(
         color.lights == "auto",
         color.lights == "auto",
         color.camera_exposure == "auto",
@@ -133,7 +133,7 @@ def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
     return DiveLight(light, {**found, **light.content()}, kept.linked)
 
 
-def _solve_light(run: DiveRun, ranges: Ranges, allowed: Use) -> KeptLight:
+def _solve_light(run: DiveRun, ranges: Ranges, allowed: LightTerms) -> KeptLight:
     from stereo_seecolor.dive.light_search import LightSearch  # loads the search for features
 
     pairs, geometry = run.good_pairs, run.frames.source.geometry

@@ -235,7 +235,7 @@ def refuse_existing(*files: Path) -> None:
 
 
 def refuse_filled(folder: Path) -> None:
-    """Raise OutputError if ``folder`` holds anything, or is no folder."""
+    """Raise OutputError if ``folder`` holds anything, or is not a folder."""
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise OutputError(
             f"{folder}: is there already: this goes into a new or an empty folder; nothing was "

@@ -75,7 +75,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def special_kind(path: Path) -> str:
-    """Name what ``path`` is where it is no regular file, "" where it is one: opening a named pipe
+    """Name what ``path`` is where it is not a regular file, "" where it is one: opening a named
+    pipe
     or a device could wait forever.
 
     Raises OSError if the path does not exist.

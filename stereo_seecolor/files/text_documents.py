@@ -16,7 +16,7 @@ def read_text(path: Path) -> str:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})"
+            f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})"
         ) from error
 
 
@@ -26,7 +26,7 @@ def read_yaml(path: Path) -> Any:
     try:
         return load_yaml(text)
     except YAML_ERRORS as error:
-        raise InputError(f"{path}: is no YAML: {' '.join(str(error).split())}") from error
+        raise InputError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
 
 
 def read_json(path: Path) -> Any:

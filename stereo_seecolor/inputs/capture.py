@@ -176,7 +176,7 @@ class ExposureTable:
             lines = read_bytes(path).decode("utf-8-sig").splitlines()
         except UnicodeDecodeError as error:
             raise InputError(
-                f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})"
+                f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})"
             ) from error
         if max(map(len, lines), default=0) > MOST_CHARACTERS:
             raise InputError(

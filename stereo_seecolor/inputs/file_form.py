@@ -299,7 +299,7 @@ LEAST_QUALITY = 80
 
 def jpeg_quality(content: bytes) -> int | None:
     """1 to 100, as the Independent JPEG Group counts it, of a JPEG's quantization of luminance;
-    None of what is no JPEG.
+    None of what is not a JPEG.
     """
     if not content.startswith(JPEG_SIGNATURE):
         return None

@@ -43,7 +43,7 @@ def image_size(content: bytes) -> tuple[int, int]:
         return _bmp_size(content)
     if header := NETPBM_HEADER.match(content):
         return _netpbm_size(content, header)
-    raise ValueError("is no PNG, TIFF, JPEG, BMP or binary PGM or PPM image")
+    raise ValueError("is not a PNG, TIFF, JPEG, BMP or binary PGM or PPM image")
 
 
 def is_finished_color(content: bytes) -> bool:

@@ -32,7 +32,7 @@ _RIGHT = (
 """LC and RM: the left camera in color and the right one in monochrome, as on some rigs."""
 
 _LETTER = r"[^\W\d_]"
-"""Of any alphabet: the r of récif is no word."""
+"""Of any alphabet: the r of récif is not a word."""
 
 _SIDE_WORDS = {
     side: re.compile(f"(?<!{_LETTER})({words})(?!{_LETTER})", re.IGNORECASE)

@@ -62,7 +62,7 @@ def agreeing_points(rectification: Rectification, left: Image, right: Image) -> 
     )
 
 
-def show_one_scene(rectification: Rectification, left: Image, right: Image) -> bool:
+def images_overlap(rectification: Rectification, left: Image, right: Image) -> bool:
     """Tell whether enough points of the raw left image are found in the raw right one."""
     return agreeing_points(rectification, left, right) >= _LIMITS.points
 

@@ -182,10 +182,9 @@ def _in_one_folder(folder: Path) -> Sides:
     if len(patterns) < 2 and _shows_both(folder):
         return Sides(folder, folder)
     if len(patterns) < 2:
-        cure = "move the left and the right ones into folders of their own"
+        fix = "move the left and the right ones into folders of their own"
         raise InputError(
-            f"{folder}: holds all images in one folder, and no name says which side it is of: "
-            f"{cure}"
+            f"{folder}: holds all images in one folder, and no name says which side it is of: {fix}"
         )
     return _best_pair(patterns)
 

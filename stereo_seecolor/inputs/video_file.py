@@ -49,7 +49,7 @@ def opened(path: Path) -> Iterator[Any]:
             yield container
     except (av.FFmpegError, OSError) as error:
         raise InputError(
-            f"{path}: is no video that FFmpeg can read: {error.strerror or error}"
+            f"{path}: is not a video that FFmpeg can read: {error.strerror or error}"
         ) from error
 
 

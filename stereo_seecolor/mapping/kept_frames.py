@@ -48,7 +48,7 @@ class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
         return frame if isinstance(frame, Unplaced) else frame.scaled(self._scale)
 
 
-class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
+class ReadableFrames(Lazy[SurveyFrame | Unplaced]):
     """Frames as they are read; one whose files are missing or damaged is Unplaced from then on.
     lost: those, by number.
     """

@@ -20,7 +20,7 @@ from stereo_seecolor.compute.threads import Threads, beside
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
-from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, RecoveredFrames, Unplaced
+from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
 from stereo_seecolor.mapping.map_records import comment, write_description, write_poses, write_track
 from stereo_seecolor.mapping.navigation.comparison import Navigation
@@ -146,7 +146,7 @@ def build_map(
     workspace = workspace or Workspace()
     scratch = workspace.scratch or out_dir / ".scratch"
     started = time.perf_counter()
-    found = RecoveredFrames(frames)
+    found = ReadableFrames(frames)
     config = with_voxel(config, found, geometry)
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")

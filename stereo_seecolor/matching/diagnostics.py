@@ -265,7 +265,7 @@ class PairCheckConstants:
 
 
 PAIR_CHECK_CONSTANTS = PairCheckConstants()
-NOT_ONE_SCENE = "the two images do not show the same thing"
+NO_OVERLAP = "the two images do not show the same thing"
 """In the message of a pair that fails for that, so that its neighbors can be tried."""
 
 
@@ -313,7 +313,7 @@ class PairCheck:
         self._check_swapped(name, matched, raw)
         if too_little:
             raise MatchingError(
-                f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of "
+                f"{name}: only {matched:.1%} of the pixels match: {NO_OVERLAP} (are they of "
                 "one pair?), or "
                 "all of it lies outside matching.min_range_m to matching.max_range_m"
             )

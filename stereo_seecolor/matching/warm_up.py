@@ -19,7 +19,7 @@ PAIR = RectifiedPair(
 SHIFT_PX = 5
 
 
-def search_noise() -> None:
+def warm_up_matching() -> None:
     """Run smoothing, census, search and its diagnostics on noise, so that they are compiled."""
     frame = _noise()
     pair = GrayPair.from_frame(frame, 2)
@@ -32,10 +32,10 @@ def load_search() -> None:
     needs it.
     """
     if not is_first_run():
-        search_noise()
+        warm_up_matching()
 
 
-def judge_noise() -> None:
+def warm_up_quality() -> None:
     """Run all that is done with disparities on noise, so that it is compiled."""
     frame = _noise()
     left, right = (

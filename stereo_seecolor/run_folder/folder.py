@@ -20,10 +20,10 @@ from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders
 from stereo_seecolor.run_folder.ownership import (
-    Claim,
+    FolderRequest,
     Owner,
-    check_claim,
-    refuse_foreign,
+    check_ownership,
+    refuse_files_of_others,
     refuse_inputs,
     refuse_used,
 )
@@ -40,7 +40,7 @@ class RunFolder:
     else.
     """
 
-    def __init__(self, root: Path, claim: Claim) -> None:
+    def __init__(self, root: Path, claim: FolderRequest) -> None:
         self.root = root
         self.manifest, self.owned = Manifest(root), OwnedFiles(root)
         self.frames = FrameProducts(root, self.owned, self.manifest)
@@ -55,7 +55,7 @@ class RunFolder:
         """Open the folder in another process for work on single frames, while the process whose
         lease has this token locks it.
         """
-        folder = cls(root, Claim(Owner("worker", {})))
+        folder = cls(root, FolderRequest(Owner("worker", {})))
         folder.frames.token = token
         return folder
 
@@ -69,7 +69,7 @@ class RunFolder:
             refuse_used(self.root)
         with ExitStack() as hold:
             self.frames.token = hold.enter_context(held(self.root)).token
-            check_claim(self.manifest, self._claim)
+            check_ownership(self.manifest, self._claim)
             self._begin()
             self._hold = hold.pop_all()
         return self
@@ -91,7 +91,7 @@ class RunFolder:
         with held(root) as holder:
             folder = cls.on_worker(root, holder.token)
             folder.dive.record = folder.manifest.dive()
-            refuse_foreign(folder.manifest)
+            refuse_files_of_others(folder.manifest)
             yield folder
 
     def _begin(self) -> None:
@@ -150,7 +150,7 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
 
 
 @dataclass(frozen=True)
-class Room:
+class DiskSpace:
     """The bytes that a number of pairs need on the disk of OUT, and the bytes that are free
     there.
     """
@@ -160,7 +160,7 @@ class Room:
     free: float
 
     @classmethod
-    def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "Room":
+    def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "DiskSpace":
         """Compute need and free space for the pairs that are left. Raises OutputError where the
         disk is too small.
         """
@@ -180,6 +180,6 @@ class Room:
         )
 
     @property
-    def is_tight(self) -> bool:
+    def is_low(self) -> bool:
         """Tell whether the disk may turn out too small."""
         return self.need > self.free

@@ -28,10 +28,10 @@ from stereo_seecolor.run_folder.layout import (
     PAGE,
     Stage,
     Stamp,
-    on_shelf,
+    in_subfolder,
     original_path,
     product_path,
-    shelf_of,
+    subfolder_of,
     table_file,
 )
 from stereo_seecolor.run_folder.lock import check_lease
@@ -117,7 +117,7 @@ class FrameProducts:
         """Make the record of a frame with its present inputs. place: a new frame's number in the
         dive, and the number of frames.
         """
-        known = self._manifest.frame(name) or FrameRecord(name, shelf=shelf_of(place))
+        known = self._manifest.frame(name) or FrameRecord(name, shelf=subfolder_of(place))
         return replace(known, timestamp_s=timestamp_s, inputs=inputs)
 
     def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
@@ -143,7 +143,7 @@ class FrameProducts:
             stage != "page"
         ):  # the page asks for its pictures by name, and by default shows few frames
             contents = {
-                product: (on_shelf(path, frame.shelf), content)
+                product: (in_subfolder(path, frame.shelf), content)
                 for product, (path, content) in contents.items()
             }
         record = replace(
@@ -216,7 +216,7 @@ class FrameProducts:
         self._manifest.save_frame(replace(frame, files={**frame.files, **files}))
         self._owned.move_into_place(temporaries, files)
 
-    def retire(self, name: str) -> bool:
+    def remove_stale(self, name: str) -> bool:
         """Remove a frame that fails now, or is no longer in the dive. Raises OutputError.
 
         What an earlier run made of it is moved aside, since it cannot be made again without its
@@ -229,7 +229,7 @@ class FrameProducts:
             if frame and earlier
             else []
         )
-        kept = self._owned.retire(products)
+        kept = self._owned.remove_stale(products)
         self.discard(name)
         return kept
 

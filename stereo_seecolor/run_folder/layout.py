@@ -126,7 +126,7 @@ class Shelves:
 SHELVES = Shelves()
 
 
-def shelf_of(place: tuple[int, int]) -> str:
+def subfolder_of(place: tuple[int, int]) -> str:
     """Name the folder in each product's folder that holds a frame's files; "" in a small dive.
     place: the frame's number, of how many.
     """
@@ -134,8 +134,8 @@ def shelf_of(place: tuple[int, int]) -> str:
     return f"{number // SHELVES.each:05d}" if of > SHELVES.most_flat else ""
 
 
-def on_shelf(path: str, shelf: str) -> str:
-    """Insert the shelf as the last folder of a path relative to OUT."""
+def in_subfolder(path: str, shelf: str) -> str:
+    """Insert the subfolder as the last folder of a path relative to OUT."""
     folder, _, name = path.rpartition("/")
     return f"{folder}/{shelf}/{name}" if shelf else path
 
@@ -204,10 +204,10 @@ def scratch_folder(root: Path) -> Path:
 
 def table_file(name: str, shelf: str) -> str:
     """The file of a frame's moment table, relative to OUT."""
-    return on_shelf(f"{STATE}/tables/{name}.table", shelf)
+    return in_subfolder(f"{STATE}/tables/{name}.table", shelf)
 
 
-def record_shelf(name: str) -> str:
+def record_subfolder(name: str) -> str:
     """The folder of a frame's record in a large dive, found by the frame's name alone: one of
     256.
     """
@@ -233,7 +233,8 @@ class ForeignPathError(ValueError):
 
 
 def check_own_paths(paths: Iterable[object]) -> None:
-    """Raise ForeignPathError for a name that is no plain path of a file below OUT, in the form in
+    """Raise ForeignPathError for a name that is not a plain path of a file below OUT, in the form
+    in
     which this program writes it.
     """
     for path in paths:
@@ -242,7 +243,7 @@ def check_own_paths(paths: Iterable[object]) -> None:
 
 
 def check_product_paths(paths: Iterable[object]) -> None:
-    """Raise ForeignPathError for a name that is no file in a product's folder."""
+    """Raise ForeignPathError for a name that is not a file in a product's folder."""
     paths = list(paths)
     check_own_paths(paths)
     for path in paths:

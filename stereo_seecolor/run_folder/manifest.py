@@ -24,7 +24,7 @@ from stereo_seecolor.run_folder.layout import (
     Stamp,
     check_own_paths,
     check_product_paths,
-    record_shelf,
+    record_subfolder,
     state,
 )
 
@@ -71,7 +71,7 @@ class FrameRecord:
     """The record of a frame.
 
     inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have.
-    shelf: folder of its products in the folders of a large dive, "" in those of a small one.
+    subfolder: folder of its products in the folders of a large dive, "" in those of a small one.
     """
 
     name: str
@@ -219,7 +219,7 @@ class Manifest:
 
     def _frame_file(self, name: str, shelf: str) -> Path:
         return (
-            self._frames / SPREAD / record_shelf(name) / f"{name}.json"
+            self._frames / SPREAD / record_subfolder(name) / f"{name}.json"
             if shelf
             else self._frames / f"{name}.json"
         )
@@ -243,7 +243,7 @@ def _frame(content: dict[str, Any]) -> FrameRecord:
     }
     shelf = content.get("shelf", "")
     if shelf and not shelf.isdecimal():
-        raise ForeignPathError(f"its shelf is {shelf!r}")
+        raise ForeignPathError(f"its subfolder is {shelf!r}")
     numbers = (value for stage in stages.values() for value in stage.facts.values())
     if not all(isinstance(value, int | float) for value in (*numbers, content["timestamp_s"] or 0)):
         raise ValueError("facts are numbers")
@@ -256,7 +256,7 @@ def _stage_record(content: dict[str, Any]) -> StageRecord:
 
 def _stage(name: Any) -> Stage:
     if name not in DEPENDS_ON:
-        raise ValueError(f"{name!r} is no stage")
+        raise ValueError(f"{name!r} is not a stage")
     stage: Stage = name
     return stage
 

@@ -87,5 +87,5 @@ def _remove_old(folder: RunFolder) -> None:
         if any(stamp.is_of(path) for stamp in folder.dive.record.files.get(name, ())):
             path.unlink()
         else:
-            folder.owned.keep_aside(path, name)
+            folder.owned.quarantine(path, name)
     shutil.rmtree(old)  # empty folders alone

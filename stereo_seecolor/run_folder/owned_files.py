@@ -82,7 +82,7 @@ class OwnedFiles:
                 if (place.exists() or place.is_symlink()) and not is_as_written(
                     self.root, path, files
                 ):
-                    self.keep_aside(place, path)
+                    self.quarantine(place, path)
                 atomic.move_into_place(temporary, place)
         self._unflushed.update((self.root / path).parent for path in temporaries)
 
@@ -101,9 +101,9 @@ class OwnedFiles:
                 with output_errors(place):
                     place.unlink()
             elif place.exists() or place.is_symlink():
-                self.keep_aside(place, path)
+                self.quarantine(place, path)
 
-    def keep_aside(self, place: Path, path: str) -> None:
+    def quarantine(self, place: Path, path: str) -> None:
         """Move a file that is not, or no longer, the program's to where nothing overwrites it.
         Raises OutputError.
 
@@ -111,7 +111,7 @@ class OwnedFiles:
         """
         self.set_aside.append(self._aside(place, path))
 
-    def retire(self, paths: Iterable[str]) -> bool:
+    def remove_stale(self, paths: Iterable[str]) -> bool:
         """Move those of the program's files that exist aside, where nothing overwrites them; True
         if there was one. Raises OutputError.
         """

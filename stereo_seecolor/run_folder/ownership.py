@@ -227,7 +227,7 @@ def _same_files(pair: Files, record: FrameRecord | None) -> bool:
 
 
 @dataclass(frozen=True)
-class Claim:
+class FolderRequest:
     """How a run takes OUT.
 
     owner: the dive and command. overwrite: delete earlier results first. inputs: files and folders
@@ -243,7 +243,7 @@ class Claim:
     ranges: str = ""
 
 
-def check_claim(manifest: Manifest, claim: Claim) -> None:
+def check_ownership(manifest: Manifest, claim: FolderRequest) -> None:
     """Refuse a folder that is not this dive's, or that holds files of others in a product's place,
     or the run's inputs; nothing is changed. Raises OutputError.
     """
@@ -262,7 +262,7 @@ def check_claim(manifest: Manifest, claim: Claim) -> None:
     refuse_inputs(
         "run", root, claim.inputs, (*claim.unchanged, *([MEASURED_WATER] if measured else []))
     )
-    refuse_foreign(manifest)
+    refuse_files_of_others(manifest)
 
 
 def _holds_results(manifest: Manifest) -> bool:
@@ -286,7 +286,7 @@ def refuse_used(root: Path) -> None:
         )
 
 
-def refuse_foreign(manifest: Manifest) -> None:
+def refuse_files_of_others(manifest: Manifest) -> None:
     """Raise OutputError where a product's folder holds what the program did not write."""
     known = {*manifest.names()}
     for product in (*PRODUCTS, *PAGE_PRODUCTS):

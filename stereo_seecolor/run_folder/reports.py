@@ -104,7 +104,9 @@ def close_run(
     """
     if complete:
         retired = sum(
-            folder.frames.retire(name) for name in folder.manifest.names() if name not in run.names
+            folder.frames.remove_stale(name)
+            for name in folder.manifest.names()
+            if name not in run.names
         )
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"

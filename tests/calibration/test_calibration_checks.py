@@ -15,7 +15,7 @@ from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, suspicions, vertical_disparity
 from calibration.field_checks.enlargement import Enlargement, enlarged
 from calibration.field_checks.matches import Matches, MatchLimits, find_matches
-from calibration.field_checks.vertical_disparity import quick_look
+from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import load_rig
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.refine import moved_rig
@@ -297,12 +297,12 @@ def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> N
         cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right")
     )
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-    look = quick_look(rectification, (left, right))
+    look = quick_check(rectification, (left, right))
     assert look.rows_agree
     assert 1.2 < np.median(look.range_m) < 3
-    assert not quick_look(rectification, (left, np.roll(right, 1, axis=0))).rows_agree
-    assert not quick_look(rectification, (right, left)).rows_agree
-    nothing = quick_look(rectification, (left, np.full_like(right, 90)))
+    assert not quick_check(rectification, (left, np.roll(right, 1, axis=0))).rows_agree
+    assert not quick_check(rectification, (right, left)).rows_agree
+    nothing = quick_check(rectification, (left, np.full_like(right, 90)))
     assert not nothing.rows_agree
     assert nothing.range_m.size == 0
 

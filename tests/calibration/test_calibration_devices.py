@@ -179,7 +179,7 @@ REFUSED = {
         "camera_type: 'bal' is not",
     ),
     "three cameras": (lambda c: c["value0"]["T_imu_cam"].append({}), "expected two cameras"),
-    "no rotation": (lambda c: c["value0"]["T_imu_cam"][0].update(qw=5.0), "is no rotation"),
+    "no rotation": (lambda c: c["value0"]["T_imu_cam"][0].update(qw=5.0), "is not a rotation"),
 }
 
 

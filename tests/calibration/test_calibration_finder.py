@@ -1,5 +1,5 @@
 """Calibrations whose matrices are found by form and words, at any nesting and in every notation;
-what is no rig is named.
+what is not a rig is named.
 """
 
 import json

@@ -11,7 +11,7 @@ from calibration_boards import fisheye_rig, pinhole_rig
 
 from calibration import Rectification, StereoRig
 from calibration.field_checks import hypotheses
-from calibration.field_checks.hypotheses import likely_mistake
+from calibration.field_checks.hypotheses import likely_hypothesis
 from calibration.field_checks.matches import Matches
 from calibration.resizing import wrong_size
 
@@ -77,7 +77,7 @@ MISTAKES = {
 def test_a_mistake_in_the_calibration_is_named(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = verged_rig()
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
-    found = likely_mistake(MISTAKES[what](rig), [IMAGES])
+    found = likely_hypothesis(MISTAKES[what](rig), [IMAGES])
     assert found is not None
     assert what in found.line
     assert found.exchanged == ("swapped" in what)
@@ -89,7 +89,7 @@ def test_images_that_are_rectified_already_are_named(monkeypatch: pytest.MonkeyP
     rig = changed(rig, cv2.Rodrigues(np.array([0.05, 0.02, 0.06]))[0], rig.T_right_left[:3, 3])
     points = points_of(Rectification.from_rig(rig).rectified_rig())
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points)
-    found = likely_mistake(rig, [IMAGES])
+    found = likely_hypothesis(rig, [IMAGES])
     assert found is not None
     assert (
         "the images are rectified already" in found.line
@@ -110,7 +110,7 @@ def test_images_that_were_turned_are_named(
         )
     )
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: turned)
-    found = likely_mistake(rig, [IMAGES])
+    found = likely_hypothesis(rig, [IMAGES])
     assert found is not None
     assert f"the {' and '.join(sides)} images are turned by 180 degrees" in found.line
 
@@ -137,7 +137,7 @@ def test_images_that_were_mirrored_are_named(
         return Matches(pixels["left"], np.abs([1279, 0] - pixels["right"]))
 
     monkeypatch.setattr(hypotheses, "look_alikes", look_alikes)
-    found = likely_mistake(rig, [images])
+    found = likely_hypothesis(rig, [images])
     assert found is not None
     assert (
         f"the {' and '.join(sides)} images are mirrored, "
@@ -153,7 +153,7 @@ def test_a_rig_that_is_right_is_not_accused(
 ) -> None:
     size = rig.left.image_size[::-1]
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
-    assert likely_mistake(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
+    assert likely_hypothesis(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
 
 
 @pytest.mark.parametrize("turn_px", [1.0, 4.0, 15.0])
@@ -163,7 +163,7 @@ def test_a_camera_that_has_moved_is_no_mistake(
     rig = verged_rig()
     turned = cv2.Rodrigues(np.array([turn_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
-    assert likely_mistake(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
+    assert likely_hypothesis(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
 
 
 def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
@@ -178,7 +178,7 @@ def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
         replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0])
     )
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(exchanged(rig)))
-    found = likely_mistake(rig, [IMAGES])
+    found = likely_hypothesis(rig, [IMAGES])
     assert found is not None
     assert found.exchanged
     assert "images mirrored on both sides would look the same" in found.line
@@ -188,9 +188,9 @@ def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyP
     rng = np.random.default_rng(3)
     strewn = Matches(rng.uniform(0, 960, (200, 2)), rng.uniform(0, 960, (200, 2)))
     monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: strewn)
-    assert likely_mistake(inverse(verged_rig()), [IMAGES]) is None
+    assert likely_hypothesis(inverse(verged_rig()), [IMAGES]) is None
     assert (
-        likely_mistake(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
+        likely_hypothesis(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
     )  # another size: what is wrong is said elsewhere
 
 

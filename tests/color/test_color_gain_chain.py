@@ -22,7 +22,7 @@ from stereo_seecolor.color.photometry.exposure import (
     worth_a_look,
 )
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
-from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
@@ -37,7 +37,7 @@ from stereo_seecolor.records import Capture, Image, Map
 
 REEF = Path(__file__).parents[2] / "data_samples" / "reef"
 FRAMES = 400
-ALL = Use(pattern=True, ranged=True, gains=True)
+ALL = LightTerms(pattern=True, ranged=True, gains=True)
 RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
 HALF = light_search.reduced(RECTIFICATION.pair, every=2)
 
@@ -317,12 +317,12 @@ def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(
     numbers: Sequence[int], parts: int
 ) -> None:
     length = light_search.STRETCH.length(len(numbers), parts)
-    stretches = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))
-    assert min(parts, len(numbers) // 15) <= len(stretches) <= max(parts, len(numbers) // 15)
+    segments = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))
+    assert min(parts, len(numbers) // 15) <= len(segments) <= max(parts, len(numbers) // 15)
     assert [
-        number for stretch in stretches for number, _ in stretch.frames[stretch.before :]
+        number for segment in segments for number, _ in segment.frames[segment.before :]
     ] == list(numbers)
-    for stretch in stretches:
-        inside = [number for number, _ in stretch.frames]
-        for number in inside[stretch.before :]:
+    for segment in segments:
+        inside = [number for number, _ in segment.frames]
+        for number in inside[segment.before :]:
             assert {number - back for back in light_search.LOOK.back} & set(numbers) <= set(inside)

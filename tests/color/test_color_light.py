@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry import color_beside_water
-from stereo_seecolor.color.photometry.color_beside_water import beside_water
+from stereo_seecolor.color.photometry.color_beside_water import refit_color_after_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
-from stereo_seecolor.color.photometry.frame_shading import even_light
+from stereo_seecolor.color.photometry.frame_shading import divide_illumination
 from stereo_seecolor.color.photometry.light_choice import alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_model import (
     SHADING,
@@ -23,15 +23,15 @@ from stereo_seecolor.color.photometry.light_model import (
     places,
     shading_terms,
 )
-from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.light_solver import LightTerms
+from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
 SIZE = (160, 128)
 FRAMES = 12
-ALL = Use(pattern=True, ranged=True, gains=True, shading=True)
+ALL = LightTerms(pattern=True, ranged=True, gains=True, shading=True)
 
 
 def vignette(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -47,7 +47,8 @@ PATCHES = 300
 def spots_moving_down(
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Which patch and which of four frames each sighting is of, and its pixel, 25 farther down from
+    """Which patch and which of four frames each observation is of, and its pixel, 25 farther down
+    from
     frame to frame.
     """
     patch, view = np.repeat(np.arange(PATCHES), 4), np.tile(np.arange(4), PATCHES)
@@ -75,13 +76,13 @@ def windows(
             :, None
         ] + noise * rng.standard_normal((patch.size, 1))
         log_light[rng.random(patch.size) < 0.05] += 1.0  # fish, and flashes of the sun
-        seen = Sightings(patch, view, range_m, np.exp(log_light), pixel)
+        seen = Observations(patch, view, range_m, np.exp(log_light), pixel)
         found.append(SeenWindow(np.arange(first, first + 4), seen))
     return found
 
 
 def solved(
-    *arguments: float | bool | NDArray[np.float64], allowed: Use = ALL, **keywords: float
+    *arguments: float | bool | NDArray[np.float64], allowed: LightTerms = ALL, **keywords: float
 ) -> SurveyLight:
     names = [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(windows(*arguments, **keywords), names, SIZE, allowed)  # type: ignore[arg-type]
@@ -131,7 +132,7 @@ def test_frames_that_differ_in_color_get_a_gain_for_each_channel() -> None:
     gains -= gains.mean(axis=0)
     found = solved(False, gains, 0.02)
     assert found.light is not None
-    assert found.color.use == Use(gains=True)
+    assert found.color.use == LightTerms(gains=True)
     measured = np.stack([found.light.gains[f"{i:02d}"] for i in range(FRAMES)])
     assert np.abs(measured - gains).max() < 0.03
 
@@ -144,7 +145,7 @@ def test_even_light_is_left_alone(noise: float) -> None:
 
 
 def test_terms_that_are_switched_off_are_not_used() -> None:
-    found = solved(True, some_gains(), 0.1, allowed=Use(pattern=True))
+    found = solved(True, some_gains(), 0.1, allowed=LightTerms(pattern=True))
     assert found.light is not None
     assert (found.luminance.use.pattern, found.luminance.use.gains, found.light.gains) == (
         True,
@@ -196,7 +197,7 @@ def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
         found.append(
             SeenWindow(
                 np.arange(first, first + 4),
-                Sightings(patch, view, range_m, np.exp(log_light), pixel),
+                Observations(patch, view, range_m, np.exp(log_light), pixel),
             )
         )
     return found
@@ -264,7 +265,7 @@ def test_frames_that_differ_no_more_than_caustics_explain_get_no_gains() -> None
             ]
         )
         seen.light[:] = np.exp(np.log(seen.light) + caustics[:, None])
-    found = solve_light(even, [f"{i:02d}" for i in range(FRAMES)], SIZE, Use(gains=True))
+    found = solve_light(even, [f"{i:02d}" for i in range(FRAMES)], SIZE, LightTerms(gains=True))
     assert found is not None
     assert found.luminance.before.between_frames > 0.03
     assert not found.luminance.use.gains
@@ -287,7 +288,7 @@ def two_lines(
     log_light = np.log(rng.uniform(0.05, 0.3, (len(spots), 1)) * np.ones(3))[patch]
     log_light += (gains[view] + pattern(pixel) + rng.normal(0, 0.05, len(patch)))[:, None]
     return [
-        SeenWindow(np.arange(FRAMES), Sightings(patch, view, range_m, np.exp(log_light), pixel))
+        SeenWindow(np.arange(FRAMES), Observations(patch, view, range_m, np.exp(log_light), pixel))
     ]
 
 
@@ -361,7 +362,7 @@ def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str
     image = rng.integers(full // 10, full // 2, (*SIZE[::-1], 3)).astype(dtype)
     range_m = rng.uniform(1.0, 3.5, SIZE[::-1]).astype(np.float32)
     range_m[:4] = np.nan
-    out = even_light(image, range_m, light.on("a", SIZE), encoding)  # type: ignore[arg-type]
+    out = divide_illumination(image, range_m, light.on("a", SIZE), encoding)  # type: ignore[arg-type]
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
     known_m = np.nan_to_num(range_m.ravel(), nan=light.reference_m).astype(float)
@@ -378,7 +379,7 @@ def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str
 
 def test_what_the_camera_clipped_stays_clipped() -> None:
     image = np.full((*SIZE[::-1], 3), 255, np.uint8)
-    out = even_light(
+    out = divide_illumination(
         image, np.full(SIZE[::-1], 2.0, np.float32), some_light().on("a", SIZE), "srgb"
     )
     assert (out == 255).all()
@@ -388,7 +389,9 @@ def test_a_pixel_that_is_clipped_in_one_channel_does_not_change_its_color() -> N
     """The others alone would be darkened, and white sand would come out green."""
     image = np.full((*SIZE[::-1], 3), (200, 255, 230), np.uint8)
     brighter = replace(some_light(), gains={"a": np.full(3, 2.5)})
-    out = even_light(image, np.full(SIZE[::-1], 2.0, np.float32), brighter.on("a", SIZE), "srgb")
+    out = divide_illumination(
+        image, np.full(SIZE[::-1], 2.0, np.float32), brighter.on("a", SIZE), "srgb"
+    )
     np.testing.assert_array_equal(out, image)
 
 
@@ -412,7 +415,7 @@ def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
         found.append(
             SeenWindow(
                 np.array([later, later - 1]),
-                Sightings(patch, 1 - view, np.full(view.size, 2.0), light, pixel),
+                Observations(patch, 1 - view, np.full(view.size, 2.0), light, pixel),
             )
         )
     return found
@@ -458,7 +461,7 @@ def bowl() -> list[SeenWindow]:
         found.append(
             SeenWindow(
                 np.arange(first, first + 4),
-                Sightings(patch, view, range_m, np.exp(log_light), pixel),
+                Observations(patch, view, range_m, np.exp(log_light), pixel),
             )
         )
     return found
@@ -491,7 +494,7 @@ def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() 
     seen, names = bowl(), [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(seen, names, SIZE, ALL)
     assert found is not None
-    beside = beside_water(found, seen, names, SIZE)
+    beside = refit_color_after_water(found, seen, names, SIZE)
     before, after = (abs(redder_at_borders(light.solved, seen)) for light in (found, beside))
     assert after < 0.5 * before, (before, after)
 
@@ -505,8 +508,8 @@ def test_frames_that_no_window_shows_cost_nothing_beside_the_water() -> None:
     assert short is not None
     assert long is not None
     lights = [
-        beside_water(short, seen, names[:FRAMES], SIZE).solved,
-        beside_water(long, seen, names, SIZE).solved,
+        refit_color_after_water(short, seen, names[:FRAMES], SIZE).solved,
+        refit_color_after_water(long, seen, names, SIZE).solved,
     ]
     np.testing.assert_array_equal(lights[0].coefficients, lights[1].coefficients)
     assert (lights[0].coefficients != short.solved.coefficients).any()
@@ -520,4 +523,4 @@ def test_a_water_that_hides_all_spots_leaves_the_light_as_it_is(
     assert found is not None
     milk = Water(np.ones(3), 10 * np.ones(3), *np.zeros((6, 3)))
     monkeypatch.setattr(color_beside_water, "_water", lambda _: milk)
-    assert beside_water(found, seen, names, SIZE) is found
+    assert refit_color_after_water(found, seen, names, SIZE) is found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.multiview import fit_sightings
-from stereo_seecolor.color.photometry.observations import KeyFrame, Sightings, find_sightings
+from stereo_seecolor.color.photometry.observations import KeyFrame, Observations, find_sightings
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.images import read_image, read_range_map
@@ -29,7 +29,7 @@ def water_named(name: WaterName) -> Water:
 
 def sightings_through(
     water: Water, colors: NDArray[np.float64], noise: float = 0.003, each: int = 5
-) -> Sightings:
+) -> Observations:
     """Patches (P, 3) of these linear colors seen ``each`` times, in as many frames, at random
     ranges.
     """
@@ -38,7 +38,7 @@ def sightings_through(
     range_m = rng.uniform(*RANGES_M, patch.size)
     light = colors[patch] * water.white * water.attenuation(range_m) + water.backscatter(range_m)
     light += noise * rng.standard_normal(light.shape)
-    return Sightings(
+    return Observations(
         patch, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((patch.size, 2))
     )
 
@@ -95,17 +95,17 @@ def test_wrong_matches_weigh_little() -> None:
 
 
 def test_same_sightings_same_water() -> None:
-    sightings = sightings_through(water_named("turbid"), reef(300))
-    first, second = (fit_sightings(sightings, "srgb") for _ in range(2))
+    observations = sightings_through(water_named("turbid"), reef(300))
+    first, second = (fit_sightings(observations, "srgb") for _ in range(2))
     assert np.array_equal(first.y, second.y)
     assert np.array_equal(first.gamma_inf, second.gamma_inf)
 
 
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
-    with pytest.raises(ColorError, match="only 20 sightings"):
+    with pytest.raises(ColorError, match="only 20 observations"):
         fit_sightings(
-            Sightings(
+            Observations(
                 seen.patch[:20],
                 seen.frame[:20],
                 seen.range_m[:20],
@@ -139,10 +139,10 @@ def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) ->
     reef's colors.
     """
     geometry, frames = dive
-    sightings = find_sightings(frames, geometry, "srgb")
-    found = fit_sightings(sightings, "srgb")
+    observations = find_sightings(frames, geometry, "srgb")
+    found = fit_sightings(observations, "srgb")
     truth = lit_water("blue-ocean", 8.0, 8.0 - 2.15, 1.7).water
-    z = np.array(np.median(sightings.range_m))
+    z = np.array(np.median(observations.range_m))
     np.testing.assert_allclose(np.log(found.attenuation(z)), np.log(truth.attenuation(z)), rtol=0.1)
 
 

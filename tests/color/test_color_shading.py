@@ -13,8 +13,8 @@ from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.frame_shading import parts_of, solve_shading, without_shading
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_map, shading_terms
-from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.light_solver import LightTerms
+from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.dive import light_search
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 REEF = Path(__file__).parents[2] / "data_samples" / "reef"
 RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
 HALF = light_search.reduced(RECTIFICATION.pair, every=2)
-ALL = Use(pattern=True, ranged=True, gains=True, shading=True)
+ALL = LightTerms(pattern=True, ranged=True, gains=True, shading=True)
 SIZE = (160, 128)
 FRAMES = 12
 
@@ -55,13 +55,14 @@ def windows(seen_as: float, color: tuple[float, float, float], noise: float) -> 
         range_m = rng.uniform(1.5, 2.5, patch.size)
         found.append(
             SeenWindow(
-                np.arange(first, first + 4), Sightings(patch, view, range_m, np.exp(light), pixel)
+                np.arange(first, first + 4),
+                Observations(patch, view, range_m, np.exp(light), pixel),
             )
         )
     return found
 
 
-def solved(seen: list[SeenWindow], allowed: Use = ALL) -> SurveyLight:
+def solved(seen: list[SeenWindow], allowed: LightTerms = ALL) -> SurveyLight:
     found = solve_light(seen, [str(k) for k in range(FRAMES)], SIZE, allowed)
     assert found is not None
     return found

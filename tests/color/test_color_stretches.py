@@ -43,7 +43,7 @@ def test_frames_that_share_a_water_get_that_of_the_survey():
 @pytest.mark.parametrize("lights", [(CLEAR, GREEN), (GREEN, BLUE), (BLUE, CLEAR, BLUE)])
 def test_the_dive_is_cut_where_the_water_changes(lights):
     fitter, waters = fitted(frames_under(*(light for light in lights for _ in range(4))))
-    assert [names[0] for names in fitter.stretches] == [str(4 * i) for i in range(len(lights))]
+    assert [names[0] for names in fitter.segments] == [str(4 * i) for i in range(len(lights))]
     assert fitter.notes()[0].startswith(
         f"the frames do not share one water: {len(lights)} waters were fitted, one each for 0 to "
         "3; 4 to 7"
@@ -56,15 +56,15 @@ def test_the_dive_is_cut_where_the_water_changes(lights):
 def test_unrelated_pictures_are_not_forced_into_one_water():
     frames = frames_under(CLEAR, GREEN, BLUE)
     fitter, waters = fitted(frames)
-    assert fitter.stretches == [["0"], ["1"], ["2"]]
+    assert fitter.segments == [["0"], ["1"], ["2"]]
     own = fitted(frames[1:2], "survey")[1]["0"]
     assert same(waters["1"], own)
 
 
 def test_long_dives_are_held_in_a_bounded_number_of_chunks(monkeypatch):
-    monkeypatch.setattr(segments, "SETTINGS", segments.StretchSettings(most_chunks=4))
+    monkeypatch.setattr(segments, "SETTINGS", segments.SegmentSettings(most_chunks=4))
     fitter, waters = fitted(frames_under(*[CLEAR] * 8, *[GREEN] * 5))
-    assert [len(names) for names in fitter.stretches] == [8, 5]
+    assert [len(names) for names in fitter.segments] == [8, 5]
     assert list(waters) == [str(i) for i in range(13)]
 
 
@@ -72,7 +72,7 @@ def test_frames_without_a_known_range_go_with_those_before_them():
     frames = frames_under(CLEAR, CLEAR, CLEAR, GREEN, GREEN, GREEN)
     frames[3] = (frames[3][0], np.full_like(frames[3][1], np.nan))
     fitter, waters = fitted(frames)
-    assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]
+    assert fitter.segments == [["0", "1", "2", "3"], ["4", "5"]]
     assert waters["3"] is waters["2"]
 
 
@@ -82,7 +82,7 @@ def test_frames_that_show_the_same_are_not_cut_apart():
     for i, (image, range_m) in enumerate(frames_under(CLEAR, CLEAR, GREEN, GREEN, BLUE, BLUE)):
         fitter.add(str(i), corrector.measure(image, range_m))
     fitter.waters()
-    assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]
+    assert fitter.segments == [["0", "1", "2", "3"], ["4", "5"]]
 
 
 @pytest.mark.parametrize("lock", ["auto", "survey"])

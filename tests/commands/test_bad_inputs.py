@@ -14,7 +14,7 @@ import yaml
 from conftest import read_pixels
 
 from calibration import CalibrationError
-from calibration.field_checks.vertical_disparity import QuickLook
+from calibration.field_checks.vertical_disparity import QuickCheck
 from calibration.formats import load_rig
 from stereo_seecolor.commands import pre_checks
 
@@ -212,7 +212,7 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(
 
     if not points:
         monkeypatch.setattr(
-            pre_checks, "quick_look", lambda *_: QuickLook(False, False, np.zeros(0))
+            pre_checks, "quick_look", lambda *_: QuickCheck(False, False, np.zeros(0))
         )
         monkeypatch.setattr(pre_checks, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[2] / "data_samples/reef"

@@ -50,7 +50,7 @@ def test_a_copy_of_the_package_in_the_present_folder_is_not_what_is_compiled(
         "from pathlib import Path\nPath('imported').touch()\n"
     )
     monkeypatch.chdir(tmp_path)
-    assert list(call_in_processes(["stereo_seecolor.compute.process:collect_seldom"]))
+    assert list(call_in_processes(["stereo_seecolor.compute.process:tune_gc"]))
     assert not (tmp_path / "imported").exists()
 
 

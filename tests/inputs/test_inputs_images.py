@@ -128,7 +128,7 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.png: cannot be read: No such file"):
         read_image(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(b"hello, reef")
-    with pytest.raises(InputError, match="is no PNG, TIFF, JPEG, BMP"):
+    with pytest.raises(InputError, match="is not a PNG, TIFF, JPEG, BMP"):
         read_image(tmp_path / "a.png")
 
 

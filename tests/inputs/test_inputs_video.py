@@ -223,7 +223,7 @@ def test_what_is_no_video(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"no video")
     assert is_video(tmp_path / "a.mp4")
     assert not is_video(tmp_path)
-    with pytest.raises(InputError, match=r"a\.mp4: is no video that FFmpeg can read"):
+    with pytest.raises(InputError, match=r"a\.mp4: is not a video that FFmpeg can read"):
         paired(tmp_path / "a.mp4", tmp_path / "a.mp4")
     missing = tmp_path / "b.mp4"
     whole = write_video(tmp_path / "whole.mp4", smooth_frames(2))

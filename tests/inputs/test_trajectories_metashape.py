@@ -112,10 +112,10 @@ def test_cameras_without_a_transform_know_neither_scale_nor_up(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("</document>", ""), "is no XML"),
+        (("</document>", ""), "is not XML"),
         (("<document", "<!DOCTYPE x [<!ENTITY a 'b'>]>\n<document"), "defines entities"),
         (("<transform>", "<transform>7 "), "its transform needs 16 numbers"),
-        (("<camera id=", "<cam id="), "is no XML"),
+        (("<camera id=", "<cam id="), "is not XML"),
     ],
 )
 def test_bad_xml(tmp_path: Path, change: tuple[str, str], message: str) -> None:

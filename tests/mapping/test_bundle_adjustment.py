@@ -25,7 +25,7 @@ from stereo_seecolor.mapping.track.bundle_adjustment import (
     refined,
 )
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.frame_blocks import Relation, Sightings, sightings
+from stereo_seecolor.mapping.track.frame_blocks import Observations, Relation, observations
 from stereo_seecolor.mapping.track.loops import Prior, solve
 from stereo_seecolor.mapping.track.relative_pose import Edge, Observed, RelativePose, fit_pose
 
@@ -110,14 +110,14 @@ def adjusted(scene: Line) -> tuple[Adjusted, Array]:
     """By bundle adjustment, and by the pose graph that it starts from."""
     relations = scene.relations
     start = by_pose_graph(scene, relations)
-    return adjust(start, sightings(scene.features, relations, MOST)), start
+    return adjust(start, observations(scene.features, relations, MOST)), start
 
 
 def test_exact_sightings_give_exact_poses() -> None:
     scene = line(np.zeros(3), frames=5)
     start = scene.T.copy()
     start[1:, :3, 3] += np.random.default_rng(0).normal(0, 0.02, (4, 3))
-    found = adjust(start, sightings(scene.features, scene.relations, MOST))
+    found = adjust(start, observations(scene.features, scene.relations, MOST))
     assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
 
 
@@ -130,7 +130,7 @@ def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(
     for cores in (1, 3):
         with ThreadPoolExecutor(cores) as pool:
             monkeypatch.setattr(bundle_problem, "core_pool", lambda pool=pool: pool)
-            found.append(adjust(start, sightings(scene.features, scene.relations, MOST)))
+            found.append(adjust(start, observations(scene.features, scene.relations, MOST)))
     assert np.array_equal(found[0].T_world_camera, found[1].T_world_camera)
     assert np.array_equal(found[0].std, found[1].std)
 
@@ -150,7 +150,7 @@ def test_a_track_is_truer_than_by_the_pose_graph_and_as_far_off_as_it_says() -> 
 
 
 def test_without_sightings_nothing_moves() -> None:
-    nothing = Sightings(
+    nothing = Observations(
         np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3)))
     )
     T = line(STATED, frames=3).T
@@ -172,7 +172,7 @@ def test_poor_navigation_is_averaged_out_and_places_the_track() -> None:
         noisy[:3, 3] += rng.normal(0, 0.05, 3)
         priors.append(Prior(i, noisy, np.full(3, 0.05), 0.01))
     given = np.array([prior.T_world_camera for prior in priors])
-    found = adjust(given, sightings(scene.features, scene.relations, MOST), priors)
+    found = adjust(given, observations(scene.features, scene.relations, MOST), priors)
     steps, true_steps = (np.diff(T[:, :3, 3], axis=0) for T in (found.T_world_camera, scene.T))
     assert np.abs(steps - true_steps).max() < 0.005
     assert off_m(found.T_world_camera, scene).max() < 0.06
@@ -192,7 +192,7 @@ def test_features_of_one_thing_are_one_point_and_contradictions_are_none() -> No
         )
         for k in range(3)
     ]
-    found = sightings(
+    found = observations(
         features,
         [relation(0, 1, (0, 5), (1, 6)), relation(1, 2, (5, 7), (6, 8)), relation(0, 2, (2, 8))],
         MOST,
@@ -204,7 +204,7 @@ def test_features_of_one_thing_are_one_point_and_contradictions_are_none() -> No
 
 def test_of_too_many_sightings_each_relation_keeps_those_seen_most_often() -> None:
     scene = line(STATED, frames=8)
-    everything, few = (sightings(scene.features, scene.relations, most) for most in (MOST, 400))
+    everything, few = (observations(scene.features, scene.relations, most) for most in (MOST, 400))
     assert len(few.frame) <= 400 < len(everything.frame)
     assert set(few.frame.tolist()) == set(range(8))
     assert few.views.mean() > everything.views.mean()
@@ -261,6 +261,6 @@ def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
 
 def test_points_seen_once_do_not_exist() -> None:
     scene = line(STATED, frames=4)
-    found = sightings(scene.features, scene.relations, MOST)
-    assert isinstance(found, Sightings)
+    found = observations(scene.features, scene.relations, MOST)
+    assert isinstance(found, Observations)
     assert found.views.min() >= 2

@@ -47,7 +47,7 @@ from stereo_seecolor.geometry import (
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import kept_frames, survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kept_frames import RecoveredFrames
+from stereo_seecolor.mapping.kept_frames import ReadableFrames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
@@ -220,7 +220,7 @@ def test_a_frame_may_vanish_at_any_moment(
 @pytest.mark.slow
 def test_a_frame_may_vanish_while_its_own_track_is_followed() -> None:
     reef = ReefFrames(SurveySpec(pairs=5, lines=1, image_size=(256, 208), seed=3), noise_px=0.1)
-    frames = RecoveredFrames(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]
+    frames = ReadableFrames(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]
     placement = odometry.solve(
         odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))), loops=False
     )

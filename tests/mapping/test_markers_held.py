@@ -67,8 +67,8 @@ def test_one_tag_in_five_frames_sets_the_scale_to_a_thousandth(survey: Survey) -
     marks = Marks.found(survey, MarkersConfig(edge_m=EDGE_M))
     alone = replace(
         marks,
-        sightings={
-            i: [each for each in own if each.number == 3] for i, own in marks.sightings.items()
+        observations={
+            i: [each for each in own if each.number == 3] for i, own in marks.observations.items()
         },
     )
     assert first_fit(alone, T).scale * OFF == pytest.approx(1, abs=1e-3)

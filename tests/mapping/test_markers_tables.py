@@ -92,7 +92,8 @@ def test_latitudes_and_longitudes_become_meters(tmp_path: Path) -> None:
     ("read", "text", "message"),
     [
         (read_bars, "1,2,50\n", "line 1: a scale bar of 50 m: name its unit"),
-        (read_bars, "target a,target b,0.5,0.01\n", "line 1: 'target a' is no number of a marker"),
+        (read_bars, "target a,target b,0.5,0.01\n",
+        "line 1: 'target a' is not a number of a marker"),
         (read_bars, "#Label,Distance (m)\ntarget 1,0.5\n",
         "line 2: 'target 1' names no two markers"),
         (read_bars, "first,second,how far\n1,2,3\n",

@@ -11,7 +11,7 @@ from conftest import Cli, Dive
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder import folder
-from stereo_seecolor.run_folder.folder import Room, need_bytes
+from stereo_seecolor.run_folder.folder import DiskSpace, need_bytes
 
 PIXELS = 1280 * 1024
 
@@ -42,15 +42,15 @@ def test_a_disk_that_is_too_small_is_refused(
         OutputError,
         match=r"disk: 2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean",
     ):
-        Room.checked(tmp_path, 2000, 31e6)
+        DiskSpace.checked(tmp_path, 2000, 31e6)
 
 
 def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     free(monkeypatch, 50e9)
-    room = Room.checked(tmp_path, 2000, 31e6)
-    assert room.is_tight
+    room = DiskSpace.checked(tmp_path, 2000, 31e6)
+    assert room.is_low
     assert room.line == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
-    assert not Room.checked(tmp_path, 1000, 31e6).is_tight
+    assert not DiskSpace.checked(tmp_path, 1000, 31e6).is_low
 
 
 def test_the_need_is_printed_before_the_work_begins(

@@ -12,19 +12,19 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.run_folder import layout
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.layout import Shelves, on_shelf, shelf_of
+from stereo_seecolor.run_folder.layout import Shelves, in_subfolder, subfolder_of
 
 
 def test_small_dives_have_one_folder_a_product_and_large_ones_a_folder_a_thousand_frames() -> None:
-    assert shelf_of((0, 10_000)) == ""
-    assert [shelf_of((number, 10_001)) for number in (0, 999, 1000, 10_000)] == [
+    assert subfolder_of((0, 10_000)) == ""
+    assert [subfolder_of((number, 10_001)) for number in (0, 999, 1000, 10_000)] == [
         "00000",
         "00000",
         "00001",
         "00010",
     ]
-    assert on_shelf("original/range/a.tiff", "00001") == "original/range/00001/a.tiff"
-    assert on_shelf("range/a.tiff", "") == "range/a.tiff"
+    assert in_subfolder("original/range/a.tiff", "00001") == "original/range/00001/a.tiff"
+    assert in_subfolder("range/a.tiff", "") == "range/a.tiff"
 
 
 def contents(out: Path) -> dict[str, bytes]:

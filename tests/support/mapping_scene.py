@@ -28,7 +28,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, product_path
 from stereo_seecolor.run_folder.manifest import StageRecord
-from stereo_seecolor.run_folder.ownership import Claim, Owner
+from stereo_seecolor.run_folder.ownership import FolderRequest, Owner
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, write_reports
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
@@ -69,7 +69,7 @@ def write_run(
     """What a run leaves of the frames in its folder, as far as the map reads it."""
     T = np.eye(4) if T_rectified_left is None else T_rectified_left
     names = []
-    with RunFolder(out, Claim(Owner("stereo", {}))) as folder:
+    with RunFolder(out, FolderRequest(Owner("stereo", {}))) as folder:
         folder.dive.begin({"range": "range settings", "corrected": "color settings"})
         for frame in frames:
             names.append(frame.name)

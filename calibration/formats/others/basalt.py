@@ -101,7 +101,7 @@ def _pose(section: Section) -> NDArray[np.float64]:
     length2 = float(quaternion @ quaternion)
     if not 0.9 < length2 < 1.1:
         raise CalibrationError(
-            f"{section.where}: a quaternion of length {np.sqrt(length2):.3g} is no rotation"
+            f"{section.where}: a quaternion of length {np.sqrt(length2):.3g} is not a rotation"
         )
     return rigid(
         rotation_of_quaternion(quaternion), np.array([section.number(f"p{axis}") for axis in "xyz"])

@@ -228,7 +228,8 @@ def _read_text(path: Path) -> str:
             ) from error
         if path.suffix.lower() == ".mat":
             raise CalibrationError(
-                f"{path}: is no MAT-file of MATLAB 5 or later: save it again, with -v7 (in Octave "
+                f"{path}: is not a MAT-file of MATLAB 5 or later: save it again, with -v7 (in "
+                "Octave "
                 "too)"
             ) from error
         raise CalibrationError(
@@ -252,7 +253,7 @@ def _parse(text: str) -> dict[str, Any]:
         content = _parse_yaml(_repair(text))
     if not isinstance(content, dict):
         raise CalibrationError(
-            f"is no calibration: it holds {type(content).__name__} where keys and values are "
+            f"is not a calibration: it holds {type(content).__name__} where keys and values are "
             "expected"
         )
     return {str(key): value for key, value in content.items()}
@@ -334,7 +335,7 @@ def _parse_xml(text: str) -> dict[str, Any]:
         return metashape.read(root)
     content = _xml_value(root)
     if not isinstance(content, dict):
-        raise CalibrationError(f"is no calibration: its XML holds nothing but <{root.tag}>")
+        raise CalibrationError(f"is not a calibration: its XML holds nothing but <{root.tag}>")
     return content
 
 

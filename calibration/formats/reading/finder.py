@@ -45,7 +45,7 @@ IGNORED = {
     "err", "covariance", "sigma", "uncertainty", "guess", "initial", "sensor", "pixel", "cell",
     "world", "map", "vehicle", "robot",
 }  # fmt: skip
-"""Words of what is no part of the rig: the target, its poses, the errors of the numbers."""
+"""Words of what is not part of the rig: the target, its poses, the errors of the numbers."""
 OF_RECTIFIED = {"new", "optimal", "opt", "rectified", "undistorted", "ideal", "rect"}
 K_WORDS = {
     "k",

@@ -128,7 +128,7 @@ def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
         "both",
         "reversed",
         "right",
-    )  # the left camera's own place is no transform to the right one
+    )  # the left camera's own place is not a transform to the right one
     found = next(((leaf, side) for side in sides if (leaf := parts.get(role, side))), None)
     return (found[0], "") if found and found[1] == "right" else found
 

@@ -1,11 +1,11 @@
 """The color of the light's pattern, solved a second time after the water is removed from the
-sightings.
+observations.
 
 Where range depends on the place in the image (borders are farther than the middle), differences
 between views of a spot are divided between the pattern and the trend with range. The trend is then
 left to the water, but the fitted water removes another trend, and backscatter: views that agreed
 differ again, and borders get another color than the middle. So the water is fitted to the
-sightings, as it will be to the images, and the color that it leaves is added to the pattern.
+observations, as it will be to the images, and the color that it leaves is added to the pattern.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ from stereo_seecolor.color.photometry.color_trend import with_color_trend
 from stereo_seecolor.color.photometry.light_choice import alike
 from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
-from stereo_seecolor.color.photometry.light_solver import Use, Views, Window, solve
-from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.light_solver import LightTerms, Views, Window, solve
+from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.config import ColorConfig
@@ -32,17 +32,21 @@ LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
 with the water. With 0.05 two of eight drawn dives gain less and one loses; with 0.2 the evidence is
 for no dive.
 """
-USES = Use(gains=True), Use(pattern=True, gains=True), Use(pattern=True, ranged=True, gains=True)
+USES = (
+    LightTerms(gains=True),
+    LightTerms(pattern=True, gains=True),
+    LightTerms(pattern=True, ranged=True, gains=True),
+)
 """Frames keep gains of their own here, which are not used: else a slope along the track follows
 what the water is off by from one altitude to the next (drawn dives: 10 % of pattern in color
 instead of 4).
 """
 LINEAR = ColorConfig(input_encoding="linear")
 FULL = 65535
-"""Full scale of the sightings' light where it is counted."""
+"""Full scale of the observations' light where it is counted."""
 
 
-def beside_water(
+def refit_color_after_water(
     found: SurveyLight,
     windows: Sequence[SeenWindow],
     names: Sequence[str],
@@ -85,8 +89,8 @@ def beside_water(
 
 def _even(
     window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]
-) -> Sightings:
-    """The sightings of a window with the light divided out."""
+) -> Observations:
+    """The observations of a window with the light divided out."""
     seen = window.seen
     log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
     own = np.einsum(
@@ -95,8 +99,8 @@ def _even(
     return replace(seen, light=seen.light * np.exp(-log_light - own))
 
 
-def _water(windows: Sequence[Sightings]) -> Water:
-    """The water fitted to all sightings, whose light was divided out."""
+def _water(windows: Sequence[Observations]) -> Water:
+    """The water fitted to all observations, whose light was divided out."""
     light, range_m = (
         np.concatenate([getattr(seen, part) for seen in windows]) for part in ("light", "range_m")
     )
@@ -104,8 +108,8 @@ def _water(windows: Sequence[Sightings]) -> Water:
     return robust.fit(measure(counted[None], range_m[None].astype(np.float32)), LINEAR)
 
 
-def _window(views: Views, window: SeenWindow, seen: Sightings, water: Water) -> Window:
-    """The sightings of a window with the water removed, without those to which it leaves no
+def _window(views: Views, window: SeenWindow, seen: Observations, water: Water) -> Window:
+    """The observations of a window with the water removed, without those to which it leaves no
     light.
     """
     direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)

@@ -17,8 +17,8 @@ from stereo_seecolor.records import Water
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.25
-"""Systematic error of a trend, as a power of the range, however well sightings agree: gains and
-pattern take part of it, or add to it. On drawn dives with lamps, whose errors by the sightings'
+"""Systematic error of a trend, as a power of the range, however well observations agree: gains and
+pattern take part of it, or add to it. On drawn dives with lamps, whose errors by the observations'
 scatter are 0.05 to 0.15, it is off by up to 0.4.
 """
 MOST_BACKSCATTER = 0.8

@@ -221,7 +221,9 @@ class _Scale(NamedTuple):
     values: NDArray[Any]
 
 
-def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding) -> Image:
+def divide_illumination(
+    image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding
+) -> Image:
     """The image with the light's pattern and the frame's gain and shading divided out, at the same
     bit depth.
 

@@ -102,7 +102,7 @@ def differences(
     """Differences between the first frame of a window and each of the others, with the light's
     pattern and trend removed.
 
-    size: (width, height) of the images that the sightings' pixels are of. Parts are empty unless
+    size: (width, height) of the images that the observations' pixels are of. Parts are empty unless
     the light has shading.
     """
     good = usable(window.seen)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.light_solver import (
+    LightTerms,
     Solution,
-    Use,
     Window,
     explained,
     pattern_error,
@@ -61,7 +61,7 @@ class Spread:
     """Differences between views of patches left out of the fit, natural logarithm.
 
     between_views: robust standard deviation of the difference of two views.
-    between_frames: rms of the medians of pairs of frames, weighted by their sightings.
+    between_frames: rms of the medians of pairs of frames, weighted by their observations.
     by_chance: standard error of such a median, if each difference were a measurement of its own.
     """
 
@@ -79,7 +79,7 @@ class Choice:
     0 without a pattern.
     """
 
-    use: Use
+    use: LightTerms
     solution: Solution
     before: Spread
     after: Spread
@@ -95,7 +95,7 @@ class Choice:
 class Candidate(NamedTuple):
     """A set of terms, and the prior of their coefficients."""
 
-    use: Use
+    use: LightTerms
     prior: LightPrior
 
 
@@ -220,7 +220,7 @@ class OneLightSettings:
 ONE_LIGHT_SETTINGS = OneLightSettings()
 
 
-def under_one_light(
+def is_single_illumination(
     windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
 ) -> bool:
     """Whether one light explains all windows about as well as a light for each part of the dive
@@ -268,11 +268,11 @@ class CrossingSettings:
     """
 
     alike: float = 10.0
-    """Number of sightings that count as one: neighbors are under the same caustic, and have the
+    """Number of observations that count as one: neighbors are under the same caustic, and have the
     same errors of range and pose.
     """
     whole: float = 1.5
-    """Motion below which more sightings count as one, in inverse proportion. Three neighboring
+    """Motion below which more observations count as one, in inverse proportion. Three neighboring
     frames cross 0.3: their pattern of luminance left 0.84 to 1.22 of the spread of other frames
     with 10 alike, with 50 it leaves 0.84 to 0.94.
     """
@@ -289,13 +289,13 @@ def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> fl
     """The sum over all windows of the reef's motion through the image, from the window's first
     frame to the nearest other.
 
-    In image sizes. size: (width, height) of the images that the sightings' pixels are of.
+    In image sizes. size: (width, height) of the images that the observations' pixels are of.
     """
     return float(sum(_shift(window, size) for window in windows))
 
 
 def alike(crossed: float) -> float:
-    """The number of correlated sightings that count as one. crossed: of ``pictures_crossed``."""
+    """The number of correlated observations that count as one. crossed: of ``pictures_crossed``."""
     return CROSSING_SETTINGS.alike * max(
         1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
     )

@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PatternShape:
-    """The polynomial. On 20 frames of a strobe-lit reef, half of its sightings left out, degrees 6
+    """The polynomial. On 20 frames of a strobe-lit reef, half of its observations left out, degrees
+    6
     and 8 gain nothing more.
     """
 

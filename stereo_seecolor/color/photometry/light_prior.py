@@ -180,8 +180,8 @@ def lens_ensemble(trend: float) -> tuple[Array, Array]:
     """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses in
     daylight.
 
-    trend: standard deviation of the trend. The mean is no pattern, so that a pattern that the dive
-    does not determine stays even.
+    trend: standard deviation of the trend. The mean is not a pattern, so that a pattern that the
+    dive does not determine stays even.
     """
     radial = np.zeros(TERMS + 1)
     width, height = SIZE
@@ -223,8 +223,8 @@ class Deviations:
     edge.
     """
     systematic: float
-    """Error of the model itself (the light of lamps is no polynomial): sightings weigh no more than
-    with this error against the priors, however well they agree.
+    """Error of the model itself (the light of lamps is not a polynomial): observations weigh no
+    more than with this error against the priors, however well they agree.
     """
 
 
@@ -273,7 +273,7 @@ class LightPrior:
     systematic: as in Deviations.
 
     shading: (SHADING,) standard deviations of the coefficients of a frame's shading.
-    alike: number of correlated sightings that count as one measurement against the prior.
+    alike: number of correlated observations that count as one measurement against the prior.
     """
 
     mean: Array

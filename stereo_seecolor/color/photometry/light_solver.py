@@ -1,7 +1,7 @@
 """The light of a survey from patches that several frames see: robust least squares on the sums of
 windows of neighboring frames.
 
-    log light of sighting k = scene(patch_k) + terms_k coefficients + trend(range_k) +
+    log light of observation k = scene(patch_k) + terms_k coefficients + trend(range_k) +
         log_gain(frame_k)
 
 The brightness of a patch is unknown and eliminated within its window, so that each window adds its
@@ -26,7 +26,7 @@ from stereo_seecolor.color.photometry.light_model import (
     pattern_terms,
 )
 from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
-from stereo_seecolor.color.photometry.observations import Sightings
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
@@ -39,7 +39,8 @@ class SolverSettings:
     rounds: int = 5
     """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
-    """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics,
+    """Robust standard deviations beyond which an observation weighs less than half (Cauchy):
+    caustics,
     fish, wrong matches.
     """
     first_prior: float = 1e-3
@@ -47,7 +48,7 @@ class SolverSettings:
     system solvable.
     """
     least_scale: float = 1e-4
-    """Least robust standard deviation of the residuals, logarithm: sightings without noise would
+    """Least robust standard deviation of the residuals, logarithm: observations without noise would
     all be outliers.
     """
 
@@ -55,7 +56,7 @@ class SolverSettings:
 SETTINGS = SolverSettings()
 
 
-class Use(NamedTuple):
+class LightTerms(NamedTuple):
     """Terms in use. ranged: the pattern changes with range. shading: each frame has a pattern of
     its own beside its gain.
     """
@@ -77,11 +78,11 @@ class Use(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Sightings of one window.
+    """Observations of one window.
 
     patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light
     (N, 3).
-    held (N,): sightings of patches that are left out of the fit, to judge it.
+    held (N,): observations of patches that are left out of the fit, to judge it.
     """
 
     patch: NDArray[np.int64]
@@ -92,7 +93,9 @@ class Window:
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
-        """The window with only the sightings that are left out of the fit, or only the others."""
+        """The window with only the observations that are left out of the fit, or only the
+        others.
+        """
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
         parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
@@ -122,7 +125,8 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Makes a Window from sightings. size: (width, height) of the image. reference_m, seen_m: as in
+    """Makes a Window from observations. size: (width, height) of the image. reference_m, seen_m: as
+    in
     Light.
     """
 
@@ -131,11 +135,11 @@ class Views:
     seen_m: tuple[float, float]
 
     def window(
-        self, seen: Sightings, frames: NDArray[np.int64], usable: NDArray[np.bool_]
+        self, seen: Observations, frames: NDArray[np.int64], usable: NDArray[np.bool_]
     ) -> Window:
-        """The window of the usable (N,) sightings of patches that two frames or more see.
+        """The window of the usable (N,) observations of patches that two frames or more see.
 
-        frames: number in the dive of each of the sightings' frames.
+        frames: number in the dive of each of the observations' frames.
         """
         patch = seen.patch[usable]
         kept = (
@@ -154,7 +158,11 @@ class Views:
 
 
 def solve(
-    windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, prior: LightPrior
+    windows: Sequence[Window],
+    values: Sequence[Array],
+    use: LightTerms,
+    frames: int,
+    prior: LightPrior,
 ) -> Solution:
     """Solve the light by robust least squares.
 
@@ -195,7 +203,7 @@ def solve(
 class _Fit:
     """A robust fit. found (n, Q): the unknowns. matrix (n, n): its normal equations, without the
     prior. squares: weighted sum of squared residuals. variance: of a measurement against the prior:
-    of a sighting, times the number that count as one.
+    of an observation, times the number that count as one.
     """
 
     found: Array
@@ -247,7 +255,7 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 class _Part:
     """A window's equations. both (N, n + Q): the n columns that are not 0 in it, and the values. at
     (n,): numbers of these columns.
-    patch (N,): of each sighting. first: number of each patch's first sighting.
+    patch (N,): of each observation. first: number of each patch's first observation.
     """
 
     both: Array
@@ -277,7 +285,7 @@ class _Part:
 
     def products(self, weight: Array) -> Array:
         """(n, n + Q) the normal equations of the n columns, each less its weighted mean over the
-        sightings of a patch.
+        observations of a patch.
         """
         number, weighted = len(self.at), weight[:, None] * self.both
         sums = self._sums(weighted)
@@ -285,7 +293,7 @@ class _Part:
         return np.asarray(weighted[:, :number].T @ self.both - means.T @ sums)
 
     def _sums(self, values: Array) -> Array:
-        """Sums over the sightings of each patch."""
+        """Sums over the observations of each patch."""
         return np.add.reduceat(values, self.first, axis=0) if len(values) else values
 
 
@@ -302,7 +310,7 @@ def _sums(
 
 
 def explained(window: Window, solution: Solution) -> Array:
-    """(N, Q) values of a window's sightings by a solution, up to the brightness of their
+    """(N, Q) values of a window's observations by a solution, up to the brightness of their
     patches.
     """
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])

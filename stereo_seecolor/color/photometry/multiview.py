@@ -1,15 +1,17 @@
-"""The water from patches seen at two ranges or more: differences between sightings of one patch are
+"""The water from patches seen at two ranges or more: differences between observations of one patch
+are
 due to the water.
 
     light_kc = S_c A_c(z_k) + B_c(z_k), A = exp(-z far (1 + (FALL - 1) exp(-z / 4 m))), B =
         gamma_inf (1 - exp(-beta z))
 
 for a patch of unknown brightness S (its reflectance and the light on it) seen at ranges z_k: ratios
-of sightings depend on A alone, without an assumption on the scene's colors. Sightings measure the
-slope of log A over the ranges that they span; its bend (FALL, a rate near against far) is nearly
+of observations depend on A alone, without an assumption on the scene's colors. Observations measure
+the slope of log A over the ranges that they span; its bend (FALL, a rate near against far) is
+nearly
 the same in all waters and taken from known ones. S enters linearly and is eliminated (variable
 projection: Golub and Pereyra 2003); the nine parameters of the water follow by damped Gauss-Newton
-steps. Light that moves scales all channels of a sighting alike. That scatter is measured and
+steps. Light that moves scales all channels of an observation alike. That scatter is measured and
 modeled as common to the three channels: it blurs the brightness of the water, but hardly its color.
 Wrong matches weigh less (Cauchy).
 """
@@ -20,14 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
-from stereo_seecolor.color.photometry.observations import Sightings
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Water
 from stereo_seecolor.robust_statistics import deviation
 from stereo_seecolor.water.physics import backscatter, optical_depth
 
-# The sightings of patches under one water: residuals, weights and the Gauss-Newton system of
+# The observations of patches under one water: residuals, weights and the Gauss-Newton system of
 # ``multiview``'s nine parameters.
 
 Array = NDArray[np.float64]
@@ -35,14 +37,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SightingNoise:
-    """Errors of a sighting's light; tested on synthetic waters and on the sample dive."""
+    """Errors of an observation's light; tested on synthetic waters and on the sample dive."""
 
     noise_floor: float = 0.001
-    """Least standard deviation of a sighting's light, fraction of full scale: a quarter of a step
+    """Least standard deviation of an observation's light, fraction of full scale: a quarter of a
+    step
     of 8 bits.
     """
     outlier: float = 3.0
-    """Standard deviations beyond which a sighting weighs less than half (Cauchy)."""
+    """Standard deviations beyond which an observation weighs less than half (Cauchy)."""
     first_scatter: float = 0.05
     """Relative scatter of the direct signal before any residual is known."""
     scatter_each: tuple[float, float] = (0.003, 0.3)
@@ -60,7 +63,8 @@ NOISE = SightingNoise()
 
 @dataclass(frozen=True)
 class Scatter:
-    """Relative standard deviation of a sighting's direct signal: of each channel by itself, and of
+    """Relative standard deviation of an observation's direct signal: of each channel by itself, and
+    of
     all together.
     """
 
@@ -70,13 +74,13 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class MultiviewFit:
-    """The sightings under one water, with the best brightness of each patch.
+    """The observations under one water, with the best brightness of each patch.
 
     transmission, direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3,
     3) of a channel's light by the logarithms of its far, beta, gamma_inf. patch_weights: (P, 3, 3).
     """
 
-    sightings: Sightings
+    observations: Observations
     scatter: Scatter
     transmission: Array
     direct: Array
@@ -87,13 +91,15 @@ class MultiviewFit:
 
     @classmethod
     def at(
-        cls, x: Array, sightings: Sightings, scatter: Scatter, before: "MultiviewFit | None"
+        cls, x: Array, observations: Observations, scatter: Scatter, before: "MultiviewFit | None"
     ) -> "MultiviewFit":
         """The fit at ``x``, with weights from the direct signals and residuals of the fit
         ``before``; None: there was none.
         """
-        _, backscatter, _ = _model(x, sightings.range_m)
-        direct = np.maximum(sightings.light - backscatter if before is None else before.direct, 0.0)
+        _, backscatter, _ = _model(x, observations.range_m)
+        direct = np.maximum(
+            observations.light - backscatter if before is None else before.direct, 0.0
+        )
         alone = 1.0 / (NOISE.noise_floor**2 + (scatter.each * direct) ** 2)
         pulled = alone * direct
         shared = scatter.together**2 / (1.0 + scatter.together**2 * (pulled * direct).sum(axis=1))
@@ -104,24 +110,24 @@ class MultiviewFit:
         if before is not None:
             off = np.einsum("kc,kce,ke->k", before.residual, weights, before.residual) / 3.0
             weights /= (1.0 + off / NOISE.outlier**2)[:, None, None]
-        return cls.with_weights(x, sightings, weights, scatter)
+        return cls.with_weights(x, observations, weights, scatter)
 
     @classmethod
     def with_weights(
-        cls, x: Array, sightings: Sightings, weights: Array, scatter: Scatter
+        cls, x: Array, observations: Observations, weights: Array, scatter: Scatter
     ) -> "MultiviewFit":
         """The fit at ``x`` with given weights."""
-        transmission, backscatter, change = _model(x, sightings.range_m)
-        above = sightings.light - backscatter
+        transmission, backscatter, change = _model(x, observations.range_m)
+        above = observations.light - backscatter
         patch_weights = sums_by_patch(
-            sightings, transmission[:, :, None] * weights * transmission[:, None, :]
+            observations, transmission[:, :, None] * weights * transmission[:, None, :]
         )
-        along = sums_by_patch(sightings, transmission * np.einsum("kce,ke->kc", weights, above))
+        along = sums_by_patch(observations, transmission * np.einsum("kce,ke->kc", weights, above))
         brightness = np.linalg.solve(patch_weights, along[..., None])[..., 0]
-        direct = brightness[sightings.patch] * transmission
+        direct = brightness[observations.patch] * transmission
         light_change = change[0] * direct[..., None] + change[1]
         return cls(
-            sightings,
+            observations,
             scatter,
             transmission,
             direct,
@@ -139,7 +145,7 @@ class MultiviewFit:
         """(9, 9) Gauss-Newton matrix with the brightnesses eliminated."""
         weighted = self.weights[..., None] * self.change[:, None]
         full = np.einsum("kci,kcej->icje", self.change, weighted).reshape(9, 9)
-        shared = sums_by_patch(self.sightings, self.transmission[:, :, None, None] * weighted)
+        shared = sums_by_patch(self.observations, self.transmission[:, :, None, None] * weighted)
         shared = shared.transpose(0, 1, 3, 2).reshape(-1, 3, 9)
         return np.asarray(
             full - np.einsum("pai,paj->ij", shared, np.linalg.solve(self.patch_weights, shared))
@@ -156,9 +162,9 @@ class MultiviewFit:
         """(F, 9) contribution of each frame to the slope."""
         pull = np.einsum("kce,ke->kc", self.weights, self.residual)
         each = (self.change * pull[..., None]).transpose(0, 2, 1).reshape(-1, 9)
-        frames = int(self.sightings.frame.max()) + 1
+        frames = int(self.observations.frame.max()) + 1
         return np.stack(
-            [np.bincount(self.sightings.frame, column, minlength=frames) for column in each.T],
+            [np.bincount(self.observations.frame, column, minlength=frames) for column in each.T],
             axis=1,
         )
 
@@ -186,7 +192,7 @@ def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]
     z, fall = torch.from_numpy(range_m)[:, None], torch.from_numpy(near_against_far())
     logarithms = (
         torch.from_numpy(x).view(3, 1, 3).expand(3, len(range_m), 3).clone().requires_grad_()
-    )  # a sighting's own copies
+    )  # an observation's own copies
     far, beta, saturated = logarithms.exp()
     log_a = -optical_depth(z, far * (fall - 1), RATE_OF_CHANGE, far, 0.0)
     veil = backscatter(z, saturated, beta, 0.0, 0.0)
@@ -204,9 +210,9 @@ def near_against_far() -> Array:
     return np.exp(water_prior()[0][3:6])
 
 
-def sums_by_patch(sightings: Sightings, values: Array) -> Array:
-    """Sums over the sightings of each patch; patches are sorted."""
-    first = np.flatnonzero(np.diff(sightings.patch, prepend=-1))
+def sums_by_patch(observations: Observations, values: Array) -> Array:
+    """Sums over the observations of each patch; patches are sorted."""
+    first = np.flatnonzero(np.diff(observations.patch, prepend=-1))
     return np.asarray(np.add.reduceat(values, first, axis=0))
 
 
@@ -233,7 +239,7 @@ class MultiviewSettings:
     known before.
     """
     nothing_learned: float = 0.9
-    """A standard error of at least this fraction of the prior's says that the sightings did not
+    """A standard error of at least this fraction of the prior's says that the observations did not
     constrain the parameter.
     """
     least_direct: float = 0.05
@@ -274,19 +280,20 @@ SETTINGS = MultiviewSettings()
 STEPS = StepSettings()
 
 
-def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
-    """Fit attenuation and backscatter of the water to sightings. The white point is 1, as no ratio
+def fit_sightings(observations: Observations, encoding: InputEncoding) -> Water:
+    """Fit attenuation and backscatter of the water to observations. The white point is 1, as no
+    ratio
     determines it.
 
-    Raises ColorError where there are too few sightings, or all are at nearly one range.
+    Raises ColorError where there are too few observations, or all are at nearly one range.
     """
-    _check(sightings)
+    _check(observations)
     mean, precision = _prior()
     x, damping = mean.copy(), STEPS.first_damping
-    fit = MultiviewFit.at(x, sightings, Scatter(NOISE.first_scatter, NOISE.first_scatter), None)
+    fit = MultiviewFit.at(x, observations, Scatter(NOISE.first_scatter, NOISE.first_scatter), None)
     for step in range(STEPS.most_steps):
         fit = MultiviewFit.at(
-            x, sightings, fit.scatter_now() if step else fit.scatter, fit if step else None
+            x, observations, fit.scatter_now() if step else fit.scatter, fit if step else None
         )
         better = _lower(fit, x, damping, (mean, precision))
         if better is None:
@@ -301,12 +308,13 @@ def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
     )
 
 
-def with_white_of(water: Water, scene: Water, sightings: Sightings) -> Water:
-    """``water`` with the white point under which the median sighting gets the color that ``scene``,
+def with_white_of(water: Water, scene: Water, observations: Observations) -> Water:
+    """``water`` with the white point under which the median observation gets the color that
+    ``scene``,
     fitted to images, gives it.
     """
-    z: Array = np.array(np.median(sightings.range_m))
-    light: Array = np.array(np.median(sightings.light, axis=0))
+    z: Array = np.array(np.median(observations.range_m))
+    light: Array = np.array(np.median(observations.light, axis=0))
     direct, scene_direct = (
         np.maximum(light - w.backscatter(z), SETTINGS.least_direct * light) for w in (water, scene)
     )
@@ -329,7 +337,7 @@ def _lower(
     for _ in range(STEPS.most_trials):
         move = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
         trial = x + np.clip(move, -STEPS.longest_step, STEPS.longest_step)
-        there = MultiviewFit.with_weights(trial, fit.sightings, fit.weights, fit.scatter)
+        there = MultiviewFit.with_weights(trial, fit.observations, fit.weights, fit.scatter)
         if there.cost() + (trial - mean) @ precision @ (trial - mean) <= cost:
             return trial, there, max(damping * STEPS.less_damping, STEPS.least_damping)
         damping *= STEPS.more_damping
@@ -351,7 +359,8 @@ def _prior() -> tuple[Array, Array]:
 
 
 def _covariance(fit: MultiviewFit, precision: Array) -> Array:
-    """(9, 9) covariance, clustered by frame: errors that a frame's sightings share (its exposure,
+    """(9, 9) covariance, clustered by frame: errors that a frame's observations share (its
+    exposure,
     pose and light) count once.
     """
     inverse = np.linalg.inv(fit.normal() + precision)
@@ -361,15 +370,18 @@ def _covariance(fit: MultiviewFit, precision: Array) -> Array:
     return np.asarray(inverse @ (meat + precision) @ inverse)
 
 
-def _check(sightings: Sightings) -> None:
-    if len(sightings.patch) < SETTINGS.least_sightings:
+def _check(observations: Observations) -> None:
+    if len(observations.patch) < SETTINGS.least_sightings:
         raise ColorError(
-            f"only {len(sightings.patch)} sightings of patches of the reef that several frames "
+            f"only {len(observations.patch)} observations of patches of the reef that several "
+            "frames "
             "see: "
             "the frames do not overlap, or the trajectory is not theirs"
         )
-    first = np.flatnonzero(np.diff(sightings.patch, prepend=-1))
-    near, far = (extreme.reduceat(sightings.range_m, first) for extreme in (np.minimum, np.maximum))
+    first = np.flatnonzero(np.diff(observations.patch, prepend=-1))
+    near, far = (
+        extreme.reduceat(observations.range_m, first) for extreme in (np.minimum, np.maximum)
+    )
     ratio = float(np.quantile(far / near, SETTINGS.range_ratio_quantile))
     if ratio < SETTINGS.least_range_ratio:
         raise ColorError(

@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SightingSettings:
+class ObservationSettings:
     """Size and number of patches, and conditions under which a frame sees one; tested on the sample
     dive.
     """
@@ -53,7 +53,7 @@ class SightingSettings:
     """Stands for an unknown range when edges are looked for, so that its neighbors are one."""
 
 
-SETTINGS = SightingSettings()
+SETTINGS = ObservationSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,8 @@ class KeyFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
-    """N sightings of P patches. patch: (N,) int64, number of the patch, 0..P-1, ascending, each
+class Observations:
+    """N observations of P patches. patch: (N,) int64, number of the patch, 0..P-1, ascending, each
     twice or more. frame: (N,) int64.
     range_m: (N,) meters. light: (N, 3) linear, fraction of full scale, mean over the patch. pixel:
     (N, 2) x, y of its middle.
@@ -84,18 +84,19 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class SeenWindow:
-    """Sightings of a few neighboring frames. frames: number in the dive of each of the sightings'
-    frames. seen: the sightings.
+    """Observations of a few neighboring frames. frames: number in the dive of each of the
+    observations'
+    frames. seen: the observations.
     """
 
     frames: NDArray[np.int64]
-    seen: Sightings
+    seen: Observations
 
 
 def find_sightings(
     frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
-) -> Sightings:
-    """Find sightings of patches that several frames see; a few are wrong matches. Each frame is
+) -> Observations:
+    """Find observations of patches that several frames see; a few are wrong matches. Each frame is
     read twice, one at a time.
     """
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
@@ -105,8 +106,8 @@ def find_sightings(
     return sightings_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
 
 
-def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
-    """The sightings of (P, 3) patches by these views, without patches that only one view sees.
+def sightings_of(points_m: Vector, views: "Iterable[View]") -> Observations:
+    """The observations of (P, 3) patches by these views, without patches that only one view sees.
     Frames are numbered in order.
     """
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
@@ -123,7 +124,7 @@ def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
     several = np.bincount(patch, minlength=len(points_m))[patch] > 1
     order = np.flatnonzero(several)[np.argsort(patch[several], kind="stable")]
     compact = np.unique(patch[order], return_inverse=True)[1]
-    return Sightings(compact, seen_by[order], range_m[order], light[order], pixel[order])
+    return Observations(compact, seen_by[order], range_m[order], light[order], pixel[order])
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ from stereo_seecolor.records import Water
 
 
 @dataclass(frozen=True)
-class StretchSettings:
+class SegmentSettings:
     """Limits for joining stretches. Costs are those of ``misfit.quality``, averaged over the chunks
     of the smaller stretch.
     """
@@ -62,7 +62,7 @@ class StretchSettings:
     """
 
 
-SETTINGS = StretchSettings()
+SETTINGS = SegmentSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,17 +186,17 @@ class AutoFitter(Fitter):
         chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
         evidence = _evidence(chunks, self._config)
         parts = _parts(evidence, self._config) if chunks else []
-        stretches = [reduce(add, chunks[part.start : part.stop]) for part in parts]
-        self._stretches = [stretch.frames for stretch in stretches]
-        return completed(water for stretch in stretches for water in self._waters(stretch))
+        segments = [reduce(add, chunks[part.start : part.stop]) for part in parts]
+        self._stretches = [segment.frames for segment in segments]
+        return completed(water for segment in segments for water in self._waters(segment))
 
-    def _waters(self, stretch: _Chunk) -> Iterator[tuple[str, Water | None]]:
+    def _waters(self, segment: _Chunk) -> Iterator[tuple[str, Water | None]]:
         """Name and water of each of its frames."""
-        classes = {kind: frames.unpacked for kind, frames in stretch.classes.items()}
-        return survey_waters(self._frames, stretch.frames, classes, self._config, self._fit)
+        classes = {kind: frames.unpacked for kind, frames in segment.classes.items()}
+        return survey_waters(self._frames, segment.frames, classes, self._config, self._fit)
 
     @property
-    def stretches(self) -> list[list[str]]:
+    def segments(self) -> list[list[str]]:
         """Names of the frames of each stretch, after ``waters`` has been called."""
         return [self._frames.names[frames.start : frames.stop] for frames in self._stretches]
 
@@ -235,11 +235,11 @@ def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[rang
     before them.
     """
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    stretches = _joined(
+    segments = _joined(
         _stretches([((chunk,), chunk.table) for chunk in chunks if chunk is not None], config),
         config,
     )
-    sizes = np.cumsum([len(stretch.chunks) for stretch in stretches[:-1]], dtype=int)
+    sizes = np.cumsum([len(segment.chunks) for segment in segments[:-1]], dtype=int)
     edges = [0, *(known[cut] for cut in sizes), len(chunks)]
     return [range(a, b) for a, b in pairwise(edges)]
 
@@ -292,13 +292,13 @@ def _stretches(
 class _Join(NamedTuple):
     """Two stretches joined. strain: the cost that joining adds, as a fraction of the limit."""
 
-    stretch: _Stretch
+    segment: _Stretch
     strain: float
 
 
 def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
     """Each pair of a stretch and the next one joined, and the cost of joining."""
-    larger = [max(pair, key=lambda stretch: len(stretch.chunks)).water for pair in pairs]
+    larger = [max(pair, key=lambda segment: len(segment.chunks)).water for pair in pairs]
     joined = _stretches(
         [(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config, larger
     )
@@ -315,20 +315,20 @@ def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
     return float(max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone)))
 
 
-def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
+def _joined(segments: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
     """Join neighbors, those with the least strain first, until every further join exceeds the
     limit.
     """
-    joins = _joins(list(pairwise(stretches)), config)
+    joins = _joins(list(pairwise(segments)), config)
     while joins:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)
         if joins[best].strain > 1:
             break
-        stretches[best : best + 2] = [joins[best].stretch]
+        segments[best : best + 2] = [joins[best].segment]
         joins[best : best + 1] = []
         beside = [i for i in (best - 1, best) if 0 <= i < len(joins)]
         for i, join in zip(
-            beside, _joins([(stretches[i], stretches[i + 1]) for i in beside], config), strict=True
+            beside, _joins([(segments[i], segments[i + 1]) for i in beside], config), strict=True
         ):
             joins[i] = join
-    return stretches
+    return segments

@@ -1,4 +1,4 @@
-"""The light of a survey, solved from sightings: the terms that the dive determines, and how much
+"""The light of a survey, solved from observations: the terms that the dive determines, and how much
 they help.
 """
 
@@ -16,18 +16,18 @@ from stereo_seecolor.color.photometry.light_choice import (
     Choice,
     alike,
     choose,
+    is_single_illumination,
     pictures_crossed,
-    under_one_light,
 )
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
-from stereo_seecolor.color.photometry.light_solver import Use, Views, Window
-from stereo_seecolor.color.photometry.observations import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.light_solver import LightTerms, Views, Window
+from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 
 
 @dataclass(frozen=True)
 class SightingLimits:
-    """Limits of the sightings that the light of a survey is solved from, and of its standard
+    """Limits of the observations that the light of a survey is solved from, and of its standard
     error.
     """
 
@@ -36,7 +36,7 @@ class SightingLimits:
     the camera may have clipped.
     """
     range_quantiles: tuple[float, float] = (0.01, 0.99)
-    """Quantiles of the sightings' ranges, beyond which the pattern is not extrapolated."""
+    """Quantiles of the observations' ranges, beyond which the pattern is not extrapolated."""
     loose: float = 0.1
     """Standard error of a pattern, logarithm, above which the note tells how to lower it. Of 49
     drawn dives it is larger in ten, in none of which frames of two lines were found to show the
@@ -208,14 +208,14 @@ def solve_light(
     windows: Sequence[SeenWindow],
     names: Sequence[str],
     size: tuple[int, int],
-    allowed: Use,
+    allowed: LightTerms,
     recorded: NDArray[np.float64] | None = None,
     is_sampled: bool = False,
 ) -> SurveyLight | None:
     """Solve the light of a dive; None where no spot is seen from two frames.
 
-    names: of all frames of the dive. size: (width, height) of the images that the sightings' pixels
-    are of.
+    names: of all frames of the dive. size: (width, height) of the images that the observations'
+    pixels are of.
     allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera
     recorded; they are subtracted first, so that the gains are relative to them. is_sampled: the
     windows are of a part of the frames.
@@ -234,7 +234,9 @@ def solve_light(
     priors = LightPrior.lens(alike(crossed)), LightPrior.lamps(views.reference_m, alike(crossed))
     candidates = _candidates_of_luminance(allowed, priors)
     luminances = [_luminance(window) for window in made]
-    differ = not is_sampled and not under_one_light(made, luminances, candidates, len(measured))
+    differ = not is_sampled and not is_single_illumination(
+        made, luminances, candidates, len(measured)
+    )
     if differ:
         candidates = _candidates_of_luminance(allowed, priors[:1])
     luminance = choose(made, luminances, candidates, len(measured))
@@ -250,19 +252,22 @@ def solve_light(
     )
 
 
-def _candidates_of_luminance(allowed: Use, priors: Sequence[LightPrior]) -> list[Candidate]:
+def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) -> list[Candidate]:
     """priors: of patterns."""
     unknown = LightPrior.unknown(LUMINANCE, priors[0].alike)
-    return _candidates(allowed, unknown, priors, [Use(pattern=True, ranged=allowed.ranged)])
+    return _candidates(allowed, unknown, priors, [LightTerms(pattern=True, ranged=allowed.ranged)])
 
 
-def _choose_color(windows: Sequence[Window], allowed: Use, one: float, frames: int) -> Choice:
+def _choose_color(
+    windows: Sequence[Window], allowed: LightTerms, one: float, frames: int
+) -> Choice:
     """Choose the terms of color, the logarithms of R, G, B less their mean.
 
-    one: number of correlated sightings that count as one. frames: number of frames in the windows.
+    one: number of correlated observations that count as one. frames: number of frames in the
+    windows.
     """
     unknown = LightPrior.unknown(COLOR, one)
-    patterns = [Use(pattern=True), Use(pattern=True, ranged=True)]
+    patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
     candidates = _candidates(allowed, unknown, [unknown], patterns)
     return choose(
         windows, [window.log_light - _luminance(window) for window in windows], candidates, frames
@@ -309,7 +314,10 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
 
 
 def _candidates(
-    allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]
+    allowed: LightTerms,
+    unknown: LightPrior,
+    priors: Sequence[LightPrior],
+    patterns: Sequence[LightTerms],
 ) -> list[Candidate]:
     """The allowed candidates: no correction, gains alone, and each pattern with each of its priors,
     without and with gains.
@@ -323,7 +331,7 @@ def _candidates(
         for prior in priors
         for gains, shading in own
     ]
-    alone = [Candidate(Use(gains=gains, shading=shading), unknown) for gains, shading in own]
+    alone = [Candidate(LightTerms(gains=gains, shading=shading), unknown) for gains, shading in own]
     every = [*alone, *of_patterns]
     return [
         one
@@ -354,8 +362,8 @@ def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]
     ], measured
 
 
-def usable(seen: Sightings) -> NDArray[np.bool_]:
-    """(N,) True for sightings that are neither dark nor near clipping."""
+def usable(seen: Observations) -> NDArray[np.bool_]:
+    """(N,) True for observations that are neither dark nor near clipping."""
     darkest, brightest = LIMITS.light
     return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
 
@@ -371,7 +379,7 @@ def _percent(logarithm: float) -> str:
 
 def _choice(choice: Choice) -> dict[str, Any]:
     return {
-        "used": [name for name, used in zip(Use._fields, choice.use, strict=True) if used],
+        "used": [name for name, used in zip(LightTerms._fields, choice.use, strict=True) if used],
         "spread_between_views": [choice.before.between_views, choice.after.between_views],
         "spread_between_frames": [choice.before.between_frames, choice.after.between_frames],
     }

@@ -223,7 +223,7 @@ def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray
 # Chooses the brightness of corrected images from their moment table.
 
 CLIPPED_FRACTION = 0.0005
-"""Of all pixels, those that may clip: a white card far away may be but a thousandth of a frame."""
+"""Of all pixels, those that may clip: a distant white card can cover only 0.1 % of a frame."""
 STRAYS = 0.02
 """At most this fraction of a frame's pixels, those with most gain, is left out of the choice of
 exposure,

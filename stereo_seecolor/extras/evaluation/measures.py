@@ -79,7 +79,7 @@ def clipped(pixels: Pixels) -> NDArray[np.bool_]:
 
 def score_neutral(pixels: Pixels) -> NeutralScore:
     """Score of a neutral target's pixels (N, 3): mean psi, and the fraction clipped, without which
-    psi is no score.
+    psi is not a score.
     """
     known = np.isfinite(pixels).all(axis=-1)
     angles = gray_angle_deg(pixels[known])

@@ -155,7 +155,7 @@ def water_text(result: "MeasuredWater") -> str:
         for name, rate, error in zip(("red", "green", "blue"), result.water.y, errors, strict=True)
     )
     return lines(
-        f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use
+        f"attenuation at long range, 1/m: {rates} (nan: the observations do not determine it)", use
     )
 
 

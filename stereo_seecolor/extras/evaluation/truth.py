@@ -235,7 +235,7 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
     run = open_run(out)
     true_frames(
         truth
-    )  # what is no folder of truth is named as that, and not by what is missing beside it
+    )  # what is not a folder of truth is named as that, and not by what is missing beside it
     if run.geometry is not None:
         _check_geometry(run.geometry, out, truth)
     _check_images(run.frames, out, truth)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.frame_shading import even_light
+from stereo_seecolor.color.photometry.frame_shading import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
 from stereo_seecolor.color.photometry.observations import KeyFrame, find_sightings
@@ -102,8 +102,8 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     placed = place(index, trajectory, config.mapping)
     scene = _one_water(run, list(index.names))
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
-    sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
-    water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
+    observations = find_sightings(key_frames, frames.geometry, scene.input_encoding)
+    water = with_white_of(fit_sightings(observations, scene.input_encoding), scene, observations)
     with RunFolder.existing(out, "water", (trajectory_file(poses),)) as folder:
         folder.dive.write(
             MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
@@ -226,7 +226,7 @@ class _TargetSearch:
             )  # a card or sand may be too even to be matched but at its border
         if self.light and found:
             light = self.light.on(name, (image.shape[1], image.shape[0]))
-            image = even_light(image, range_m, light, self.water.input_encoding)
+            image = divide_illumination(image, range_m, light, self.water.input_encoding)
         return list(seen_whites(name, found, image, range_m, self.water))
 
 

@@ -27,7 +27,7 @@ from stereo_seecolor.extras.fleet.campaign_files import (
     DiveState,
     State,
     load_states,
-    refuse_foreign,
+    refuse_files_of_others,
     save_states,
     write_records,
 )
@@ -85,7 +85,7 @@ class CampaignFile(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> "CampaignFile":
-        """Read a YAML file. Raises InputError where it cannot be read or is no campaign."""
+        """Read a YAML file. Raises InputError where it cannot be read or is not a campaign."""
         try:
             campaign = cls.model_validate(read_yaml(path))
         except ValidationError as error:
@@ -130,7 +130,7 @@ def campaign(
     """
     plan = _Campaign(CampaignFile.read(file), file.parent)
     options = replace(options or RunOptions(), also_read=(file,))
-    refuse_foreign(plan.root, plan.files)
+    refuse_files_of_others(plan.root, plan.files)
     earlier = load_states(plan.root)
     begun = {
         dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun")

@@ -29,7 +29,7 @@ new: a kill leaves either.
 FORMAT = "stereo-seecolor/campaign-files"
 
 
-def refuse_foreign(root: Path, files: Iterable[Path]) -> None:
+def refuse_files_of_others(root: Path, files: Iterable[Path]) -> None:
     """Raise OutputError where one of ``files`` in a campaign's folder is there and is not as the
     campaign wrote it.
     """
@@ -48,7 +48,7 @@ def write_own(root: Path, file: Path, content: Content) -> None:
     """Write a file of a campaign whose folder is ``root``. Raises OutputError, also where another's
     file is in its place.
     """
-    refuse_foreign(root, [file])
+    refuse_files_of_others(root, [file])
     whole = bytes(content) if isinstance(content, bytes | memoryview) else b"".join(content)
     written, name = _written(root), _name(root, file)
     hashes = [*([_sha256(file.read_bytes())] if file.exists() else []), _sha256(whole)]

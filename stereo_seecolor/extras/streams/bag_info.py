@@ -44,8 +44,8 @@ class BagFacts:
 def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) -> BagFacts:
     """Examine a bag; nothing is written. topics: ``left=NAME,right=NAME``, "" to find them.
 
-    Raises InputError if it is no bag, or holds nothing that can be read; DeviceError if a library
-    is missing.
+    Raises InputError if it is not a bag, or holds nothing that can be read; DeviceError if a
+    library is missing.
     """
     try:
         dive = open_dive(path, topics, config or InputConfig())

@@ -78,7 +78,7 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
 
 
 def trajectory_format(path: Path) -> str | None:
-    """The name of the format that a text file is read as; None where it is no trajectory, by its
+    """The name of the format that a text file is read as; None where it is not a trajectory, by its
     first lines. Raises InputError.
     """
     lines = read_lines(path)
@@ -153,6 +153,6 @@ def _reader(lines: Lines) -> _Reader:
     if kind := foreign.named("\n".join(lines.all[:50])):
         raise InputError(f"{lines.path}: is {kind}")
     raise InputError(
-        f"{lines.path}: is no trajectory that is known here ({FORMATS}); first line: "
+        f"{lines.path}: is not a trajectory that is known here ({FORMATS}); first line: "
         f"{lines.first[:60]!r}"
     )

@@ -101,7 +101,7 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
         if role not in ROLES or not column or role in columns:
             known = ", ".join(ROLES)
             raise InputError(
-                f"{spec}: {part!r} is no role=column with a role of its own ({known}): write "
+                f"{spec}: {part!r} is not a role=column with a role of its own ({known}): write "
                 f"{_EXAMPLE}"
             )
         columns[role] = column

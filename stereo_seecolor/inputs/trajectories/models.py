@@ -51,7 +51,7 @@ def read_colmap(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def _image_lines(lines: Lines) -> list[tuple[int, str]]:
-    """Every second line that is no comment; the lines of points may be empty, so empty lines
+    """Every second line that is not a comment; the lines of points may be empty, so empty lines
     count.
     """
     text = lines.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
@@ -118,7 +118,7 @@ def _parse(lines: Lines) -> ET.Element:
     try:
         return ET.fromstring(text.encode())
     except ET.ParseError as error:
-        raise InputError(f"{lines.path}: is no XML: {error}") from error
+        raise InputError(f"{lines.path}: is not XML: {error}") from error
 
 
 def _aligned(lines: Lines, root: ET.Element) -> Iterator[tuple[ET.Element, Array]]:

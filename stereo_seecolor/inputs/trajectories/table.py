@@ -31,7 +31,7 @@ class AmbiguousDateError(ValueError):
 
 
 class TimeError(ValueError):
-    """A cell that is no time. row: its number in the column, from 0."""
+    """A cell that is not a time. row: its number in the column, from 0."""
 
     def __init__(self, row: int, text: str):
         super().__init__(text)
@@ -64,7 +64,7 @@ def column_seconds(texts: Sequence[str], day_first: bool | None = None) -> list[
 
     day_first: whether 3/4/2026 is the third of April where no date of the column tells; None: not
     known. A cell without a value is NaN. Raises AmbiguousDateError where that is needed, and
-    TimeError for a cell that is no time.
+    TimeError for a cell that is not a time.
     """
     found = [_parsed(row, text) for row, text in enumerate(texts)]
     dates = [(int(m[1]), int(m[3])) for m in found if isinstance(m, re.Match) and len(m[1]) < 4]
@@ -169,7 +169,7 @@ class Lines:
 
 def read_lines(path: Path) -> Lines:
     """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails, and names
-    what is no text.
+    what is not text.
     """
     raw = read_bytes(path)
     if kind := named_by_begin(raw):
@@ -179,7 +179,7 @@ def read_lines(path: Path) -> Lines:
     except UnicodeDecodeError as error:
         if b"\0" in raw:
             raise InputError(
-                f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})"
+                f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})"
             ) from error
         text = raw.decode("cp1252", errors="replace")  # a spreadsheet's CSV with a degree sign
     numbered = [

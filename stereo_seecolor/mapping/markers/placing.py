@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.geometry import transformed
-from stereo_seecolor.mapping.markers.detection import Sighting
+from stereo_seecolor.mapping.markers.detection import Observation
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
@@ -60,12 +60,14 @@ class PlacedSighting:
         )
 
 
-def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> PlacedSighting | None:
+def place(
+    observation: Observation, frame: SurveyFrame, geometry: RectifiedPair
+) -> PlacedSighting | None:
     """Compute a marker's corners in three dimensions; None where too little of it has a measured
     range.
     """
     inside = np.zeros(frame.range_m.shape, np.uint8)
-    cv2.fillConvexPoly(inside, np.rint(sighting.corners_px).astype(np.int32), 1)
+    cv2.fillConvexPoly(inside, np.rint(observation.corners_px).astype(np.int32), 1)
     rows, columns = np.nonzero(inside)
     known = np.isfinite(frame.range_m[rows, columns])
     if known.sum() < max(PLACING_SETTINGS.fewest_px, PLACING_SETTINGS.covered * len(rows)):
@@ -77,7 +79,7 @@ def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> Pl
     plane, spread_px = _plane(
         np.stack([columns, rows], axis=-1).astype(np.float64), np.asarray(disparity, np.float64)
     )
-    corners = np.concatenate([sighting.corners_px, np.ones((4, 1))], axis=1)
+    corners = np.concatenate([observation.corners_px, np.ones((4, 1))], axis=1)
     depth_m = (
         geometry.focal_px
         * geometry.baseline_m
@@ -93,7 +95,7 @@ def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> Pl
     )  # twice that of the middle: the plane turns
     std = PLACING_SETTINGS.corner_px / geometry.focal_px, at_corner
     return PlacedSighting(
-        sighting.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1), std
+        observation.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1), std
     )
 
 
@@ -117,7 +119,7 @@ def _plane(pixels: Array, disparity: Array) -> tuple[Array, float]:
     return plane, spread_px
 
 
-# Markers in the map: position, agreement of the sightings, and size compared with the given one.
+# Markers in the map: position, agreement of the observations, and size compared with the given one.
 
 
 @dataclass(frozen=True)
@@ -139,8 +141,8 @@ class PlacedMarker:
     """A marker in the map.
 
     number: of the marker. views: frames behind it. x_m, y_m, z_m: its middle in the map's world.
-    residual_m: RMS distance of the middles of its sightings, through the track, from that. edge_m:
-    mean length of its sides, with its standard error.
+    residual_m: RMS distance of the middles of its observations, through the track, from that.
+    edge_m: mean length of its sides, with its standard error.
     """
 
     number: int
@@ -179,15 +181,16 @@ class ScaleCheck:
 
 
 def placed_markers(
-    sightings: Sequence[PlacedSighting], T_world_camera: dict[str, Array]
+    observations: Sequence[PlacedSighting], T_world_camera: dict[str, Array]
 ) -> list[PlacedMarker]:
-    """Place markers from all sightings in frames with a pose (4, 4), by number. Markers seen once
+    """Place markers from all observations in frames with a pose (4, 4), by number. Markers seen
+    once
     are left out.
     """
     by_number: dict[int, list[PlacedSighting]] = defaultdict(list)
-    for sighting in sightings:
-        if sighting.frame in T_world_camera:
-            by_number[sighting.number].append(sighting)
+    for observation in observations:
+        if observation.frame in T_world_camera:
+            by_number[observation.number].append(observation)
     return [
         _marker(number, own, T_world_camera)
         for number, own in sorted(by_number.items())
@@ -195,16 +198,18 @@ def placed_markers(
     ]
 
 
-def _marker(number: int, sightings: list[PlacedSighting], T: dict[str, Array]) -> PlacedMarker:
+def _marker(number: int, observations: list[PlacedSighting], T: dict[str, Array]) -> PlacedMarker:
     middles = np.array(
-        [transformed(T[each.frame], each.corners_m).mean(axis=0) for each in sightings]
+        [transformed(T[each.frame], each.corners_m).mean(axis=0) for each in observations]
     )
     place = np.median(middles, axis=0)
-    edges = np.array([each.edges_m.mean() for each in sightings])
+    edges = np.array([each.edges_m.mean() for each in observations])
     residual = float(np.sqrt(((middles - place) ** 2).sum(axis=1).mean()))
     std = float(edges.std(ddof=1) / np.sqrt(len(edges)))
     x_m, y_m, z_m = (float(value) for value in place)
-    return PlacedMarker(number, len(sightings), x_m, y_m, z_m, residual, float(edges.mean()), std)
+    return PlacedMarker(
+        number, len(observations), x_m, y_m, z_m, residual, float(edges.mean()), std
+    )
 
 
 def size_check(markers: Sequence[PlacedMarker], edge_m: float) -> ScaleCheck | None:

@@ -249,6 +249,6 @@ def _marker(where: str, label: str) -> int:
     found = re.search(r"(\d+)\D*$", label)
     if found is None:
         raise InputError(
-            f"{where}: {label!r} is no number of a marker, nor a label that ends in one"
+            f"{where}: {label!r} is not a number of a marker, nor a label that ends in one"
         )
     return int(found[1])

@@ -234,11 +234,11 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
     components, breaks = break_up(T, index, config)
     if not (components >= 0).any():
         first = next(iter(reasons.values()), "")
-        cure = (
+        fix = (
             clock_difference(index, trajectory)
             or "compare the frames' names and times with the file's"
         )
-        raise MappingError(f"no frame has a pose in the trajectory ({first}): {cure}")
+        raise MappingError(f"no frame has a pose in the trajectory ({first}): {fix}")
     unplaced = tuple(Unplaced(index.names[i], reasons[i]) for i in sorted(reasons))
     return Placement(T, components, unplaced, tuple(warnings + breaks))
 
@@ -340,8 +340,8 @@ def at_fixes(
             )
             continue
         reason = f"{len(fixed)} fixes along its track do not tell its heading"
-        if not len(fixed) and (cure := clock_difference(index, trajectory)):
-            raise MappingError(f"no frame has a fix at its time: {cure}")
+        if not len(fixed) and (fix := clock_difference(index, trajectory)):
+            raise MappingError(f"no frame has a fix at its time: {fix}")
         if component == 0:
             raise MappingError(
                 f"{reason}: the dive must be longer than they scatter; map it without --poses"

@@ -1,8 +1,9 @@
 """Bundle adjustment: the poses of all frames and the positions of all points that they share, from
-all sightings at once.
+all observations at once.
 
-A sighting is compared with its point in image space, so measured ranges take part, each with its
-own standard error. Levenberg-Marquardt; points are eliminated first (Triggs et al. 2000), and the
+An observation is compared with its point in image space, so measured ranges take part, each with
+its own standard error. Levenberg-Marquardt; points are eliminated first (Triggs et al. 2000), and
+the
 frames' equations are solved in a sparse order.
 """
 
@@ -21,7 +22,7 @@ from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import loops
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, Known, KnownPlace, State
 from stereo_seecolor.mapping.track.fiducials import PLACES, SETTINGS, Marks
-from stereo_seecolor.mapping.track.frame_blocks import Sightings, sightings
+from stereo_seecolor.mapping.track.frame_blocks import Observations, observations
 from stereo_seecolor.mapping.track.loops import Prior
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -73,24 +74,25 @@ class Adjusted:
 
 def adjust(
     T_world_camera: Array,
-    sightings: Sightings,
+    observations: Observations,
     priors: Sequence[Prior] = (),
     known: Sequence[Known] = (),
 ) -> Adjusted:
-    """Poses (N, 4, 4) adjusted; the sightings' frames, and the priors', are their numbers. All must
+    """Poses (N, 4, 4) adjusted; the observations' frames, and the priors', are their numbers. All
+    must
     be connected.
 
     known: lengths between points, and their places. Without known places and priors the first stays
     where it is, and standard errors are relative to it. Under a Cauchy kernel.
     How far to trust directions and depths is learned from the residuals: what a matcher states is
     right within a factor.
-    Without sightings all stay where they are.
+    Without observations all stay where they are.
     """
     T, std = T_world_camera.copy(), np.full((len(T_world_camera), 2), np.nan)
-    if not len(sightings.frame):
+    if not len(observations.frame):
         return Adjusted(T, std, (1.0, 1.0))
     if not priors and not any(isinstance(one, KnownPlace) for one in known):
-        first = int(sightings.frame.min())
+        first = int(observations.frame.min())
         priors = [
             Prior(
                 first,
@@ -99,7 +101,7 @@ def adjust(
                 BUNDLE_ADJUSTMENT_SETTINGS.held_std,
             )
         ]
-    stated = BundleProblem.of(sightings, priors, known)
+    stated = BundleProblem.of(observations, priors, known)
     state, scale = State(T[stated.frames], stated.first_places(T[stated.frames])), (1.0, 1.0)
     for tolerance in BUNDLE_ADJUSTMENT_SETTINGS.tolerances:
         problem, used = stated.scaled(*scale), scale
@@ -174,7 +176,7 @@ class RefinementSettings:
         1200  # on average: what views of more overlap have beyond that leaves no less error
     )
     most_frames: int = 2500  # so many have 400 each; longer tracks are adjusted by windows
-    window: int = 1000  # frames, which then keep all of their sightings
+    window: int = 1000  # frames, which then keep all of their observations
     overlap: int = (
         50  # frames that two windows share, several times the reach of an edge between neighbors
     )
@@ -198,7 +200,7 @@ class _Part(NamedTuple):
 def refined(
     track: Track, placement: Placement, priors: Sequence[Prior] = (), marks: Marks | None = None
 ) -> Placement:
-    """The placement's frames where all sightings, the priors and what is known of markers agree
+    """The placement's frames where all observations, the priors and what is known of markers agree
     best, with standard errors.
 
     track: it holds the relative poses that the placement was made from; loops that turned out false
@@ -240,7 +242,7 @@ def _adjusted(T: Array, part: _Part) -> Adjusted:
     most = min(
         REFINEMENT_SETTINGS.most_sightings, REFINEMENT_SETTINGS.most_a_frame * len(part.frames)
     )
-    found = sightings(part.track.features, relations, most)
+    found = observations(part.track.features, relations, most)
     found = replace(found, frame=part.track.survey.index.order[found.frame])
     known: list[Known] = []
     if part.marks:

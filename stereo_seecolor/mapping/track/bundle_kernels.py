@@ -1,9 +1,10 @@
 """Normal equations of bundle adjustment: points are eliminated, and the equations of the frames are
 kept.
 
-A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn
-(rad) and then a shift (m) in their own axes. Sightings are sorted by point; ``start`` (m + 1,) says
-where each point's begin. Functions work on a range of points, of sightings or of frames, so that
+An observation is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn
+(rad) and then a shift (m) in their own axes. Observations are sorted by point; ``start`` (m + 1,)
+says where each point's begin. Functions work on a range of points, of observations or of frames, so
+that
 several cores share them; none writes where another range does.
 """
 
@@ -14,10 +15,11 @@ import numpy as np
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.track.relative_pose import invert_symmetric
 
-# Compiled functions for one sighting of bundle adjustment: its residual, its derivatives, and its
-# part of the normal equations.
+# Compiled functions for one observation of bundle adjustment: its residual, its derivatives, and
+# its part of the normal equations.
 #
-# A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn
+# An observation is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a
+# turn
 # (rad) and then a shift (m) in their own axes.
 
 BEHIND = 1e6
@@ -78,7 +80,7 @@ def linearized(
 
 @compiled
 def add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -> None:
-    """Add a sighting to the equations of its point: V (3, 3), own_g (3,)."""
+    """Add an observation to the equations of its point: V (3, 3), own_g (3,)."""
     for i in range(3):
         own_g[i] += robust * (
             by_point[0, i] * residual[0]
@@ -96,7 +98,7 @@ def add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -
 
 @compiled
 def add_pose(robust: float, residual: Any, by_pose: Any, damping: float, H: Any, g: Any) -> None:
-    """Add a sighting to the equations of its pose: H (6, 6), g (6,)."""
+    """Add an observation to the equations of its pose: H (6, 6), g (6,)."""
     for i in range(6):
         g[i] += robust * (
             by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2]
@@ -122,7 +124,9 @@ def robust_cost(
     first: int,
     end: int,
 ) -> float:
-    """Compute half of the robust sum of squares of the sightings from ``first`` to ``end`` - 1."""
+    """Compute half of the robust sum of squares of the observations from ``first`` to ``end``
+    - 1.
+    """
     residual, cost = np.empty(3), 0.0
     for k in range(first, end):
         squared = residual_of(T[frame[k]], points[point[k]], seen[k], weight[k], residual)
@@ -141,7 +145,7 @@ def point_blocks(
     outlier_sigmas: float,
     damping: float,  # the diagonal's factor, less 1
     stays: Any,  # (m,) bool, points that are not eliminated
-    W: Any,  # (n, 3, 6) float64, written: each sighting's block of point and pose
+    W: Any,  # (n, 3, 6) float64, written: each observation's block of point and pose
     # (m, 3, 3) float64, written: inverses of the points' own blocks; of points that stay the blocks
     # themselves
     V: Any,
@@ -203,7 +207,7 @@ def frame_rows(
     V: Any,  # (m, 3, 3) float64
     own_g: Any,  # (m, 3) float64
     place: Any,  # (N,) int64, the block of a frame
-    order: Any,  # (n,) int64, sightings by the block of their frame
+    order: Any,  # (n,) int64, observations by the block of their frame
     row_start: Any,  # (blocks + 1,) int64, where each block's begin in ``order``
     size: int,  # blocks of 6 in a part of the system
     diagonal: Any,  # (K, 6 size, 6 size) float64, added to: parts on the diagonal, lower triangle
@@ -215,8 +219,8 @@ def frame_rows(
     """Add the equations of the blocks from ``first`` to ``end`` - 1, less the Schur complement of
     their points.
 
-    Each block is summed up by itself, in the order of its sightings: how the blocks are shared out
-    shows in no result.
+    Each block is summed up by itself, in the order of its observations: how the blocks are shared
+    out shows in no result.
     """
     residual, by_pose, by_point, Y = (
         np.empty(3),
@@ -359,7 +363,7 @@ def own_errors(
 
 @compiled
 def _by_point(W: Any, inverse: Any, Y: Any) -> None:
-    """Write Y (6, 3): a sighting's block (3, 6) by the inverse (3, 3) of its point's."""
+    """Write Y (6, 3): an observation's block (3, 6) by the inverse (3, 3) of its point's."""
     for i in range(6):
         for j in range(3):
             Y[i, j] = W[0, i] * inverse[0, j] + W[1, i] * inverse[1, j] + W[2, i] * inverse[2, j]

@@ -1,5 +1,5 @@
 """The nonlinear least-squares problem of bundle adjustment: poses and points compared with all
-sightings and all that is known.
+observations and all that is known.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from stereo_seecolor.mapping.track.bundle_kernels import (
     point_steps,
     robust_cost,
 )
-from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout, Sightings
+from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout, Observations
 from stereo_seecolor.mapping.track.loops import CAUCHY, Prior
 from stereo_seecolor.mapping.track.relative_pose import cross
 
@@ -86,7 +86,7 @@ Result = TypeVar("Result")
 LEAST_LEFT = 0.05
 """Of a residual's variance; where the point took more, nothing is learned from it."""
 POINTS_AT_ONCE = 4096
-"""A core's share of points or of sightings, 1 ms of work; sums over shares are the same on any
+"""A core's share of points or of observations, 1 ms of work; sums over shares are the same on any
 number of cores.
 """
 BLOCKS_AT_ONCE = 4
@@ -115,7 +115,7 @@ class Linearized:
 
 @dataclass(frozen=True, eq=False)
 class BundleProblem:
-    """Sightings, priors of poses, and knowledge of points.
+    """Observations, priors of poses, and knowledge of points.
 
     frames: (N,) those that take part, by ascending number; all else is by position among them.
     point, frame: (n,) sorted by point.
@@ -133,30 +133,33 @@ class BundleProblem:
 
     @classmethod
     def of(
-        cls, sightings: Sightings, priors: Sequence[Prior], known: Sequence[Known]
+        cls, observations: Observations, priors: Sequence[Prior], known: Sequence[Known]
     ) -> "BundleProblem":
-        """Set up the problem from sightings with their stated errors."""
-        order = np.argsort(sightings.point, kind="stable")
+        """Set up the problem from observations with their stated errors."""
+        order = np.argsort(observations.point, kind="stable")
         frames = np.union1d(
-            sightings.frame, np.array([prior.frame for prior in priors], np.int64)
+            observations.frame, np.array([prior.frame for prior in priors], np.int64)
         ).astype(np.int64)
-        frame, seen = np.searchsorted(frames, sightings.frame[order]), sightings.seen.chosen(order)
+        frame, seen = (
+            np.searchsorted(frames, observations.frame[order]),
+            observations.seen.chosen(order),
+        )
         own = [replace(prior, frame=int(np.searchsorted(frames, prior.frame))) for prior in priors]
-        return cls(frames, sightings.point[order], frame, seen.points, 1 / seen.std, own, known)
+        return cls(frames, observations.point[order], frame, seen.points, 1 / seen.std, own, known)
 
     def scaled(self, directions: float, depths: float) -> "BundleProblem":
         """Scale the errors of directions and of inverse depths by these factors."""
         return replace(self, weight=self.weight / [directions, directions, depths])
 
     def first_places(self, T: Array) -> Array:
-        """Compute the mean position of each point over its sightings: (m, 3)."""
+        """Compute the mean position of each point over its observations: (m, 3)."""
         local = np.column_stack([self.seen[:, :2], np.ones(len(self.seen))]) / self.seen[:, 2:]
         world = np.einsum("nij,nj->ni", T[self.frame, :3, :3], local) + T[self.frame, :3, 3]
         sums = np.stack([np.bincount(self.point, column) for column in world.T], axis=-1)
         return np.asarray(sums / np.diff(self.start)[:, None])
 
     def cost(self, state: State) -> float:
-        """Compute half of the sum of squares, those of sightings under a Cauchy kernel."""
+        """Compute half of the sum of squares, those of observations under a Cauchy kernel."""
         seen = (
             inverse(state.T),
             state.points,
@@ -166,10 +169,10 @@ class BundleProblem:
             self.weight,
             CAUCHY,
         )
-        sightings = sum(_shared(lambda *part: robust_cost(*seen, *part), len(self.frame)))
+        observations = sum(_shared(lambda *part: robust_cost(*seen, *part), len(self.frame)))
         rest = [_prior_off(prior, state.T[prior.frame])[0] for prior in self.priors]
         rest += [known.off(state.points[list(known.points)])[0] for known in self.known]
-        return sightings + 0.5 * sum(float(off @ off) for off in rest)
+        return observations + 0.5 * sum(float(off @ off) for off in rest)
 
     def errors(self, state: State) -> Array:
         """Compute residuals in standard errors, (n, 3), as large as if no point's position had been
@@ -242,7 +245,7 @@ class BundleProblem:
 
     @cached_property
     def start(self) -> Integers:
-        """Where each point's sightings begin: (m + 1,)."""
+        """Where each point's observations begin: (m + 1,)."""
         return np.searchsorted(self.point, np.arange(int(self.point[-1]) + 2)).astype(np.int64)
 
     @cached_property
@@ -273,7 +276,8 @@ class BundleProblem:
 
     @cached_property
     def _by_block(self) -> tuple[Integers, Integers]:
-        """(n,) sightings by the place of their frame's block, and (blocks + 1,) where each block's
+        """(n,) observations by the place of their frame's block, and (blocks + 1,) where each
+        block's
         begin.
         """
         place = self._layout.place[self.frame]

@@ -32,7 +32,7 @@ from stereo_seecolor.mapping.markers.placing import (
 from stereo_seecolor.mapping.markers.tables import Places, read_bars, read_places
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.bundle_problem import Known, KnownLength, KnownPlace
-from stereo_seecolor.mapping.track.frame_blocks import Sightings
+from stereo_seecolor.mapping.track.frame_blocks import Observations
 from stereo_seecolor.mapping.track.relative_pose import Observed
 from stereo_seecolor.records import GeoOrigin, SurveyFrame
 
@@ -64,7 +64,7 @@ class Marks:
     origin: of places that were given as latitude and longitude.
     """
 
-    sightings: dict[int, list[PlacedSighting]]
+    observations: dict[int, list[PlacedSighting]]
     edge_m: float | None
     bars: dict[tuple[int, int], float]
     places: dict[int, tuple[Array, float]]
@@ -77,15 +77,15 @@ class Marks:
         """
         bars, known = read_known(config)
         places = {number: (point, known.stds_m[number]) for number, point in known.points.items()}
-        look, sightings, count = (
+        look, observations, count = (
             _Look(survey.frames, survey.geometry, config.family),
             {},
             len(survey.frames),
         )
         for number, own in enumerate(survey.compute.each(look, range(count))):
-            sightings[number] = own
+            observations[number] = own
             survey.progress("looking for markers", number + 1, count)
-        return cls(sightings, config.edge_m, bars, places, known.origin)
+        return cls(observations, config.edge_m, bars, places, known.origin)
 
     def scaled(self, scale: float) -> "Marks":
         """Scale the ranges of the rig by a factor."""
@@ -96,9 +96,9 @@ class Marks:
                 )
                 for each in own
             ]
-            for frame, own in self.sightings.items()
+            for frame, own in self.observations.items()
         }
-        return replace(self, sightings=moved)
+        return replace(self, observations=moved)
 
     def without(self, lengths: set[str]) -> "Marks":
         """Drop some of what is known, by the names of its checks."""
@@ -114,7 +114,7 @@ class Marks:
         """
         known = {f"{i}": T for i, T in enumerate(T_world_camera) if np.isfinite(T).all()}
         return placed_markers(
-            [replace(each, frame=f"{i}") for i, own in self.sightings.items() for each in own],
+            [replace(each, frame=f"{i}") for i, own in self.observations.items() for each in own],
             known,
         )
 
@@ -126,20 +126,23 @@ class Marks:
         spread = _spread_check(markers, self.places)
         return checks | ({EDGES: size} if size else {}) | ({PLACES: spread} if spread else {})
 
-    def joined(self, sightings: Sightings, frames: set[int]) -> tuple[Sightings, list[Known]]:
-        """Sightings, by frame, and those of the markers' corners in some frames; and what is known
+    def joined(
+        self, observations: Observations, frames: set[int]
+    ) -> tuple[Observations, list[Known]]:
+        """Observations, by frame, and those of the markers' corners in some frames; and what is
+        known
         of these.
         """
         own = [
             (frame, each)
-            for frame in sorted(frames & self.sightings.keys())
-            for each in self.sightings[frame]
+            for frame in sorted(frames & self.observations.keys())
+            for each in self.observations[frame]
         ]
         views: dict[int, int] = defaultdict(int)
         for _, each in own:
             views[each.number] += 1
         numbers = sorted(number for number, count in views.items() if count >= MARKER.fewest_views)
-        start = int(sightings.point.max(initial=-1)) + 1
+        start = int(observations.point.max(initial=-1)) + 1
         corners = {
             number: tuple(range(start + 4 * k, start + 4 * k + 4))
             for k, number in enumerate(numbers)
@@ -148,19 +151,23 @@ class Marks:
             (frame, each, corners[each.number]) for frame, each in own if each.number in corners
         ]
         if not seen:
-            return sightings, []
+            return observations, []
         points = np.concatenate([each.corners_m for _, each, _ in seen])
         std = np.repeat([[each.std[0], each.std[0], each.std[1]] for _, each, _ in seen], 4, axis=0)
         all_points = np.concatenate(
             [
-                sightings.seen.points,
+                observations.seen.points,
                 np.column_stack([points[:, :2], np.ones(len(points))]) / points[:, 2:],
             ]
         )
-        joined = Sightings(
-            frame=np.concatenate([sightings.frame, np.repeat([frame for frame, _, _ in seen], 4)]),
-            point=np.concatenate([sightings.point, np.concatenate([keys for _, _, keys in seen])]),
-            seen=Observed(all_points, np.concatenate([sightings.seen.std, std])),
+        joined = Observations(
+            frame=np.concatenate(
+                [observations.frame, np.repeat([frame for frame, _, _ in seen], 4)]
+            ),
+            point=np.concatenate(
+                [observations.point, np.concatenate([keys for _, _, keys in seen])]
+            ),
+            seen=Observed(all_points, np.concatenate([observations.seen.std, std])),
         )
         return joined, [*self._lengths(corners), *self._places(corners)]
 
@@ -242,7 +249,7 @@ class _Look:
         if not isinstance(frame, SurveyFrame):
             return []
         found = (
-            place(sighting, frame, self.geometry)
-            for sighting in MarkerDetector(self.family).find(frame.color)
+            place(observation, frame, self.geometry)
+            for observation in MarkerDetector(self.family).find(frame.color)
         )
         return [each for each in found if each is not None]

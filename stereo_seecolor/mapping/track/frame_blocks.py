@@ -150,8 +150,9 @@ Relation = tuple[tuple[int, int], RelativePose]
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
-    """n sightings of m points. frame: (n,) position on the track, point: (n,) number from 0 to m -
+class Observations:
+    """n observations of m points. frame: (n,) position on the track, point: (n,) number from 0 to m
+    -
     1, seen: (n,) as it was seen.
     """
 
@@ -165,7 +166,9 @@ class Sightings:
         return np.bincount(self.point)
 
 
-def sightings(features: Sequence[Features], relations: Sequence[Relation], most: int) -> Sightings:
+def observations(
+    features: Sequence[Features], relations: Sequence[Relation], most: int
+) -> Observations:
     """Join the inliers of all relations to points; at most ``most`` points of each relation are
     kept, those seen most often.
 
@@ -194,7 +197,7 @@ def sightings(features: Sequence[Features], relations: Sequence[Relation], most:
     ] = True
     kept = np.flatnonzero(chosen[label])
     frame, feature = nodes[kept] // stride, nodes[kept] % stride
-    return Sightings(
+    return Observations(
         frame, np.unique(label[kept], return_inverse=True)[1], _observed(features, frame, feature)
     )
 
@@ -207,7 +210,8 @@ def _seen_twice(label: Integers, frame: Integers) -> Integers:
 
 
 def _best(views: Integers, point: Integers, relation: Integers, most: int) -> Integers:
-    """Points of whose sightings there are at most so many: of each relation those with most views,
+    """Points of whose observations there are at most so many: of each relation those with most
+    views,
     equally many of each.
     """
     usable = views[point] > 0

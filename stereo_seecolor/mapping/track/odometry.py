@@ -240,7 +240,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
             T_i_j = inverse(given.T_world_camera[i]) @ given.T_world_camera[j]
             track.links.append(Edge(i, j, T_i_j, np.eye(6), 0))
     guess = _settle(track, Guess(*chain(track.edges + track.links, index.rank)), priors)
-    for prior in priors:  # a single frame is no component of the chain
+    for prior in priors:  # a single frame is not a component of the chain
         if guess.components[prior.frame] < 0:
             guess.T[prior.frame] = prior.T_world_camera
             guess.components[prior.frame] = guess.components.max() + 1

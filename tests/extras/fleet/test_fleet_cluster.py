@@ -87,7 +87,7 @@ def test_a_worker_that_does_not_see_the_folders_is_named_with_them(
 
 @pytest.mark.parametrize("name", ["local", "local:0", "tcp://x", "nowhere:3", "slurm:"])
 def test_what_is_no_cluster_is_refused(name: str) -> None:
-    with pytest.raises(ClusterError, match="is no cluster: give local:N"), cluster(name):
+    with pytest.raises(ClusterError, match="is not a cluster: give local:N"), cluster(name):
         pass
 
 
@@ -95,7 +95,7 @@ def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
     file = tmp_path / "cluster.yaml"
     for text, message in (
         (None, "cannot be read"),
-        ("a: [", "is no YAML"),
+        ("a: [", "is not YAML"),
         ("jobs: 0", "jobs: .*give at least jobs, cores and memory"),
         ("{cores: 1, memory: 1GB}", "either jobs or adaptive is needed"),
         (

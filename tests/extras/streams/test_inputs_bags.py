@@ -365,7 +365,7 @@ def test_topics_can_be_given(tmp_path) -> None:
         open_dive(bag, "", InputConfig())
     sides = open_dive(bag, "left=/c,right=a/x", InputConfig()).sides
     assert (sides.left.name, sides.right.name) == ("/c", "/a/x")
-    with pytest.raises(InputError, match="left=/d: is no image topic of this bag"):
+    with pytest.raises(InputError, match="left=/d: is not an image topic of this bag"):
         open_dive(bag, "left=/d,right=/c", InputConfig())
     with pytest.raises(InputError, match="--topics /c: is not read; write"):
         open_dive(bag, "/c", InputConfig())
@@ -524,7 +524,7 @@ def test_what_is_no_bag_is_one_line(tmp_path, cli) -> None:
     (tmp_path / "renamed.mcap").write_bytes(bytes.fromhex("1f8b0800") + bytes(9))
     sqlite3.connect(tmp_path / "other.db3").execute("CREATE TABLE x (y)").connection.close()
     for name, message in (
-        ("text.bag", "is no ROS bag"), ("empty.mcap", "is empty"), ("folder", "holds no bag"),
+        ("text.bag", "is not a ROS bag"), ("empty.mcap", "is empty"), ("folder", "holds no bag"),
         ("missing.bag", "does not exist"),
         ("b.db3.zstd", "unpack it first with zstd -d"), ("renamed.mcap",
         "unpack it first with gunzip"),

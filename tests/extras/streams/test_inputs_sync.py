@@ -135,7 +135,7 @@ def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "empty.mp4").write_bytes(b"")
     for name in ("a.mp4", "empty.mp4", "missing.mp4"):
         with pytest.raises(
-            InputError, match=rf"^[^\n]*{name}: is no video that FFmpeg can read[^\n]*$"
+            InputError, match=rf"^[^\n]*{name}: is not a video that FFmpeg can read[^\n]*$"
         ):
             sync(tmp_path / name, tmp_path / name)
 

@@ -61,7 +61,9 @@ class CardLimits:
     without a card no region of this shape has more than 0.54.
     """
     uneven: float = 0.06
-    """Robust spread of its light about a plane, fraction: more is no card, or one with writing."""
+    """Robust spread of its light about a plane, fraction: more is not a card, or one with
+    writing.
+    """
     apart: float = 3.0
     """Cards of like size nearer to each other are squares of a board, or tiles."""
 

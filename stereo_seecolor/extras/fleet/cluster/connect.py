@@ -135,7 +135,7 @@ def _opener(name: str) -> Callable[[], Any]:
         return lambda: _running(name)
     if kind in JOB_CLASSES and rest:
         return lambda: _jobs(kind, Path(rest))
-    raise ClusterError(f"--cluster {name}: is no cluster: give {FORMS}")
+    raise ClusterError(f"--cluster {name}: is not a cluster: give {FORMS}")
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.compute.process import collect_seldom, keep_freed_memory
+from stereo_seecolor.compute.process import tune_gc, tune_malloc
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.worker_log import log_below
@@ -85,8 +85,8 @@ def admit(ticket: Ticket) -> None:
         _look(here, probe)
     if ticket.probes:
         log_below(ticket.probes[-1].file.parent)
-    keep_freed_memory()
-    collect_seldom()
+    tune_malloc()
+    tune_gc()
     _one_core()
 
 

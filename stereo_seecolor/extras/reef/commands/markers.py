@@ -114,7 +114,9 @@ def _sightings(
             frame = frames[number]
         except FrameError:
             continue
-        found = [place(sighting, frame, posed.geometry) for sighting in detector.find(frame.color)]
+        found = [
+            place(observation, frame, posed.geometry) for observation in detector.find(frame.color)
+        ]
         placed += [each for each in found if each is not None]
         listener.advance(FrameRow(frame.name))
     return placed

@@ -18,7 +18,7 @@ from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.site.mesh import Site
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kept_frames import RecoveredFrames
+from stereo_seecolor.mapping.kept_frames import ReadableFrames
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loops, odometry
 from stereo_seecolor.mapping.track.bundle_adjustment import refined
@@ -64,7 +64,7 @@ def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) 
     """
     T_b, count = registration.T_a_b @ b.posed.T_map_camera, len(a.posed.frames)
     frames, T = (
-        RecoveredFrames(_BothDives(a.posed, b.posed)),
+        ReadableFrames(_BothDives(a.posed, b.posed)),
         np.concatenate([a.posed.T_map_camera, T_b]),
     )
     index = FrameIndex.build(frames, a.posed.geometry, compute=compute)

@@ -78,7 +78,7 @@ are never so there by chance.
 """
 
 FARTHEST = 1e9
-"""Meters and degrees are less: what is more is no coordinate."""
+"""Meters and degrees are less: what is more is not a coordinate."""
 LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
 """Words in the name of a system that is no place on Earth: the map's own is meant."""
 OTHERS = (
@@ -99,7 +99,7 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
             raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
         content = load_json(raw)
     except ValueError as error:
-        raise InputError(f"{path}: is no GeoJSON and no TagLab project: {error}") from error
+        raise InputError(f"{path}: is neither GeoJSON nor a TagLab project: {error}") from error
     try:
         if isinstance(content, dict) and "images" in content and "features" not in content:
             outlines = _taglab(content, posed)
@@ -146,7 +146,8 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
 
 
 def _turned(ring: NDArray[np.float64], turn: Turn, number: int) -> Ring:
-    """In the map's coordinates. Raises InputError for what is no coordinate, in the file or in the
+    """In the map's coordinates. Raises InputError for what is not a coordinate, in the file or in
+    the
     map.
     """
     for points in (ring, known := turn(ring) if (np.abs(ring) < FARTHEST).all() else ring):

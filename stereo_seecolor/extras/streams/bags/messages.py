@@ -74,7 +74,7 @@ def image_content(entry: Entry) -> bytes:
     """An image message as the content of an image file: JPEG and PNG as they are, raw pixels as an
     uncompressed TIFF.
 
-    Raises InputError for what is no picture, DeviceError without rosbags.
+    Raises InputError for what is not a picture, DeviceError without rosbags.
     """
     return message_content(
         decode(entry), entry.channel.msgtype, f"{entry.path}: {entry.channel.topic}"

@@ -94,7 +94,7 @@ def _named(bag: Bag, images: Sequence[Topic], given: Mapping[str, str], side: st
     )
     if found is None:
         raise InputError(
-            f"{bag.path}: --topics {side}={given[side]}: is no image topic of this "
+            f"{bag.path}: --topics {side}={given[side]}: is not an image topic of this "
             f"bag{_listed(images)}"
         )
     return found
