@@ -12,9 +12,9 @@ def matches(document: Section) -> bool:
     inner = [document.content.get(key) for key in ("extrinsic", "intrinsic")]
     return (
         all(isinstance(value, dict) for value in inner)
-        and "baseline" in inner[0]
-        and "u0" in inner[1]
-    )  # type: ignore[operator]
+        and "baseline" in inner[0]  # type: ignore[operator]
+        and "u0" in inner[1]  # type: ignore[operator]
+    )
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:

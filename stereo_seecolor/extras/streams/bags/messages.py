@@ -167,9 +167,9 @@ def camera_info(message: Any) -> dict[str, Any]:
     p.
     """
     content = {
-        name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist()
+        name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist()  # type: ignore[union-attr]
         for name in "dkrp"
-    }  # type: ignore[union-attr]
+    }
     model = {"distortion_model": message.distortion_model} if message.distortion_model else {}
     return {**content, **model, "width": int(message.width), "height": int(message.height)}
 
