@@ -66,47 +66,29 @@ def on_processor(
     full scale.
     """
     out = Shown(np.zeros_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_))
-    tensors, fine, met = (
-        Tensors.of(gains, shown, CPU),
-        np.empty(bits.size, np.uint32),
-        list[tuple[int, int, int]](),
-    )
-    in_parts(
-        lambda a, b: met.append(fine_bins(bits[a:b], fine[a:b], out.unknown[a:b])),
-        bits.size,
-        PART_PIXELS,
-    )
-    nearest, farthest, known = (
-        (list(part) for part in zip(*met, strict=True)) if met else ([], [], [])
-    )
-    if not sum(known):
+    fine, met = np.empty(bits.size, np.uint32), list[tuple[int, int, int]]()
+
+    def count(a: int, b: int) -> None:
+        met.append(fine_bins(bits[a:b], fine[a:b], out.unknown[a:b]))
+
+    in_parts(count, bits.size, PART_PIXELS)
+    known = sum(number for _, _, number in met)
+    if not known:
         return out, 0.0
+    tensors = Tensors.of(gains, shown, CPU)
     looked_up = image.dtype == np.uint8 and not gains.matrix.size
-    with one_thread():
-        table = (
-            code_table(tensors, shown, slice(min(nearest), max(farthest) + 1))
-            if looked_up
-            else np.zeros(0)
-        )
-        factors = (
-            _factors(tensors).numpy()
-            if looked_up and not shown.values.size
-            else np.zeros(0, np.float32)
-        )
-    near = int(np.argmax(shown.known < 1))
+    if looked_up:
+        bins = slice(min(near for near, _, _ in met), max(far for _, far, _ in met) + 1)
+        table, factors = _tables(tensors, shown, bins)
+    first_capped = int(np.argmax(shown.known < 1))
     numbers, top = list[int](), np.iinfo(image.dtype).max
 
     def part(a: int, b: int) -> None:
         if looked_up:
             special, roll_off = np.empty(b - a, np.uint32), (factors, shown.shoulder[4])
+            limits = gains.capped, first_capped
             number = look_up(
-                image[a:b],
-                fine[a:b],
-                table,
-                roll_off,
-                (gains.capped, near),
-                special,
-                out.image[a:b],
+                image[a:b], fine[a:b], table, roll_off, limits, special, out.image[a:b]
             )
             at = special[:number].astype(np.int64) + a
         else:
@@ -123,7 +105,20 @@ def on_processor(
         numbers.append(count_full(out.image[a:b], top))
 
     in_parts(part, bits.size, PART_PIXELS)
-    return out, sum(numbers) / sum(known)
+    return out, sum(numbers) / known
+
+
+def _tables(
+    tensors: Tensors, shown: Display, bins: slice
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """The table of corrected codes over these fine bins, and the factors of the roll-off.
+
+    There are no factors where the display has none.
+    """
+    with one_thread():
+        table = code_table(tensors, shown, bins)
+        factors = _factors(tensors).numpy() if not shown.values.size else np.zeros(0, np.float32)
+    return table, factors
 
 
 def apply(
