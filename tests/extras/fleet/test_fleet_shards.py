@@ -180,7 +180,7 @@ def test_a_merge_that_stops_at_the_water_expects_no_correction(make_dive, tmp_pa
     merge(
         sharded(dive, tmp_path), tmp_path / "whole", RunOptions(listener=Watcher()), fit_only=True
     )
-    assert seen == [[], []]
+    assert seen == [["waters"], ["waters"], [], []]  # of two pairs: ranges, then waters
 
 
 def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> None:
