@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.dive_job import Meter, RunPage
+from stereo_seecolor.commands.run_page import Meter, RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_beside
 from stereo_seecolor.compute.sequences import Names

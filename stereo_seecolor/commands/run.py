@@ -23,8 +23,8 @@ from stereo_seecolor.dive.passes import (
     make_pass,
     measure_ranges,
 )
+from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.dive.source import RangedImages
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.file_form import compression_notes, form_notes
 from stereo_seecolor.inputs.listing import folders_of

@@ -12,8 +12,8 @@ from calibration import CalibrationError
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.dive.checks import RepeatedImages
 from stereo_seecolor.dive.frames import Frames, PageFrames, Source
+from stereo_seecolor.dive.pairs import chosen
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.dive.source import chosen
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow

@@ -28,7 +28,6 @@ from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
-from stereo_seecolor.run_folder.cached import keep_table, kept_table
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_products import (
     Files,
@@ -38,6 +37,7 @@ from stereo_seecolor.run_folder.frame_products import (
     range_files,
 )
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
+from stereo_seecolor.run_folder.kept_records import keep_table, kept_table
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 

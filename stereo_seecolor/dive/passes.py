@@ -32,7 +32,7 @@ from stereo_seecolor.dive.frames import (
     read_frame,
     water_keys,
 )
-from stereo_seecolor.dive.source import Groups, Named, chosen
+from stereo_seecolor.dive.pairs import Groups, Named, chosen
 from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, FrameRow, Water

@@ -7,6 +7,7 @@ not there.
 
 import hashlib
 import json
+import zlib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,7 +18,8 @@ from calibration.formats import native
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files.atomic import files_below, write_atomic
+from stereo_seecolor.files.atomic import files_below, write_atomic, write_replaceable
+from stereo_seecolor.files.encode import deflated
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
@@ -230,3 +232,17 @@ def settings_key(config: RunConfig) -> str:
 def used_bytes(root: Path) -> int:
     """Sum the sizes of all files of OUT."""
     return sum(path.stat().st_size for path in files_below(root))
+
+
+def keep_table(path: Path, key: str, packed: bytes) -> None:
+    """Write it. Raises OutputError."""
+    write_replaceable(path, key.encode() + deflated(packed))
+
+
+def kept_table(path: Path, key: str) -> bytes | None:
+    """The table of that key, packed; None where there is none, or it is damaged."""
+    try:
+        content = path.read_bytes()
+        return zlib.decompress(content[len(key) :]) if content.startswith(key.encode()) else None
+    except (OSError, zlib.error):
+        return None

@@ -1,4 +1,4 @@
-"""The measured cost of a run, compared with the plan that lies in OUT."""
+"""The page that a run writes, and its measured cost beside the plan that lies in OUT."""
 
 import time
 from dataclasses import dataclass, replace

@@ -1,17 +1,11 @@
-"""Lazy sequences over the pairs of a dive: some of them, with their names, or in groups; each item
-is made when asked for.
-"""
+"""Images that come with range maps, instead of a second camera, as a source of a dive."""
 
-from array import array
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calibration import Rectification, RectifiedPair
 from calibration.rectification import OriginalView
-from stereo_seecolor.compute.sequences import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector
@@ -22,50 +16,6 @@ from stereo_seecolor.inputs.images import FrameReader, read_image, read_image_by
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image, Mask, RangeMap
 from stereo_seecolor.version import __version__
-
-GROUP = 32
-"""Pairs of a group. A stretch with a water of its own begins with one, and has 256 frames or more
-in a dive that needs groups.
-"""
-
-
-def chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pair]:
-    """The pairs that are ``wanted``, in their order."""
-    return Chosen(pairs, array("q", (number for number, pair in enumerate(pairs) if wanted(pair))))
-
-
-@dataclass(frozen=True)
-class Named(Lazy[tuple[str, Pair]]):
-    """Pairs with their names."""
-
-    pairs: Sequence[Pair]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def item(self, number: int) -> tuple[str, Pair]:
-        """The pair of this number, and its name."""
-        pair = self.pairs[number]
-        return pair.name, pair
-
-
-@dataclass(frozen=True)
-class Groups(Lazy[Sequence[Pair]]):
-    """Groups of neighboring pairs, the same for any number of workers, so that sums are always
-    added in the same order.
-    """
-
-    pairs: Sequence[Pair]
-
-    def __len__(self) -> int:
-        return -(-len(self.pairs) // GROUP)
-
-    def item(self, number: int) -> Sequence[Pair]:
-        """The group of this number."""
-        return self.pairs[number * GROUP : (number + 1) * GROUP]
-
-
-# Images that come with range maps, instead of a second camera, as a source of a dive.
 
 
 class RangedImages:
