@@ -90,13 +90,10 @@ def color(run: DiveRun, water: Path | None = None) -> None:
     """Take all pairs of a dive to true colors. water: a file of waters to remove; None: the water
     is fitted to the dive.
     """
+    given = read_waters(water, [pair.name for pair in run.pairs]) if water else None
     ranges = measure_ranges(run)
     light = find_light(run, ranges)
-    waters = (
-        read_waters(water, [pair.name for pair in run.pairs])
-        if water
-        else fit_waters(run, ranges, light)
-    )
+    waters = fit_waters(run, ranges, light) if given is None else given
     if waters and (water is None or water.resolve() != (run.folder.root / WATER).resolve()):
         run.folder.dive.write(WATER, waters_content(waters, light.content))
     correct_frames(run, light, waters)
@@ -108,8 +105,8 @@ def color_with(run: DiveRun, water: Path) -> None:
 
     A pair that has no water there failed before the fit, and its row says again why.
     """
-    measure_ranges(run)
     waters = read_known_waters(water, [pair.name for pair in run.pairs])
+    measure_ranges(run)
     run.folder.dive.write(WATER, waters_content(waters))
     correct_frames(run, NO_LIGHT, waters)
 

@@ -403,6 +403,6 @@ def test_real_files(name: str, size: tuple[int, int], baseline_mm: float, real_d
 def test_a_mat_file_of_version_4_is_named(tmp_path: Path) -> None:
     savemat(tmp_path / "old.mat", {"R": np.eye(3), "T": np.array([-80.35, 0.1, 0.7])}, format="4")
     with pytest.raises(
-        CalibrationError, match="no MAT-file of MATLAB 5 or later: save it again, with -v7"
+        CalibrationError, match="not a MAT-file of MATLAB 5 or later: save it again, with -v7"
     ):
         load_rig(tmp_path / "old.mat")

@@ -65,7 +65,7 @@ def test_projections_without_names(cameras: str, tmp_path: Path) -> None:
 
 def test_poses_are_no_projections(tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text(2 * "1 0 0 12.5 0 1 0 0 0 0 1 30\n")
-    with pytest.raises(CalibrationError, match="no calibration"):
+    with pytest.raises(CalibrationError, match="not a calibration"):
         load_rig(tmp_path / "poses.txt", (1242, 375))
 
 

@@ -354,7 +354,7 @@ REFUSED = {
     "extrinsics alone": (OPENCV_EXTRINSICS, "intrinsics file too"),
     "three cameras": (KALIBR + "cam2:\n  camera_model: pinhole\n", "more than two cameras"),
     "doffs": (MIDDLEBURY.replace("131.111\n", "31.1\n"), "one is wrong"),
-    "other": ("name: something\nkeys: 3\n", "no calibration known here"),
+    "other": ("name: something\nkeys: 3\n", "not a calibration known here"),
 }
 
 

@@ -212,7 +212,7 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(
 
     if not points:
         monkeypatch.setattr(
-            pre_checks, "quick_look", lambda *_: QuickCheck(False, False, np.zeros(0))
+            pre_checks, "quick_check", lambda *_: QuickCheck(False, False, np.zeros(0))
         )
         monkeypatch.setattr(pre_checks, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[2] / "data_samples/reef"

@@ -259,8 +259,8 @@ def test_degrees_agree_with_a_map_projection() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("hello\n", "no trajectory that is known here"),
-        ("# only a comment\n", "no trajectory that is known here"),
+        ("hello\n", "not a trajectory that is known here"),
+        ("# only a comment\n", "not a trajectory that is known here"),
         ("", "is empty"),
         ("0 0 0 0 0 0 0 1\n1 2 3\n", "line 2: a TUM pose has 8 numbers"),
         ("nan nan nan nan nan nan nan nan\n", "no finite pose"),

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,11 +13,10 @@ from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, rotation_from_vector
-from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loops as pose_graph
-from stereo_seecolor.mapping.track import odometry, track_work
+from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.features import detect
 from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
 from stereo_seecolor.records import SurveyFrame
@@ -68,67 +66,6 @@ def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[Sur
         placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]
     )
     assert error.fraction < 0.005
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("blanked", "after"),
-    [((), "following the track"), ((3,), "following the track, 3 frames back")],
-)
-def test_the_track_is_shown_once_as_soon_as_it_hangs_together(
-    reef: ReefFrames, frames: list[SurveyFrame], blanked: Sequence[int], after: str
-) -> None:
-    some = [blank(frame) if i in blanked else frame for i, frame in enumerate(frames[:6])]
-    told: list[str] = []
-    survey = Survey(
-        some,
-        reef.pair,
-        FrameIndex.build(some, reef.pair),
-        progress=lambda what, *_: told.append(what),
-    )
-    shown: list[Placement] = []
-
-    def look(placement: Placement) -> None:
-        shown.append(placement)
-        told.append("look")
-
-    odometry.follow(survey, look)
-    assert len(shown) == 1
-    assert told[told.index("look") - 1] == after
-    assert np.flatnonzero(shown[0].components).tolist() == list(blanked)
-
-
-class Enough(Exception):
-    """All has been seen."""
-
-
-@pytest.mark.slow
-def test_a_dive_without_poses_shows_its_first_frames_before_the_others_are_read(
-    reef: ReefFrames, frames: list[SurveyFrame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(survey_map, "FIRST_FRAMES", 4)
-    detected: list[str] = []
-    monkeypatch.setattr(
-        track_work,
-        "detect",
-        lambda frame, *rest: [detected.append(frame.name), detect(frame, *rest)][1],
-    )
-    told: list[str] = []
-
-    def look(picture: bytes) -> None:
-        told.append("look")
-        if told.count("look") == 2:
-            raise Enough
-
-    workspace = survey_map.Workspace(look=look, progress=lambda what, *_: told.append(what))
-    with pytest.raises(Enough):
-        survey_map.build_map(
-            frames, reef.pair, tmp_path / "map", MappingConfig(), workspace=workspace
-        )
-    assert told[: told.index("look")].count("reading the frames") == 4
-    assert sorted(detected) == sorted(
-        frame.name for frame in frames
-    )  # of the first ones, too, once
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """The compiled search against the reference in sgm_reference.py, to the bit."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -118,4 +119,5 @@ shape = 40, 64
 band = test_sgm.Band.everywhere(shape, -4, 27)
 test_sgm.assert_equal_to_reference(*test_sgm.pair(3, *shape, 9, 200.0), band)
 """
-    subprocess.run([sys.executable, "-c", code], cwd=__file__.rpartition("/")[0], check=True)
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code], env=found, check=True)

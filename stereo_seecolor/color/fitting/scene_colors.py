@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import WAVELENGTH_NM, drawn_camera
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS
+from stereo_seecolor.files.json_records import load_object
 
 Array = NDArray[np.float64]
 SPECTRA = Path(__file__).with_name("reflectances.csv")
@@ -66,7 +67,7 @@ class SceneColors:
 @lru_cache
 def sea_floor() -> SceneColors:
     """The kept colors of all spectra."""
-    kept = json.loads(COLORS.read_text())
+    kept = load_object(COLORS)
     return SceneColors(*(np.array(kept[name]) for name in ("mean", "channels", "cast")))
 
 

@@ -437,7 +437,7 @@ def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "is no GeoJSON"),
+        ("{", "is neither GeoJSON"),
         ('{"type": "FeatureCollection", "features": []}', "holds no polygon"),
         ('{"features": 3}', "is damaged, or of a form"),
         (

@@ -83,7 +83,7 @@ def test_polygons_of_another_place_are_far_off_or_refused_and_never_warn(tmp_pat
         (b"SQLite format 3\x00" + bytes(96), "is a GeoPackage"),
         (b"PK\x03\x04" + bytes(96), "is an archive"),
         (b"<kml></kml>", "is XML or KML"),
-        (b"[" * 100_000, "is no GeoJSON"),
+        (b"[" * 100_000, "is neither GeoJSON"),
     ],
 )
 def test_other_formats_are_named(content: bytes, message: str, tmp_path: Path) -> None:
