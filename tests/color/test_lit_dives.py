@@ -184,7 +184,7 @@ def test_daylight_is_left_alone(by_day: LitDive) -> None:
     assert not by_day.used
 
 
-FAINTER = "the prior of reef spectra makes the dive by day better: the night is 1.11 times as far off"
+FAINTER = "the prior of reef spectra makes the dive by day better: night is 1.11 times as far off"
 
 
 @pytest.mark.parametrize(
