@@ -73,7 +73,7 @@ class BatchJobs:
         return f"{queue}; logs are in {self.logs}"
 
     def _log(self, number: str) -> str:
-        for path in sorted(self.logs.glob(f"*{number}*")):
+        for path in filter(Path.is_file, sorted(self.logs.glob(f"*{number}*"))):
             lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()]
             if lines:
                 return f"{path} ends with {lines[-1].strip()!r}"
