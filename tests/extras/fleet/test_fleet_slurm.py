@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import contents
+from filelock import FileLock
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.dive.run_options import RunOptions
@@ -24,11 +25,13 @@ def controller(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     if os.geteuid() != 0 or not all(map(shutil.which, ("slurmctld", "slurmd", "munged"))):
         pytest.skip("needs root, and Debian's slurm-wlm and munge")
     folder = tmp_path_factory.mktemp("slurm")
-    subprocess.run([SCRIPT, "start", folder], check=True, capture_output=True)
-    try:
-        yield folder / "slurm.conf"
-    finally:
-        subprocess.run([SCRIPT, "stop", folder], check=False)
+    alone = FileLock(tmp_path_factory.getbasetemp().parent / "slurm.lock")  # one SLURM a machine
+    with alone:
+        subprocess.run([SCRIPT, "start", folder], check=True, capture_output=True)
+        try:
+            yield folder / "slurm.conf"
+        finally:
+            subprocess.run([SCRIPT, "stop", folder], check=False)
 
 
 @pytest.fixture
