@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.corners import DETECTION_SIDE_PX, MIN_CORNERS, Corners
+from calibration.corners import MIN_CORNERS, Corners, images_for_detection
 
 Array = NDArray[np.float64]
 CELLS, BORDER_CELLS = (
@@ -138,13 +138,7 @@ def _tags(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Array]:
     Looked for in the image, in one with its contrast raised (haze), and in both with dark parts
     shrunk, which parts the tags from the squares that touch their corners.
     """
-    scale = min(1.0, DETECTION_SIDE_PX / max(image.shape))
-    small = (
-        image
-        if scale == 1
-        else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    )
-    clear = cv2.createCLAHE(3.0, (8, 8)).apply(small)
+    small, clear, scale = images_for_detection(image)
     variants = [
         shrunk
         for picture in (small, clear)

@@ -13,7 +13,7 @@ from calibration import errors
 from calibration.aprilgrid import AprilGrid
 from calibration.boards.bundle import Observation
 from calibration.boards.report import ViewReport
-from calibration.corners import DETECTION_SIDE_PX, MIN_CORNERS, Corners
+from calibration.corners import MIN_CORNERS, Corners, images_for_detection
 from calibration.errors import CalibrationError
 from calibration.field_checks.matches import to_gray
 from calibration.formats.reading.document import load_document
@@ -247,13 +247,7 @@ def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray
     """(n, 2) corners: the quick detector, then the sector-based one, then both with the contrast
     raised.
     """
-    scale = min(1.0, DETECTION_SIDE_PX / max(image.shape))
-    small = (
-        image
-        if scale == 1
-        else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    )
-    clear = cv2.createCLAHE(3.0, (8, 8)).apply(small)
+    small, clear, scale = images_for_detection(image)
     quick = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     thorough = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
     for find, candidate, flags in (

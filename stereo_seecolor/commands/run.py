@@ -4,6 +4,7 @@ tables.
 ``pipeline.py`` takes one pair through the same steps in memory; ``fuse.py`` makes the map.
 """
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -31,7 +32,7 @@ from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import FrameRow
+from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.dive_files import read_known_waters, read_waters, waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_products import rectified_files
@@ -82,7 +83,7 @@ def run_inputs(
         if options.shard.whole:
             color(run, options.water)
         elif options.water:
-            color_with(run, options.water)
+            color_with(run, read_known_waters(options.water, [pair.name for pair in run.pairs]))
     return run.summary
 
 
@@ -99,13 +100,12 @@ def color(run: DiveRun, water: Path | None = None) -> None:
     correct_frames(run, light, waters)
 
 
-def color_with(run: DiveRun, water: Path) -> None:
-    """Take the pairs of a shard to true colors, with waters that were fitted to all shards and no
-    light.
+def color_with(run: DiveRun, waters: Mapping[str, Water]) -> None:
+    """Take the pairs of shards to true colors, with waters that were fitted to all shards, by frame
+    name, and no light.
 
-    A pair that has no water there failed before the fit, and its row says again why.
+    A pair without a water failed before the fit, and its row says again why.
     """
-    waters = read_known_waters(water, [pair.name for pair in run.pairs])
     measure_ranges(run)
     run.folder.dive.write(WATER, waters_content(waters))
     correct_frames(run, NO_LIGHT, waters)

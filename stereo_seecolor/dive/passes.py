@@ -90,11 +90,8 @@ def measure_ranges(run: DiveRun) -> Ranges:
     run.folder.dive.begin(
         {**(earlier if earlier.get("range") == settings else {}), "range": settings}
     )
-    key, captures, different = (
-        ContentKey(),
-        list[Capture](),
-        dict[Capture, Capture](),
-    )  # a dive has few different ones
+    key, captures = ContentKey(), list[Capture]()
+    different: dict[Capture, Capture] = {}  # a dive has few
     for row, _ in run.map("ranges", partial(range_row, run.frames), run.pairs):
         key.add((row.name, run.frames.range_key(row.hashes)))
         capture = recorded_capture(row.facts)

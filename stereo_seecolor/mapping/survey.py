@@ -1,6 +1,5 @@
 """The survey that all stages of a map share, and the placement of its frames."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -66,10 +65,6 @@ class Placement:
     def frames_of(self, component: int) -> NDArray[np.int64]:
         """The frames of a component."""
         return np.flatnonzero(self.components == component)
-
-    def chosen(self, frames: Sequence[int]) -> "Placement":
-        """Select the poses of these frames."""
-        return Placement(self.T_world_camera[list(frames)], self.components[list(frames)])
 
     def with_warnings(self, *warnings: str) -> "Placement":
         """Add warnings."""

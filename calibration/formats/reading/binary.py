@@ -8,7 +8,8 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -47,43 +48,43 @@ DAMAGED = (
 )
 
 
+@contextmanager
+def _damage_named() -> Iterator[None]:
+    """Raise CalibrationError for what NumPy and zipfile raise of damaged files."""
+    try:
+        yield
+    except CalibrationError:
+        raise
+    except DAMAGED as error:
+        raise CalibrationError(
+            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        ) from error
+
+
 def read_npz(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
     """Name -> array, each of at most ``most_bytes``.
 
     Raises CalibrationError for what is damaged, too large, or no array of numbers.
     """
-    try:
-        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            if not any(info.filename.endswith(".npy") for info in archive.infolist()):
-                names = ", ".join(info.filename for info in archive.infolist() if not info.is_dir())
-                raise CalibrationError(
-                    f"is an archive ({names[:120]}): unpack it, and give the calibration in it"
-                )
-            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-            if len(members) > MAX_ARRAYS:
-                raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
-            return {
-                info.filename.removesuffix(".npy"): _array(archive, info, most_bytes)
-                for info in members
-            }
-    except CalibrationError:
-        raise
-    except DAMAGED as error:
-        raise CalibrationError(
-            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
-        ) from error
+    with _damage_named(), zipfile.ZipFile(io.BytesIO(raw)) as archive:
+        if not any(info.filename.endswith(".npy") for info in archive.infolist()):
+            names = ", ".join(info.filename for info in archive.infolist() if not info.is_dir())
+            raise CalibrationError(
+                f"is an archive ({names[:120]}): unpack it, and give the calibration in it"
+            )
+        members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+        if len(members) > MAX_ARRAYS:
+            raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
+        return {
+            info.filename.removesuffix(".npy"): _array(archive, info, most_bytes)
+            for info in members
+        }
 
 
 def read_one(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
     """The array of a .npy, which its file's name names."""
-    try:
+    with _damage_named():
         return {"matrix": _parsed("its array", raw, most_bytes)}
-    except CalibrationError:
-        raise
-    except DAMAGED as error:
-        raise CalibrationError(
-            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
-        ) from error
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most_bytes: int) -> Any:

@@ -12,14 +12,13 @@ from calibration.formats import load_rig, native
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import Fitter
 from stereo_seecolor.commands.reported_run import KIND, claim, reported, stereo_run
-from stereo_seecolor.commands.run import color
+from stereo_seecolor.commands.run import color, color_with
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, named_inputs
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
     NO_LIGHT,
-    correct_frames,
     count_frames,
     fit_waters,
     measure_ranges,
@@ -79,23 +78,21 @@ def merge(
             reported(pipeline, opened.pairing, inputs.names, folder, options, last, passes) as run,
         ):
             folder.dive.write(RIG, native.to_bytes(pipeline.rig))
-            if waters is None and not fit_only:
+            if fit_only:
+                fitted = (
+                    fit_waters(run, measure_ranges(run), NO_LIGHT) if waters is None else waters
+                )
+                folder.dive.write(WATER, waters_content(_of_pairs(run, fitted)))
+            elif waters is None:
                 color(run)
             else:
-                _with_waters(run, waters, fit_only)
+                color_with(run, _of_pairs(run, waters))
         return run.summary
 
 
-def _with_waters(run: DiveRun, waters: Mapping[str, Water] | None, fit_only: bool) -> None:
-    """Write the waters of the parts, or fit them to all parts, and correct the frames, without the
-    light of the dive.
-    """
-    ranges = measure_ranges(run)
-    waters = fit_waters(run, ranges, NO_LIGHT) if waters is None else waters
-    known = {pair.name: waters[pair.name] for pair in run.pairs if pair.name in waters}
-    run.folder.dive.write(WATER, waters_content(known))
-    if not fit_only:
-        correct_frames(run, NO_LIGHT, known)
+def _of_pairs(run: DiveRun, waters: Mapping[str, Water]) -> Mapping[str, Water]:
+    """The waters of the run's pairs, in their order."""
+    return {pair.name: waters[pair.name] for pair in run.pairs if pair.name in waters}
 
 
 def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
