@@ -105,12 +105,18 @@ def run_text(summary: "RunSummary", out: Path) -> str:
     """The outcome of a run: failed pairs, notes, kinds of errors with their numbers, totals, and
     results.
     """
+    from stereo_seecolor.color.white_point import DOUBT  # loads numpy
+
     bad = [row.line for row in summary.rows if row.status != "ok"]
     named = bad[:MOST_NAMED]
     if len(bad) > MOST_NAMED:
         named.append(f"and {len(bad) - MOST_NAMED} more, named in {out / 'frames.csv'}")
-    notes = [f"note: {note}" for note in summary.notes]
-    problems = [(what, str(often), first) for what, often, first in summary.problems()]
+    found = summary.problems()
+    doubts = [what for what, *_ in found if what.startswith(DOUBT)][:1]  # of the dive, not a frame
+    notes = [f"note: {note}" for note in (*summary.notes, *doubts)]
+    problems = [
+        (what, str(often), first) for what, often, first in found if not what.startswith(DOUBT)
+    ]
     made = [_product_line(product) for product in summary.products]
     return (
         lines(*named, *notes)

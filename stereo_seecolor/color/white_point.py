@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import PerChannel, Water
 
-DOUBTED = 0.08
-"""Standard error of red or blue over green beyond which a white point is in doubt: gray is then off
-by 2 degrees and more.
+DOUBTED_DEG = 3.0
+"""Standard error of the color of gray, as displayed, beyond which a white point is in doubt: some
+4 CIEDE2000 of a middle gray, a cast that is plainly seen.
 """
+DISPLAY_POWER = 2.2
+"""Of linear light over displayed values, about that of sRGB."""
 DOUBT = "white point: "
 """Beginning of the line that says so."""
 
@@ -28,16 +30,24 @@ def white_errors(water: Water) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
+def gray_error_deg(water: Water) -> float:
+    """Standard error of the color of gray as displayed, degrees from (1, 1, 1) in RGB; NaN where it
+    is not known.
+    """
+    logs = water.standard_errors.get("white", np.full(3, np.nan)) / water.white
+    return float(np.degrees(np.linalg.norm(logs) / np.sqrt(3) / DISPLAY_POWER))
+
+
 def white_doubt(water: Water) -> str:
     """A line that says how uncertain the white point is, and what settles it; "" where it is
     certain, or its error not known.
     """
-    red, blue = errors = white_errors(water)
-    if not (errors > DOUBTED).any():
+    gray_deg, (red, blue) = gray_error_deg(water), white_errors(water)
+    if not gray_deg > DOUBTED_DEG:
         return ""
     return (
-        f"{DOUBT}red over green is known to {red:.0%}, blue over green to {blue:.0%}: all colors "
-        "may have a cast; what settles it "
+        f"{DOUBT}gray may have a cast of {gray_deg:.1f} degrees (red over green is known to "
+        f"{red:.0%}, blue over green to {blue:.0%}), and all colors with it; what settles it "
         "is a color chart or white card in a frame (water OUT --chart), or a spot that is white, "
         "or sand (water OUT --white "
         "FRAME:x,y, or --sand)"

@@ -51,7 +51,11 @@ long: at most 0.099 in clear water.
 MOST_RED_OVER_GREEN = 0.45
 """1/m, red less green: 0.3 in pure water, and what else is in water takes at least as much from
 green. Fitted, medians of dives: at most 0.28; with ranges 4 times too short in clear water, 0.3 to
-0.85.
+0.85. Light of lamps beside the camera crosses the water twice: up to twice as much.
+"""
+LAMPS_FALL_OFF = 2.0
+"""Power of the range by which the light of a lamp beside the camera falls off; less where the sun
+takes part.
 """
 LEAST_RED_TO_GREEN = 0.8
 """Of attenuation: 0.95 and more in rendered waters; with inverse ranges, medians of 0.07 to
@@ -67,9 +71,8 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     """A note where the ranges that the waters were fitted to are probably none in meters. given:
     they were not measured here.
     """
-    rates = np.array(
-        [_attenuation(water) for water in {id(water): water for water in waters.values()}.values()]
-    )
+    different = list({id(water): water for water in waters.values()}.values())
+    rates = np.array([_attenuation(water) for water in different])
     if not len(rates) or np.isnan(rates).all():
         return ()
     red, green, _ = np.nanmedian(rates, axis=0)
@@ -90,7 +93,8 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
             f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red: ranges are probably too "
             f"long: see {cause}",
         )
-    if np.nanmedian(rates[:, 0] - rates[:, 1]) > MOST_RED_OVER_GREEN:
+    lamps = np.median([min(water.fall_off / LAMPS_FALL_OFF, 1.0) for water in different])
+    if np.nanmedian(rates[:, 0] - rates[:, 1]) > MOST_RED_OVER_GREEN * (1.0 + lamps):
         return (
             f"{said}: further apart than in any water: ranges are probably too short: see {cause}",
         )

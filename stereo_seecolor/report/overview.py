@@ -53,8 +53,11 @@ class RowFacts:
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
-        """Kinds of errors and warnings, the most frequent first."""
-        return tuple(problems_of(self.rows))
+        """Kinds of errors and warnings, the most frequent first, without the doubt of the white
+        point: the verdict says it once for the dive.
+        """
+        every = problems_of(self.rows)
+        return tuple(problem for problem in every if not problem.what.startswith(DOUBT))
 
 
 @dataclass(frozen=True)

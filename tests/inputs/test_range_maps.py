@@ -6,6 +6,7 @@ import io
 import re
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -198,12 +199,17 @@ def test_arrays_are_paired_with_images(tmp_path: Path) -> None:
 
 
 def fitted(
-    water: WaterName, ranges: Callable[[np.ndarray], np.ndarray], gray: bool = False
+    water: WaterName,
+    ranges: Callable[[np.ndarray], np.ndarray],
+    gray: bool = False,
+    ways: int = 1,
 ) -> dict[str, Water]:
     """Waters fitted to drawn frames of a slope, with the ranges that ``ranges`` makes of the true
-    ones.
+    ones. ways: how often the light crosses the range, 2 for lamps on the rig, whose fall-off is
+    taken out.
     """
-    true = lit_water(water, depth_m=8, camera_depth_m=6, exposure_range_m=3).water
+    depth_m = 8 if ways == 1 else 0
+    true = lit_water(water, depth_m, max(depth_m - 2, 0), exposure_range_m=3).water
     found = {}
     for seed in range(3):
         random = np.random.default_rng(seed)
@@ -213,12 +219,35 @@ def fitted(
             0,
             1,
         )
-        light = reflectance * true.white * true.attenuation(range_m) + true.backscatter(range_m)
+        left = true.white * true.attenuation(range_m) ** ways
+        light = reflectance * left + true.backscatter(range_m)
         image = np.round(
             255 * encode_srgb(np.clip(light[..., 1:2].repeat(3, 2) if gray else light, 0, 1))
         ).astype(np.uint8)
-        found[str(seed)] = fit(image, ranges(range_m).astype(np.float32))
+        water_of = fit(image, ranges(range_m).astype(np.float32))
+        found[str(seed)] = replace(water_of, fall_off=2.0 * (ways - 1))
     return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ways", [1, 2])
+@pytest.mark.parametrize("water", ["blue-ocean", "coastal-green"])
+def test_lamps_cross_the_water_twice(water: WaterName, ways: int) -> None:
+    assert range_scale_notes(fitted(water, lambda range_m: range_m, ways=ways), given=True) == ()
+    (note,) = range_scale_notes(fitted(water, lambda range_m: range_m / 5, ways=ways), given=True)
+    assert "ranges are probably too short" in note
+
+
+@pytest.mark.parametrize(("fall_off", "scale", "doubted"), [(0, 1, 1), (2, 1, 0), (2, 0.5, 1)])
+def test_the_bound_of_lamps_is_that_of_two_ways(fall_off: float, scale: float, doubted: int) -> None:
+    """Pure water, lit by lamps, takes 0.6 / m more of red than of green, twice as much as of
+    daylight.
+    """
+    zero, white = np.zeros(3), np.array([0.3, 0.6, 0.5])
+    y = np.array([0.7, 0.1, 0.06]) / scale
+    water = Water(zero + 0.01, zero + 0.3, zero, zero + 1, zero, zero, y, zero, white)
+    lit = replace(water, fall_off=fall_off, typical_range_m=2.0)
+    assert len(range_scale_notes({"1": lit}, given=True)) == doubted
 
 
 @pytest.mark.slow
