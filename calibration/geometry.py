@@ -25,10 +25,15 @@ Map = NDArray[np.float32]
 class RectifiedPair:
     """The pinhole geometry that both rectified images share.
 
-    focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance
-    of the optical centers; image_size: (width, height). quarter_turns: 0..3, counterclockwise turns
-    that bring the images that are matched, whose disparity runs along x, to the images that this
-    geometry is of (``numpy.rot90``).
+    Attributes:
+        focal_px: Focal length, pixels.
+        cx_left_px: Principal point of the left image along x, pixels.
+        cx_right_px: The same of the right image.
+        cy_px: Principal point of both along y, pixels.
+        baseline_m: Distance of the optical centers, meters.
+        image_size: (width, height), pixels.
+        quarter_turns: 0..3, counterclockwise turns that bring the images that are matched, whose
+            disparity runs along x, to the images that this geometry is of (``numpy.rot90``).
     """
 
     focal_px: float
@@ -52,8 +57,13 @@ class RectifiedPair:
         )
 
     def turned(self, turns: int) -> "RectifiedPair":
-        """The geometry of these images turned counterclockwise by ``turns`` quarters; disparities
-        keep their meaning.
+        """The geometry of these images turned counterclockwise; disparities keep their meaning.
+
+        Args:
+            turns: Quarter turns.
+
+        Returns:
+            The geometry.
         """
         width, height = self.image_size
         focal_px, cx, cy, shift_px = (
@@ -84,8 +94,13 @@ class RectifiedPair:
         return lengths
 
     def depth_from_disparity(self, disparity: Map) -> Map:
-        """Compute Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown
-        or at or beyond infinity.
+        """Compute Z = f B / (d - (cx_left - cx_right)).
+
+        Args:
+            disparity: (H, W) float32, pixels.
+
+        Returns:
+            (H, W) float32, meters; NaN where the disparity is unknown, or at or beyond infinity.
         """
         shifted = disparity - np.float32(self.cx_left_px - self.cx_right_px)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -93,16 +108,37 @@ class RectifiedPair:
         return np.where(shifted > 0, depth_m, np.float32(np.nan)).astype(np.float32)
 
     def disparity_from_depth(self, depth_m: Map) -> Map:
-        """Compute d = f B / Z + (cx_left - cx_right), pixels; NaN where the depth is unknown."""
+        """Compute d = f B / Z + (cx_left - cx_right).
+
+        Args:
+            depth_m: (H, W) float32, meters.
+
+        Returns:
+            (H, W) float32, pixels; NaN where the depth is unknown.
+        """
         shift_px = np.float32(self.cx_left_px - self.cx_right_px)
         return (np.float32(self.focal_px * self.baseline_m) / depth_m + shift_px).astype(np.float32)
 
     def range_from_depth(self, depth_m: Map) -> Map:
-        """Compute the distance along the ray from Z; both (H, W) meters."""
+        """Compute the distance along the ray from Z.
+
+        Args:
+            depth_m: (H, W) float32, meters.
+
+        Returns:
+            (H, W) float32, meters.
+        """
         return depth_m * self.ray_length
 
     def depth_from_range(self, range_m: Map) -> Map:
-        """Compute Z from the distance along the ray; both (H, W) meters."""
+        """Compute Z from the distance along the ray.
+
+        Args:
+            range_m: (H, W) float32, meters.
+
+        Returns:
+            (H, W) float32, meters.
+        """
         return range_m / self.ray_length
 
     @cached_property
@@ -118,8 +154,13 @@ class RectifiedPair:
         return rays
 
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
-        """Compute points in the rectified left camera: (H, W, 3) meters, NaN where the range is
-        unknown.
+        """Compute points in the axes of the rectified left camera.
+
+        Args:
+            range_m: (H, W) float32, meters along the ray.
+
+        Returns:
+            (H, W, 3) float32, meters; NaN where the range is unknown.
         """
         return np.asarray(self.rays * range_m[..., None])
 

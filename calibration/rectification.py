@@ -186,14 +186,17 @@ class Rectification:
     (``matching_pair``, ``apply_left``, ``apply_right``), and products are upright, as the left
     camera saw the scene (``pair``, ``upright``). For a pair side by side both are the same.
 
-    pair: the upright geometry. R_left, R_right: (3, 3) rotation from each camera's axes to the
-    upright rectified axes.
-    center_left_m: (3,) in the left camera's axes, where the rectified left camera has its center;
-    off zero behind a flat port.
-    raw_size, raw_size_right: (width, height) of the cameras' images.
-    maps_left, maps_right: cv2.remap tables (fixed point) to the images that are matched, None for a
-    rig that is rectified
-    already: its images pass through untouched.
+    Attributes:
+        pair: The upright geometry.
+        R_left: (3, 3) rotation from the left camera's axes to the upright rectified axes.
+        R_right: The same of the right camera.
+        center_left_m: (3,) in the left camera's axes, meters: the center of the rectified left
+            camera; off zero behind a flat port.
+        raw_size: (width, height) of the left camera's images.
+        raw_size_right: The same of the right camera.
+        maps_left: cv2.remap tables (fixed point) to the image that is matched; None for a rig that
+            is rectified already, whose images pass through untouched.
+        maps_right: The same of the right camera.
     """
 
     pair: RectifiedPair
@@ -207,11 +210,20 @@ class Rectification:
 
     @classmethod
     def from_rig(cls, rig: StereoRig) -> "Rectification":
-        """Rectify ``rig`` along its baseline: onto images of the left camera's size, as wide as
-        both cameras see without empty corners; for a baseline more than 10 degrees off the image's
-        axes onto larger ones that show the whole left view.
+        """Rectify a rig along its baseline.
 
-        Raises CalibrationError if the cameras share no field of view.
+        Images keep the size of the left camera's, and are as wide as both cameras see without empty
+        corners; for a baseline more than 10 degrees off the image's axes they are larger and show
+        the whole left view.
+
+        Args:
+            rig: The rig.
+
+        Returns:
+            Its rectification.
+
+        Raises:
+            CalibrationError: If the cameras share no field of view.
         """
         plan = plan_rectification(rig)
         sizes = rig.left.image_size, rig.right.image_size
@@ -229,20 +241,41 @@ class Rectification:
         return self.pair.turned(-self.pair.quarter_turns)
 
     def apply_left(self, image: Image) -> Image:
-        """Rectify a raw left image (H, W) or (H, W, C) for matching; dtype kept, black where the
-        camera saw nothing.
+        """Rectify a raw left image for matching.
+
+        Args:
+            image: (H, W) or (H, W, C).
+
+        Returns:
+            The image, of the same dtype; black where the camera saw nothing.
+
+        Raises:
+            CalibrationError: If the image is of another size than the camera's.
         """
         return self._remap(image, self.maps_left, "left")
 
     def apply_right(self, image: Image) -> Image:
-        """Rectify a raw right image for matching; as apply_left."""
+        """Rectify a raw right image for matching.
+
+        Args:
+            image: As in ``apply_left``.
+
+        Returns:
+            As in ``apply_left``.
+
+        Raises:
+            CalibrationError: As in ``apply_left``.
+        """
         return self._remap(image, self.maps_right, "right")
 
     def upright(self, array: Pixels) -> Pixels:
-        """An image or map (H, W) or (H, W, C) that lies on the left image that is matched, turned
-        upright: it lies on ``pair``.
+        """Turn what lies on the left image that is matched upright, so that it lies on ``pair``.
 
-        The array itself where nothing is turned, else a contiguous copy.
+        Args:
+            array: (H, W) or (H, W, C).
+
+        Returns:
+            The array itself where nothing is turned, else a contiguous copy.
         """
         turns = self.pair.quarter_turns
         return cast(Pixels, np.ascontiguousarray(np.rot90(array, turns))) if turns else array
@@ -257,7 +290,11 @@ class Rectification:
         return T
 
     def rectified_rig(self) -> StereoRig:
-        """The rig of the upright rectified images: no distortion, no rotation, one focal length."""
+        """The rig of the upright rectified images.
+
+        Returns:
+            A rig without distortion and rotation, of one focal length.
+        """
         right_of_left = np.eye(4)
         turn = quarter_turn(-self.pair.quarter_turns)
         right_of_left[:3, 3] = turn @ [-self.pair.baseline_m, 0.0, 0.0]
@@ -269,8 +306,10 @@ class Rectification:
         )
 
     def seen_left(self) -> NDArray[np.bool_]:
-        """Compute where the left image that is matched shows something that the left camera saw:
-        (H, W) bool.
+        """Compute where the left image that is matched shows something that the left camera saw.
+
+        Returns:
+            (H, W) bool.
         """
         width, height = self.raw_size
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)

@@ -139,12 +139,15 @@ DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 class Camera:
     """A camera as OpenCV describes it.
 
-    K: (3, 3) float64, pixels, center of the top left pixel at (0, 0).
-    distortion: (n,) float64 in OpenCV's order; n in {0, 4, 5, 8, 12, 14} for pinhole, 4 for
-    fisheye.
-    image_size: (width, height) in pixels.
+    Attributes:
+        K: (3, 3) float64, pixels; the center of the top left pixel is (0, 0).
+        distortion: (n,) float64 in OpenCV's order; n is 0, 4, 5, 8, 12 or 14 for pinhole, 4 for
+            fisheye.
+        image_size: (width, height), pixels.
+        model: Lens model.
 
-    Raises CalibrationError if a number is not finite or a shape is wrong.
+    Raises:
+        CalibrationError: If a number is not finite, or a shape is wrong.
     """
 
     K: NDArray[np.float64]
@@ -199,8 +202,13 @@ class Camera:
         return float(self.K[0, 1])
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Project points (n, 3) in this camera's axes to pixels (n, 2); only for points in front of
-        the camera.
+        """Project points to pixels; only for points in front of the camera.
+
+        Args:
+            points: (n, 3) float64 in the axes of this camera.
+
+        Returns:
+            (n, 2) float64, pixels.
         """
         if len(points) == 0:
             return np.zeros((0, 2))  # OpenCV takes no empty arrays
@@ -215,8 +223,14 @@ class Camera:
         return pixels
 
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute the directions with z = 1, (n, 3), of pixels (n, 2); NaN where the lens model
-        reaches no such pixel, or looks sideways.
+        """Compute the directions of pixels.
+
+        Args:
+            pixels: (n, 2) float64.
+
+        Returns:
+            (n, 3) float64 with z = 1; NaN where the lens model reaches no such pixel, or looks
+            sideways.
         """
         if len(pixels) == 0:
             return np.zeros((0, 3))
@@ -246,26 +260,30 @@ class Camera:
 class StereoRig:
     """Two cameras and the rigid transform between them.
 
-    T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's
-    stereoCalibrate).
-    medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong
-    under water.
-    rms_px: reprojection error of the calibration, None where the file does not say.
-    port: the window of a rig calibrated in air; Rectification takes a flat one into account. None
-    for all in-water calibrations.
-    doubts: what had to be guessed when the file was read, one line each. alternatives: the rig by
-    other readings of a file whose format leaves a convention open; reading: the convention of this
-    one. ``readings.settle_reading`` decides by images.
-    errors: how well the calibration knows focal lengths and baseline; None where its file does not
-    say.
-    refinement: what was estimated from a dive to have moved, and is in these numbers already; None
-    where nothing was.
-
     The right camera may stand anywhere beside the left one (to the right, below, above,
     diagonally), turned by any angle.
 
-    Raises CalibrationError for a rotation that is not one, and for a baseline that is zero, absurd,
-    or along the optical axis.
+    Attributes:
+        left: The left camera.
+        right: The right camera.
+        T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's
+            stereoCalibrate).
+        medium: Where the calibration was made; air calibrations of cameras behind a flat port are
+            wrong under water.
+        rms_px: Reprojection error of the calibration, pixels; None where the file does not say.
+        port: The window of a rig calibrated in air, of which Rectification takes a flat one into
+            account; None for all in-water calibrations.
+        doubts: What had to be guessed when the file was read, one line each.
+        reading: The convention by which the file was read, where its format leaves one open.
+        alternatives: The rig by the other conventions; ``settle_reading`` decides by images.
+        refinement: What was estimated from a dive to have moved, and is in these numbers already;
+            None where nothing was.
+        errors: How well the calibration knows focal lengths and baseline; None where its file does
+            not say.
+
+    Raises:
+        CalibrationError: For a rotation that is not one, and for a baseline that is zero, absurd,
+            or along the optical axis.
     """
 
     left: Camera
@@ -298,7 +316,14 @@ class StereoRig:
         _check_baseline(T[:3, 3], self.R)
 
     def with_alternatives(self, others: "Sequence[StereoRig]") -> "StereoRig":
-        """This rig, with the same file's other readings."""
+        """This rig, with the same file read by other conventions.
+
+        Args:
+            others: The rigs by these.
+
+        Returns:
+            The rig.
+        """
         return replace(self, alternatives=tuple(others))
 
     @property

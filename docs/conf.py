@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # mathml.py, sample_page.py
 project = "stereo-seecolor"
 author = "the stereo-seecolor authors"
 release = __version__
-extensions = ["myst_parser", "mathml", "sample_page", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "mathml", "sample_page", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 html_theme = "furo"

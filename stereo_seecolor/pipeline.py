@@ -53,10 +53,22 @@ alone 57 to 67 were measured at 5,
 
 
 class Pipeline:
-    """Takes a pair through all stages. Made once for a rig; every method may be called from many
+    """Takes a pair through all stages. Made once for a rig; all methods may be called from many
     threads.
 
-    geometry, seen, original, settings: see ``dive.frames.Source``.
+    Args:
+        rig: The calibration.
+        config: Settings; the defaults if not given.
+
+    Attributes:
+        geometry: Of the rectified images.
+        seen: (H, W) bool, where rectified images show something; None = everywhere.
+        original: The view of the unrectified left camera; None where nothing is written in it.
+        settings: Hash of all that a range map depends on besides its two images.
+
+    Raises:
+        CalibrationError: If the cameras share no field of view.
+        DeviceError: If a device or a library that the settings ask for is missing.
     """
 
     makes_ranges = True
@@ -107,30 +119,80 @@ class Pipeline:
         return width * height
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The files of a pair, by side. Opens the videos or the bag that hold them."""
+        """The files of a pair. Opens the videos or the bag that hold them.
+
+        Args:
+            pair: The pair.
+
+        Returns:
+            Side -> file.
+        """
         open_around(pair.left)
         open_around(pair.right)
         return {"left": pair.left, "right": pair.right}
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Read both images of a pair, unrectified. Raises InputError."""
+        """Read both images of a pair, unrectified.
+
+        Args:
+            pair: The pair.
+
+        Returns:
+            The raw pair.
+
+        Raises:
+            InputError: If an image cannot be read.
+        """
         return self.reader.read(pair)
 
     def raw(self, pair: Pair, clock: Clock) -> Image:
-        """Read the left image, unrectified. Raises InputError."""
+        """Read the left image of a pair, unrectified.
+
+        Args:
+            pair: The pair.
+            clock: Takes the time.
+
+        Returns:
+            (H, W, 3) RGB.
+
+        Raises:
+            InputError: If the image cannot be read.
+        """
         with clock("read"):
             return read_image(pair.left, self.config.input)
 
     def image(self, pair: Pair, clock: Clock) -> Image:
-        """Read and rectify the left image; upright. Raises InputError, CalibrationError."""
+        """Read and rectify the left image of a pair; upright.
+
+        Args:
+            pair: The pair.
+            clock: Takes the time.
+
+        Returns:
+            (H, W, 3) RGB.
+
+        Raises:
+            InputError: If the image cannot be read.
+            CalibrationError: If it is of another size than the calibration's.
+        """
         image = self.raw(pair, clock)
         with clock("rectify"):
             return self.rectification.upright(self.rectification.apply_left(image))
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """Read, rectify and match a pair: the rectified left image, upright, and its range map.
+        """Read, rectify and match a pair.
 
-        Raises InputError, MatchingError, CalibrationError.
+        Args:
+            pair: The pair.
+            clock: Takes the time of each stage.
+
+        Returns:
+            The rectified left image, upright, and its range map.
+
+        Raises:
+            InputError: If an image cannot be read.
+            CalibrationError: If one is of another size than the calibration's.
+            MatchingError: If the two do not show the same scene.
         """
         rectified, range_map = self._ranged(partial(self.read, pair), clock, self.match)
         return rectified.left, range_map
@@ -155,8 +217,16 @@ class Pipeline:
             return replace(rectified, left=left, right=right), range_map.each(upright)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
-        """Rectify both images onto one plane, with the baseline along +x. Raises CalibrationError
-        for images of another size.
+        """Rectify both images onto one plane, with the baseline along +x.
+
+        Args:
+            frame: The raw pair.
+
+        Returns:
+            The rectified pair.
+
+        Raises:
+            CalibrationError: For images of another size than the calibration's.
         """
         left, right = (
             self._rectifier.apply_left(frame.left),
@@ -165,7 +235,14 @@ class Pipeline:
         return replace(frame, left=left, right=right)
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair."""
+        """Compute the range map of a rectified pair.
+
+        Args:
+            frame: The rectified pair.
+
+        Returns:
+            The range map.
+        """
         return self.matcher.match(frame)
 
     def process(
@@ -174,11 +251,21 @@ class Pipeline:
         water: Water | Callable[[Image, RangeMap], Water] | None = None,
         match: Match | None = None,
     ) -> FrameResult:
-        """Take an unrectified pair through all stages.
+        """Take an unrectified pair through all stages, in memory.
 
-        water: to remove, or a function that finds it for the rectified left image and its range
-        map; None: fit it to this frame.
-        match: in place of the pipeline's own.
+        Args:
+            frame: The raw pair.
+            water: The water to remove, or a function that finds it for the rectified left image and
+                its range map; None: it is fitted to this frame.
+            match: Computes the range map in place of the pipeline's own matcher.
+
+        Returns:
+            The results of all stages.
+
+        Raises:
+            CalibrationError: For images of another size than the calibration's.
+            MatchingError: If the two do not show the same scene.
+            ColorError: If no water can be fitted.
         """
         clock = Clock()
         rectified, range_map = self._ranged(lambda: frame, clock, match or self.match)

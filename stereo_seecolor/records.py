@@ -28,10 +28,14 @@ Mask = NDArray[np.bool_]
 class Capture:
     """Metadata that a camera recorded with an image; None = not recorded.
 
-    exposure_s: seconds. gain: factor, 1 = 0 dB or ISO 100. aperture: f-number. captured_s: seconds
-    since 1970.
-    latitude_deg, longitude_deg: WGS84. exif: the EXIF block for the corrected image, upright and
-    without a thumbnail, b"" = none.
+    Attributes:
+        exposure_s: Exposure time, seconds.
+        gain: Factor; 1 = 0 dB or ISO 100.
+        aperture: f-number.
+        captured_s: Seconds since 1970.
+        latitude_deg: WGS84.
+        longitude_deg: WGS84.
+        exif: The EXIF block for the corrected image, upright and without a thumbnail; b"" = none.
     """
 
     exposure_s: float | None = None
@@ -58,9 +62,13 @@ class Capture:
 class StereoFrame:
     """One pair, as read or rectified.
 
-    name: also of its outputs. left, right: Image. timestamp_s: seconds, None where the name holds
-    no time.
-    left_capture, right_capture: metadata of the images.
+    Attributes:
+        name: Name of the frame, also of its files.
+        left: (H, W, 3) uint8 or uint16 RGB.
+        right: The same of the right camera.
+        timestamp_s: Seconds; None where the name holds no time.
+        left_capture: Metadata of the left image.
+        right_capture: Metadata of the right image.
     """
 
     name: str
@@ -85,12 +93,17 @@ def is_monochrome(image: NDArray[np.generic]) -> bool:
 class RangeMap:
     """The distance of each pixel of the rectified left image.
 
-    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along
-    the ray, on which water acts.
-    range_std_m: standard error of range_m. confidence: [0, 1], 0 where unknown.
-    filled: True where the value was not measured, but filled in from neighbors; such pixels have
-    confidence 0.
-    vertical_px: offset of right rows below left ones, after rectification; NaN where unknown.
+    Attributes:
+        disparity: (H, W) float32, pixels, x_left - x_right; NaN = unknown, as in all maps here.
+        depth_m: (H, W) float32, meters, Z along the optical axis.
+        range_m: (H, W) float32, meters along the ray, on which the water acts.
+        range_std_m: (H, W) float32, meters, standard error of ``range_m``.
+        confidence: (H, W) float32, [0, 1], 0 where unknown.
+        filled: (H, W) bool, True where the value was not measured but filled in from neighbors;
+            such pixels have confidence 0.
+        warnings: One line each.
+        vertical_px: Offset of the rows of the right image below those of the left one after
+            rectification, pixels; NaN where unknown.
     """
 
     disparity: Map
@@ -104,8 +117,15 @@ class RangeMap:
 
     @classmethod
     def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":
-        """A map with known ranges only; all other values are NaN. measured: True where a range was
-        measured, not filled in.
+        """A map of known ranges alone; all other values are NaN.
+
+        Args:
+            range_m: (H, W) float32, meters along the ray, NaN where unknown.
+            measured: (H, W) bool, True where the range was measured, not filled in.
+            warnings: One line each.
+
+        Returns:
+            The range map.
         """
         nothing = np.broadcast_to(np.float32(np.nan), range_m.shape)  # takes no memory
         known = np.isfinite(range_m)
@@ -130,7 +150,14 @@ class RangeMap:
         )
 
     def each(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "RangeMap":
-        """The range map with ``function`` applied to every map, such as a rotation."""
+        """Apply a function to every map, such as a rotation.
+
+        Args:
+            function: Takes and gives an array (H, W).
+
+        Returns:
+            The range map of the results.
+        """
         maps = (
             self.disparity,
             self.depth_m,
@@ -155,13 +182,29 @@ class RangeMap:
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":
-        """The map of (H, W) unknown pixels, with a warning that states the reason."""
+        """The map without a known pixel.
+
+        Args:
+            shape: (H, W).
+            warning: One line that states the reason.
+
+        Returns:
+            The range map.
+        """
         nothing = np.full(shape, np.nan, np.float32)
         none = np.zeros(shape, np.float32)
         return cls(nothing, nothing, nothing, nothing, none, np.zeros(shape, np.bool_), (warning,))
 
     def with_ranges(self, range_m: Map, filled: Mask) -> "RangeMap":
-        """The same map with other ranges, of which ``filled`` were not measured."""
+        """The same map with other ranges.
+
+        Args:
+            range_m: (H, W) float32, meters along the ray.
+            filled: (H, W) bool, True where these were not measured.
+
+        Returns:
+            The range map.
+        """
         return replace(self, range_m=range_m, filled=filled)
 
     @cached_property  # asked for up to four times a map
@@ -178,11 +221,17 @@ class RangeMap:
 class Correction:
     """A corrected frame.
 
-    image: J at the input's bit depth. unknown: True where no range was known. unrecoverable: True
-    where noise limits a channel's gain, or the camera clipped a channel. clipped_fraction: fraction
-    of pixels of known range with a channel at full scale.
-    water: the water that was removed. exposure, highlights: as in Water.
-    linear: (H, W, 3) float32 linear light, unclipped; None unless asked for.
+    Attributes:
+        image: (H, W, 3) RGB, the colors J of the paper at the bit depth of the input.
+        unknown: (H, W) bool, True where no range was known.
+        unrecoverable: (H, W) bool, True where noise limits the gain of a channel, or the camera
+            clipped a channel.
+        clipped_fraction: Fraction of the pixels of known range with a channel at full scale.
+        water: The water that was removed.
+        exposure: As in ``Water``.
+        highlights: As in ``Water``.
+        warnings: One line each.
+        linear: (H, W, 3) float32 linear light, unclipped; None unless it was asked for.
     """
 
     image: Image
@@ -220,7 +269,14 @@ class Correction:
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """The result of all stages for a pair. frame: rectified. seconds: of each stage."""
+    """The result of all stages for a pair.
+
+    Attributes:
+        frame: The rectified pair.
+        range_map: Its range map.
+        correction: Its left image in true colors.
+        seconds: Seconds that each stage took, by name.
+    """
 
     frame: StereoFrame
     range_map: RangeMap
@@ -237,10 +293,14 @@ class FrameResult:
 class SurveyFrame:
     """A finished pair for the map: corrected colors and ranges of the rectified left camera.
 
-    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m: Map, measured pixels
-    only.
-    confidence: (H, W) uint8, 0..255 for 0..1 as in its file; 0 where unknown.
-    unrecoverable: as in Correction; None where it is not known.
+    Attributes:
+        name: As in ``StereoFrame``.
+        timestamp_s: Seconds; None without a time stamp.
+        color: (H, W, 3) uint8 RGB.
+        range_m: (H, W) float32, meters along the ray, measured pixels only.
+        range_std_m: (H, W) float32, meters.
+        confidence: (H, W) uint8, 0..255 for 0..1 as in its file; 0 where unknown.
+        unrecoverable: As in ``Correction``; None where it is not known.
     """
 
     name: str
@@ -252,8 +312,14 @@ class SurveyFrame:
     unrecoverable: Mask | None = None
 
     def scaled(self, scale: float) -> "SurveyFrame":
-        """The frame with ranges multiplied by ``scale``, for a rig whose scale is known better than
-        by its calibration.
+        """The frame with its ranges multiplied, for a rig whose scale is known better than by
+        calibration.
+
+        Args:
+            scale: Factor.
+
+        Returns:
+            The frame; itself for a factor of 1.
         """
         factor = np.float32(scale)
         return (
@@ -275,11 +341,14 @@ class SurveyFrame:
 
 @dataclass(frozen=True)
 class GeoOrigin:
-    """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth).
+    """Where the map's (0, 0, 0) lies on Earth, at the water's surface: z is minus the depth.
 
-    utm_epsg: the UTM zone whose eastings and northings the map's x and y are; the degrees are then
-    those of a place in the survey, and not of (0, 0). None: x and y are meters east and north of
-    it.
+    Attributes:
+        latitude_deg: WGS84.
+        longitude_deg: WGS84.
+        utm_epsg: EPSG code of the UTM zone whose eastings and northings the map's x and y are; the
+            degrees are then those of a place in the survey, and not of (0, 0). None: x and y are
+            meters east and north of the place.
     """
 
     latitude_deg: float
@@ -291,17 +360,18 @@ class GeoOrigin:
 class Trajectory:
     """Poses of the left camera: p_world = T_world_camera @ p_camera, meters.
 
-    names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where
-    the file holds no time.
-    T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up
-    when georeferenced.
-    up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI: the
-    first camera's axes).
-    origin: where the world's origin lies on Earth, None for a local map.
-    camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those
-    of the camera as it was calibrated and mounted, which rectification turns.
-    fixes: True for positions alone, such as a buoy's: heights and attitudes mean nothing.
-    absolute: fixes beside poses, which place them on Earth; None where there are none.
+    Attributes:
+        names: N names of frames; "" where the file names none.
+        timestamps_s: (N,) float64, seconds; NaN where the file holds no time.
+        T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world
+            east-north-up when georeferenced.
+        up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI:
+            the axes of the first camera).
+        origin: Where the world's origin lies on Earth; None for a local map.
+        camera: "rectified" where the poses are those of the rectified left camera; "raw" where they
+            are those of the camera as it was calibrated and mounted, which rectification turns.
+        fixes: True for positions alone, such as a buoy's: heights and attitudes mean nothing.
+        absolute: Fixes beside poses, which place them on Earth; None where there are none.
     """
 
     names: tuple[str, ...]
@@ -314,8 +384,13 @@ class Trajectory:
     absolute: "Trajectory | None" = None
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
-        """The poses of the rectified left camera. T_rectified_left: (4, 4), from the axes of the
-        camera as calibrated.
+        """The poses of the rectified left camera.
+
+        Args:
+            T_rectified_left: (4, 4) float64, from the axes of the camera as calibrated.
+
+        Returns:
+            The trajectory; itself where it is that of the rectified camera.
         """
         if self.camera == "rectified":
             return self

@@ -91,13 +91,18 @@ Size = tuple[int, int]
 
 
 def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
-    """Read a calibration of any known format; the format is recognized by the content of the file.
+    """Read a calibration of any known format, which is recognized by the content of the file.
 
-    path: a file, a folder, or two files with a comma between: ``left.yaml,right.yaml``.
-    image_size: (width, height) of the images, for files that do not store it; ignored where the
-    file says.
+    Args:
+        path: A file, a folder, or two files with a comma between: ``left.yaml,right.yaml``.
+        image_size: (width, height) of the images, pixels, for files that do not store it; ignored
+            where the file does.
 
-    Raises CalibrationError, naming the file and the key.
+    Returns:
+        The rig, with what had to be guessed in ``doubts``.
+
+    Raises:
+        CalibrationError: If the calibration cannot be read; the message names the file and the key.
     """
     documents = _documents(path)
     with naming(documents[0].where):
@@ -139,11 +144,16 @@ def parse_size(text: str) -> Size:
 
 
 def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native") -> None:
-    """Write ``rig`` in the named format; for ROS, path is ``left.yaml,right.yaml`` or a folder for
-    these two.
+    """Write a calibration. Each file is written whole or not at all.
 
-    Each file is written whole or not at all. Raises CalibrationError for a format that is not
-    written, a rig that the format cannot hold, or a place that cannot be written.
+    Args:
+        rig: The rig to write.
+        path: A file; for ROS ``left.yaml,right.yaml``, or a folder for these two.
+        format: The name of the format.
+
+    Raises:
+        CalibrationError: For a format that is not written, a rig that the format cannot hold, or a
+            place that cannot be written.
     """
     writers: dict[str, Callable[[StereoRig, Path], None]] = {
         "native": native.write,

@@ -41,21 +41,32 @@ SAMPLING = Sampling()
 
 
 class Corrector:
-    """Measures images, fits the water and removes it. It holds only settings; every method may be
-    called from many threads.
+    """Counts colors over range, fits the water and removes it.
+
+    It holds settings alone; every method may be called from many threads.
+
+    Args:
+        config: Settings; the defaults if not given.
     """
 
     def __init__(self, config: ColorConfig | None = None) -> None:
         self.config = config or ColorConfig()
 
     def measure(self, image: Image, range_m: Map) -> MomentTable:
-        """The moment table of an image: its pixels with a known range, counted by channel, range
-        and value.
+        """Count the pixels of an image with a known range by channel, range and value.
 
         A black rim around the picture is left out. Of 800,000 pixels or more every second row is
         counted (see ``Sampling``).
-        image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, unknown
-        where not finite or not above 0. Raises ColorError where the two do not belong together.
+
+        Args:
+            image: (H, W, 3) RGB, uint8 or uint16.
+            range_m: (H, W) float32, meters along the ray; unknown where not finite or not above 0.
+
+        Returns:
+            The moment table. Tables of frames can be added.
+
+        Raises:
+            ColorError: If the two do not belong together.
         """
         check_pair(image, range_m)
         range_m = without_rim(image, range_m, self.config.input_encoding)
@@ -73,13 +84,20 @@ class Corrector:
     def fit(
         self, table: MomentTable, start: Water | None = None, until_s: float | None = None
     ) -> Water:
-        """Fit the water to a moment table: of one frame, or the sum of many. Warnings say where the
-        table does not determine it.
+        """Fit the water to a moment table, of one frame or the sum of many.
 
-        start: the water of a frame of the same scene, to begin from; method paper returns it where
-        the table does not determine its parameters. until_s: time of ``time.perf_counter`` after
-        which method paper takes no further step.
-        Raises ColorError for a table without pixels, unless there is a start.
+        Args:
+            table: The moment table.
+            start: The water of a frame of the same scene, to begin from; the method ``paper``
+                returns it where the table does not determine its parameters.
+            until_s: Time of ``time.perf_counter`` after which the method ``paper`` takes no further
+                step.
+
+        Returns:
+            The water; its warnings say where the table does not determine it.
+
+        Raises:
+            ColorError: For a table without pixels, unless there is a start.
         """
         if not table.pixels.any():
             if start is None:
@@ -105,18 +123,32 @@ class Corrector:
         )
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
-        """Fit the water of one frame by the method of the settings. image, range_m, start: as in
-        ``measure`` and ``fit``.
+        """Fit the water of one frame by the method of the settings.
+
+        Args:
+            image: As in ``measure``.
+            range_m: As in ``measure``.
+            start: As in ``fit``.
+
+        Returns:
+            The water.
+
+        Raises:
+            ColorError: As in ``measure`` and ``fit``.
         """
         return self.fit(self.measure(image, range_m), start)
 
     def survey_fitter(self, light: Light | None = None, linked: Collection[str] = ()) -> Fitter:
         """The fitter for the frames of a dive, by ``color.lock``.
 
-        light: the light that was divided out of the frames; it also tells how light falls off with
-        range.
-        linked: names of frames that show the same spots as the frame before them, and so share its
-        water.
+        Args:
+            light: The light that was divided out of the frames; it also tells how light falls off
+                with range.
+            linked: Names of frames that show the same spots as the frame before them, and so share
+                its water.
+
+        Returns:
+            The fitter, to which the moment tables of the frames are added in order.
         """
 
         def fit(table: MomentTable, start: Water | None) -> Water:
@@ -141,11 +173,21 @@ class Corrector:
     ) -> Correction:
         """Remove the water from an image, at the image's size and bit depth.
 
-        table: the image's moment table, if it has been measured. exposure, highlights: the
-        brightness, as in another correction; None: the water's, or else this frame's own, by
-        ``config.highlights`` and ``config.median_luminance``.
-        Raises ColorError where image and range map differ in size, or the water was fitted to
-        another encoding.
+        Args:
+            image: As in ``measure``.
+            range_m: As in ``measure``.
+            water: The water to remove.
+            table: The image's moment table, if it has been counted.
+            exposure: Brightness, as in another correction; None: the water's, or else this frame's
+                own, by ``config.highlights`` and ``config.median_luminance``.
+            highlights: Roll-off that belongs to ``exposure``.
+
+        Returns:
+            The corrected frame.
+
+        Raises:
+            ColorError: If image and range map differ in size, or the water was fitted to another
+                encoding.
         """
         self._check(water)
         if exposure is None:
@@ -158,20 +200,44 @@ class Corrector:
         return correct(image, range_m, water, tone, self.config)
 
     def carry_ranges(self, image: Image, range_m: Map, seen: Mask | None = None) -> Map:
-        """The range map with its unknown pixels filled (see ``render.carried_ranges``)."""
+        """Fill the unknown pixels of a range map (see ``render.carried_ranges``).
+
+        Args:
+            image: As in ``measure``.
+            range_m: As in ``measure``.
+            seen: (H, W) bool, where the image shows something; None = everywhere.
+
+        Returns:
+            (H, W) float32, meters along the ray.
+        """
         return carry_ranges(image, range_m, seen)
 
     def within_measured(self, image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-        """The corrected image with the colors of carried ranges limited to measured ones (see
-        ``render.carried_colors``).
+        """Limit the colors of filled-in ranges to measured ones (see ``render.carried_colors``).
+
+        Args:
+            image: (H, W, 3), corrected.
+            carried: (H, W) bool, where the range was filled in.
+            measured: (H, W) bool, where it was measured.
+
+        Returns:
+            The image, limited.
         """
         return within_measured(image, carried, measured)
 
     def apply_linear(
         self, image: Image, range_m: Map, water: Water, exposure: float = 1.0
     ) -> NDArray[np.float32]:
-        """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is
-        unknown.
+        """Remove the water from an image, as linear light.
+
+        Args:
+            image: As in ``measure``.
+            range_m: As in ``measure``.
+            water: The water to remove.
+            exposure: Gain.
+
+        Returns:
+            (H, W, 3) float32, unclipped and not encoded; 0 where the range is unknown.
         """
         self._check(water)
         return correct_linear(image, range_m, water, exposure, self.config)

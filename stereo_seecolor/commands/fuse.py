@@ -135,17 +135,28 @@ def fuse(
     listener: Listener | None = None,
     compute: Compute | None = None,
 ) -> "MapSummary":
-    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config
-    asks for.
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory, and what else the settings ask
+    for.
 
-    poses: a trajectory of the left camera in any known format; without it the program finds the
-    track itself.
-    config: the settings; the run's own if not given. compute: where the work runs; all cores of
-    this machine if not given.
-    Raises DeviceError, before the first frame, if a library is missing; InputError; MappingError;
-    OutputError, also where another run or fusion writes into ``out`` now. A frame that is gone or
-    damaged is named, and the rest fused. An earlier map is replaced when the new one is complete,
-    and stays as it is otherwise.
+    An earlier map is replaced when the new one is complete, and stays as it is otherwise.
+
+    Args:
+        out: Folder of a finished run.
+        poses: A trajectory of the left camera in any known format; without it the track is
+            estimated from the frames.
+        config: Settings; the run's own if not given.
+        listener: Receives progress events; by default the log.
+        compute: Where the work runs; all cores of this machine if not given.
+
+    Returns:
+        What was mapped, and the warnings. A frame that is gone or damaged is named there, and the
+        rest is fused.
+
+    Raises:
+        DeviceError: If a library is missing; before the first frame.
+        InputError: If the run or the poses cannot be read.
+        MappingError: If the frames cannot be placed or fused.
+        OutputError: If the map cannot be written, or another process writes into ``out`` now.
     """
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 

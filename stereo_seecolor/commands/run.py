@@ -50,14 +50,24 @@ def run(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Stereo pairs in; range maps, true-color frames, clouds and tables out, in ``out``.
+    """Take the pairs of a dive to range maps, true-color frames, clouds and tables in ``out``.
 
-    left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the
-    same video that shows both.
-    calib: any calibration that load_rig reads. A shard without a water (``options.water``) stops
-    before the fit: the water of all shards is fitted by ``merge``.
-    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named
-    in the summary's rows.
+    Args:
+        left: Folder of the left images, a pattern (``DIVE/*_L.png``), or a video.
+        right: The same of the right images; the left video again where it shows both sides.
+        calib: A calibration in any format that ``calibration.formats.load_rig`` reads.
+        out: Folder for the results; made where it does not exist.
+        config: Settings; the defaults if not given.
+        options: How the work is done: workers, overwriting, listeners. A shard (``options.shard``)
+            without a water (``options.water``) stops before the fit: ``merge`` fits the water of
+            all shards.
+
+    Returns:
+        The outcome of every pair, and the totals. A bad pair is a row that names its error.
+
+    Raises:
+        SeeColorError: For what concerns the whole dive.
+        CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
     return run_inputs(StereoInputs(left, right, calib), out, config, options)
 
@@ -130,7 +140,23 @@ def range_maps(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Write range maps, without colors, into ``out``; arguments and errors as in ``run``."""
+    """Write the range maps of a dive, without colors, into ``out``.
+
+    Args:
+        left: Folder of the left images, a pattern (``DIVE/*_L.png``), or a video.
+        right: The same of the right images; the left video again where it shows both sides.
+        calib: A calibration in any format that ``calibration.formats.load_rig`` reads.
+        out: Folder for the results; made where it does not exist.
+        config: Settings; the defaults if not given.
+        options: How the work is done: workers, overwriting, listeners.
+
+    Returns:
+        The outcome of every pair, and the totals. A bad pair is a row that names its error.
+
+    Raises:
+        SeeColorError: For what concerns the whole dive.
+        CalibrationError: For a calibration that cannot be read or does not fit the images.
+    """
     inputs = StereoInputs(left, right, calib)
     with stereo_run(
         inputs, out, config or RunConfig(), options or RunOptions(), "range", ("ranges",)
@@ -146,11 +172,22 @@ def correct(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Correct images that have range maps (see ``read_range_map``), into ``out``.
+    """Correct images that have range maps already, into ``out``.
 
     The images may be unrelated, so that ``color.lock: auto`` means ``frame`` here.
-    Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's
-    rows.
+
+    Args:
+        images: Folder of images.
+        ranges: Folder of their range maps, of the same names (see ``read_range_map``).
+        out: Folder for the results; made where it does not exist.
+        config: Settings; the defaults if not given.
+        options: How the work is done: workers, overwriting, listeners.
+
+    Returns:
+        The outcome of every image, and the totals. A bad image is a row that names its error.
+
+    Raises:
+        SeeColorError: For what concerns the whole folder.
     """
     config, options = config or RunConfig(), options or RunOptions()
     if config.color.lock == "auto":
@@ -189,11 +226,24 @@ def rectify(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Write rectified pairs as PNG into ``rectified_left`` and ``rectified_right``, and their
-    calibration, ``rectified.yaml``.
+    """Write rectified pairs as PNG into ``out``, and their calibration.
 
-    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named
-    in the summary's rows.
+    The folders are ``rectified_left`` and ``rectified_right``, the calibration ``rectified.yaml``.
+
+    Args:
+        left: Folder of the left images, a pattern (``DIVE/*_L.png``), or a video.
+        right: The same of the right images; the left video again where it shows both sides.
+        calib: A calibration in any format that ``calibration.formats.load_rig`` reads.
+        out: Folder for the results; made where it does not exist.
+        config: Settings; the defaults if not given.
+        options: How the work is done: workers, overwriting, listeners.
+
+    Returns:
+        The outcome of every pair, and the totals. A bad pair is a row that names its error.
+
+    Raises:
+        SeeColorError: For what concerns the whole dive.
+        CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)

@@ -80,15 +80,19 @@ ENGINES = {
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
-    """Defaults, then the file, then ``section.key=value`` overrides, of which the last wins; values
-    are read as YAML.
+    """Merge the defaults, a file, and ``section.key=value`` overrides, of which the last wins.
 
-    path: a YAML file, or the run.json of an earlier run, whose configuration is taken.
-    A mapping sets the keys that it names and leaves the others: ``mapping.mount={surge_m: 0.4,
-    yaw_deg: 90}``.
+    Args:
+        path: A YAML file, or the run.json of an earlier run, whose settings are taken.
+        overrides: ``section.key=value``, the value as YAML. A mapping sets the keys that it names
+            and leaves the others: ``mapping.mount={surge_m: 0.4, yaw_deg: 90}``.
 
-    Raises ConfigError for an unreadable file, a key that does not exist (the nearest known one is
-    suggested), a bad value.
+    Returns:
+        All settings.
+
+    Raises:
+        ConfigError: For an unreadable file, a key that does not exist (the nearest known one is
+            suggested), or a bad value.
     """
     return _validated(_layers(path, overrides))
 

@@ -17,22 +17,27 @@ PageTime = Literal["none", "end", "live"]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a command does its work. What changes its results is in the configuration, but for
-    ``shard`` and ``water``.
+    """How a command does its work.
 
-    workers: pairs worked on at once. overwrite: start over in a used folder. strict: stop at the
-    first bad pair.
-    verify: read and hash every input again, even those with the size and time that an earlier run
-    noted.
-    config_file: the file of the settings, protected from deletion. command_line: for run.json.
-    listener: told of progress; by default the log. notice: called with each line that a user should
-    read before the work begins;
-    by default it goes to the log. shard: the part of the dive's pairs to work on.
-    cluster: runs the work in place of this machine's threads.
-    water: a water.json whose waters are used in place of a fit. also_read: files that a later step
-    of the same command reads, such as the poses for its map; no input may lie in what a run deletes
-    or replaces.
-    page: when OUT/index.html is written: never, at the end, or also while the run works.
+    What changes its results is in the configuration, but for ``shard`` and ``water``.
+
+    Attributes:
+        workers: Pairs worked on at once.
+        overwrite: Start over in a used folder.
+        strict: Stop at the first bad pair.
+        verify: Read and hash every input again, also those with the size and time that an earlier
+            run noted.
+        config_file: The file of the settings, protected from deletion.
+        command_line: For run.json.
+        listener: Receives progress events; by default the log.
+        shard: The part of the dive's pairs to work on.
+        cluster: Runs the work in place of this machine's threads.
+        water: A water.json whose waters are used in place of a fit.
+        also_read: Files that a later step of the same command reads, such as the poses for its map;
+            no input may lie in what a run deletes or replaces.
+        page: When OUT/index.html is written: never, at the end, or also while the run works.
+        notice: Called with each line that a user should read before the work begins; by default it
+            goes to the log.
     """
 
     workers: int = 2
@@ -53,8 +58,12 @@ class RunOptions:
         """The options with at most as many workers as free memory allows, with a notice if that is
         fewer.
 
-        pair_bytes: memory that a pair takes. Workers of a cluster are not limited: they have memory
-        of their own.
+        Args:
+            pair_bytes: Memory that a pair takes. Workers of a cluster are not limited: they have
+                memory of their own.
+
+        Returns:
+            The options.
         """
         fitting = self.workers if self.cluster else at_once(self.workers, pair_bytes)
         if fitting == self.workers:

@@ -44,9 +44,16 @@ CONSTANTS = MatcherConstants()
 class Matcher:
     """Computes range maps of rectified pairs; built once for a run, safe to call from many threads.
 
-    pair: the geometry of the rectified images. seen_left: (H, W) bool, True where the rectified
-    left image shows something; None where it does everywhere. Raises ConfigError, DeviceError or
-    PluginError for an engine that cannot run.
+    Args:
+        pair: The geometry of the rectified images.
+        config: Settings.
+        seen_left: (H, W) bool, True where the rectified left image shows something; None where it
+            does everywhere.
+
+    Raises:
+        ConfigError: For an engine that lacks a setting.
+        DeviceError: For an engine whose library is missing.
+        PluginError: For an engine that no installed package adds.
     """
 
     def __init__(
@@ -73,20 +80,27 @@ class Matcher:
         return added
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair of 8 or 16 bit RGB images; it depends on
-        nothing but that pair.
+        """Compute the range map of a rectified pair; it depends on nothing but that pair.
 
-        A pair that cannot be matched gives a map without a known pixel; ``warnings`` says why.
+        Args:
+            frame: The rectified pair, uint8 or uint16 RGB.
+
+        Returns:
+            The range map; for a pair that cannot be matched one without a known pixel, and
+            ``warnings`` says why.
         """
         return self.matched(frame)[0]
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """Compute the range map as ``match`` does, and the detail that the images hold at their
-        full size.
+        """Compute the range map as ``match`` does, and the detail that the images hold.
 
-        Detail is the fraction of known pixels over that at reduced size: about 1 where the images
-        are sharp, less where full size adds noise alone, 1 where the engine does not match at
-        reduced size.
+        Args:
+            frame: The rectified pair.
+
+        Returns:
+            The range map, and the fraction of known pixels over that at reduced size: about 1 where
+            the images are sharp, less where full size adds noise alone, 1 where the engine does not
+            match at reduced size.
         """
         pair = GrayPair.from_frame(frame, self._scale)
         reason = diagnostics.unusable(pair.small_left, pair.small_right)
@@ -132,8 +146,15 @@ class Matcher:
     def range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Turn disparities into a range map, in strips of rows on all cores.
 
-        Remove speckles, refine to sub-pixels, estimate the confidence, forget what is not confident
-        enough, and triangulate.
+        Speckles are removed, disparities refined to sub-pixels, the confidence is estimated, what
+        is not confident enough is left unknown, and the rest triangulated.
+
+        Args:
+            found: The disparities of an engine; its arrays are changed.
+            pair: The gray images that they were found in.
+
+        Returns:
+            The range map.
         """
         remove_speckles(found.disparity, CONSTANTS.speckle_px)
         if self.seen_left is not None:

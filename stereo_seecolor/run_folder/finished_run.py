@@ -33,10 +33,14 @@ YEAR_2000 = 946_684_800
 class FinishedFrame:
     """A pair that went through all stages.
 
-    timestamp_s: as the inputs give it. left: the raw left image as it was given, which may be gone
-    since. sha256: of that image.
-    sha256_right: of the right one, "" where there is none.
-    products: name -> file in OUT. facts: the frame's columns of frames.csv.
+    Attributes:
+        name: Name of the frame and of its files.
+        timestamp_s: Seconds, as the inputs give it; None without a time stamp.
+        left: The raw left image as it was given, which may be gone since.
+        sha256: Of the left image; "" where there is none.
+        products: Product -> file in OUT.
+        facts: The frame's numbers by column of frames.csv.
+        sha256_right: Of the right image; "" where there is none.
     """
 
     name: str
@@ -56,8 +60,16 @@ class FinishedFrame:
         return datetime.fromtimestamp(stamp_s, UTC) if stamp_s > YEAR_2000 else None
 
     def read(self, product: str) -> NDArray[Any]:
-        """Read the pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it
-        was not written, or is damaged.
+        """Read the pixels of a product as they are stored.
+
+        Args:
+            product: Its name: ``corrected``, ``range``, ``range_std``, ``confidence``, ``mask``.
+
+        Returns:
+            (H, W), or (H, W, 3) RGB; the dtype of the file.
+
+        Raises:
+            InputError: If the product was not written, or is damaged.
         """
         path = self.products.get(product)
         if path is None:
@@ -72,8 +84,13 @@ class FinishedFrame:
             ) from error
 
     def measured_range_m(self) -> Map:
-        """Read the measured ranges: (H, W) float32 meters along the ray, NaN where nothing was
-        measured. Raises InputError.
+        """Read the measured ranges, without filled-in ones.
+
+        Returns:
+            (H, W) float32, meters along the ray, NaN where nothing was measured.
+
+        Raises:
+            InputError: If the range map was not written, or is damaged.
         """
         return np.where(self.read("confidence") > 0, self.read("range"), np.float32(np.nan))
 
@@ -103,17 +120,23 @@ class _Totals:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """OUT/ as it is now; made by ``open_run``.
+    """OUT as it is now; made by ``open_run``.
 
-    config: the run's own settings. geometry: of the rectified images; None for ``correct``, which
-    knows no camera.
-    T_rectified_left: (4, 4), from the raw left camera's axes. frames: those that are finished and
-    current, in the dive's order.
-    state: whether the latest run came to its end. stale: frames whose products are of earlier
-    settings.
-    totals: the numbers of the latest run's summary. inputs: what the run was given, by name.
-    version: of the program.
-    made: when, as ISO 8601. libraries: versions by name. command_line: as it was given.
+    Attributes:
+        root: The folder.
+        config: The run's own settings.
+        geometry: Of the rectified images; None for ``correct``, which has no calibration.
+        T_rectified_left: (4, 4) float64, from the axes of the left camera as calibrated; None for
+            ``correct``.
+        frames: Frames that are finished and current, in the dive's order.
+        state: Whether the latest run came to its end.
+        stale: Names of frames whose products are of earlier settings.
+        totals: The numbers of the latest run's summary.
+        inputs: What the run was given, by name.
+        version: Of the program.
+        made: When, as ISO 8601.
+        libraries: Versions by name.
+        command_line: As it was given.
     """
 
     root: Path
@@ -137,8 +160,11 @@ class FinishedRun:
 
     @cached_property
     def rig(self) -> StereoRig:
-        """The calibration as the run used it. Raises InputError for a run that knows no camera,
-        CalibrationError if damaged.
+        """The calibration as the run used it.
+
+        Raises:
+            InputError: For a run without calibration.
+            CalibrationError: If its file is damaged.
         """
         if self.geometry is None:
             raise InputError(
@@ -148,7 +174,17 @@ class FinishedRun:
         return load_rig(str(self.root / RIG))
 
     def frame(self, name: str) -> FinishedFrame:
-        """Find a frame by its name. Raises InputError if the run holds none of that name."""
+        """Find a frame by its name.
+
+        Args:
+            name: Name of the frame.
+
+        Returns:
+            The frame.
+
+        Raises:
+            InputError: If the run holds none of that name.
+        """
         found = self._by_name.get(name)
         if found is None:
             raise InputError(
@@ -186,8 +222,16 @@ def settings_file(out: Path) -> Path:
 def open_run(out: Path) -> FinishedRun:
     """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
 
-    Raises InputError if ``out`` holds no run of this version of the program, or one that was killed
-    before it could describe what it made; OutputError where its records or links lead out of it.
+    Args:
+        out: The folder that was given as ``--out``.
+
+    Returns:
+        The run with its finished frames.
+
+    Raises:
+        InputError: If ``out`` holds no run of this version of the program, or one that was killed
+            before it could describe what it made.
+        OutputError: If its records or links lead out of it.
     """
     refuse_links_out(out)
     manifest = Manifest(out)

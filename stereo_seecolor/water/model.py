@@ -25,35 +25,48 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Water:
-    """The water between camera and reef, one value a channel (R, G, B): DeepSeeColor's model, with
-    a white point.
+    """The water between camera and reef: DeepSeeColor's model with a white point.
 
-    I_c = J_c white_c A_c(z) + B_c(z)
-    B_c(z) = gamma_inf (1 - exp(-beta z)) + eta exp(-alpha z) (paper eq.
-    sea-thru-backscatter-residual)
-    A_c(z) = exp(-z (w exp(-v z) + y exp(-x z))) (paper eq. sea-thru-atten-coeff)
+    Each parameter is a (3,) float64 array, R, G, B::
 
-    gamma_inf, eta, white: intensities as a fraction of full scale, 0 or above (white: above 0).
-    beta, alpha, v, x: 1/m, 0 or above.
-    w, y: 1/m; one may be negative as long as light never grows with range.
-    standard_errors: name of a parameter -> (3,) standard error, NaN where the data add nothing to
-    the prior. They are marginal: each holds what all other parameters leave open. Method robust
-    gives those of y, w, beta, gamma_inf, white (of white the color: its level is exposure); the
-    paper's method none.
-    input_encoding: encoding of the images that it was fitted to. warnings: of the fit.
-    exposure: gain at which its frames are shown, None where each frame has its own. highlights:
-    light of so many times the brightest light shown is rolled off to it at that exposure, 1 = no
-    roll-off.
-    fall_off: power of the range by which the light of lamps on the rig falls off, beside A: 0 for
-    daylight, 2 for lamps at the camera. matrix: (3, 3) from the camera's colors to those of sRGB,
-    applied to J in linear light; rows sum to 1, so that gray stays gray. matrix_errors: (3, 3) its
-    standard errors; None where it was not measured.
-    final_sigmoid: above 0, the backscatter is this times the sigmoid of B above, as the paper
-    prints it, and gamma_inf and eta have any sign.
-    typical_range_m: median range of the pixels that it was fitted to, at which frames without any
-    known range are corrected; None where it is not known.
+        I_c = J_c white_c A_c(z) + B_c(z)
+        B_c(z) = gamma_inf (1 - exp(-beta z)) + eta exp(-alpha z)
+        A_c(z) = exp(-z (w exp(-v z) + y exp(-x z)))
 
-    Raises ColorError for values that no water has.
+    B is the paper's eq. sea-thru-backscatter-residual, A its eq. sea-thru-atten-coeff.
+
+    Attributes:
+        gamma_inf: Backscatter of infinite water, fraction of full scale, 0 or above.
+        beta: Growth of backscatter, 1/m, 0 or above.
+        eta: Residual light, fraction of full scale, 0 or above.
+        alpha: Attenuation of the residual light, 1/m, 0 or above.
+        w: Attenuation that fades with range, 1/m; w or y may be negative as long as light never
+            grows with range.
+        v: Rate at which w fades, 1/m, 0 or above.
+        y: As w.
+        x: Rate at which y fades, 1/m, 0 or above.
+        white: What a white surface shows without water, fraction of full scale, above 0.
+        standard_errors: Parameter -> (3,) standard error, NaN where the data add nothing to the
+            prior. They are marginal: each holds what all other parameters leave open. The method
+            ``robust`` gives those of y, w, beta, gamma_inf, and of white (of its color: its level
+            is exposure); the method ``paper`` none.
+        input_encoding: Encoding of the images that it was fitted to.
+        warnings: Of the fit, one line each.
+        exposure: Gain at which its frames are shown; None where each frame has its own.
+        highlights: Light of so many times the brightest light shown is rolled off to it at that
+            exposure; 1 = no roll-off.
+        fall_off: Power of the range by which the light of lamps on the rig falls off, besides A: 0
+            for daylight, 2 for lamps at the camera.
+        matrix: (3, 3) from the camera's colors to those of sRGB, applied to J in linear light; rows
+            sum to 1, so that gray stays gray.
+        matrix_errors: (3, 3) standard errors of ``matrix``; None where it was not measured.
+        final_sigmoid: Above 0, the backscatter is this times the sigmoid of B above, as the paper
+            prints it, and gamma_inf and eta have any sign.
+        typical_range_m: Median range of the pixels that it was fitted to, at which frames without
+            any known range are corrected; None where it is not known.
+
+    Raises:
+        ColorError: For values that no water has.
     """
 
     gamma_inf: PerChannel
@@ -96,7 +109,14 @@ class Water:
         )
 
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """B_c(z), shape (..., 3), as a fraction of full scale."""
+        """The backscatter B_c(z).
+
+        Args:
+            range_m: (...) meters along the ray.
+
+        Returns:
+            (..., 3) float64, fraction of full scale.
+        """
         z, gamma_inf, beta, eta, alpha = _by_channel(
             range_m, self.gamma_inf, self.beta, self.eta, self.alpha
         )
@@ -106,13 +126,22 @@ class Water:
         )
 
     def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """A_c(z) in (0, 1], shape (..., 3); the white point is not in it."""
+        """The attenuation A_c(z), without the white point.
+
+        Args:
+            range_m: (...) meters along the ray.
+
+        Returns:
+            (..., 3) float64 in (0, 1].
+        """
         z, w, v, y, x = _by_channel(range_m, self.w, self.v, self.y, self.x)
         return np.moveaxis(physics.attenuation(z, w, v, y, x), 0, -1)
 
     def content(self) -> dict[str, Any]:
-        """The water as JSON: lists in the order R, G, B, null for unknown values. What changes
-        nothing is left out.
+        """The water for JSON.
+
+        Returns:
+            Lists in the order R, G, B, null for unknown values; what changes nothing is left out.
         """
         left_out = (
             *(MATRICES if (self.matrix == np.eye(3)).all() else ()),
@@ -126,7 +155,17 @@ class Water:
 
     @classmethod
     def from_content(cls, content: Any) -> Self:
-        """The water from JSON. Raises ColorError where ``content`` is something else."""
+        """The water from JSON.
+
+        Args:
+            content: What ``content`` gave, read back.
+
+        Returns:
+            The water.
+
+        Raises:
+            ColorError: If ``content`` is something else.
+        """
         try:
             values = dict(content)
             errors = {
@@ -144,13 +183,28 @@ class Water:
             raise ColorError(f"water: is damaged: {error}") from error
 
     def save(self, path: Path | str) -> None:
-        """Write a water.json with this water, as ``--water`` reads it. Raises OutputError."""
+        """Write the water as a water.json, as ``--water`` reads it.
+
+        Args:
+            path: The file.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
         write_atomic(Path(path), water_document({"water": self.content()}))
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Read a water.json that holds one water. Raises InputError where it cannot be read or
-        holds each frame's own.
+        """Read a water.json that holds one water.
+
+        Args:
+            path: The file.
+
+        Returns:
+            The water.
+
+        Raises:
+            InputError: If it cannot be read, or holds a water for each frame.
         """
         path = Path(path)
         body = read_water_document(path)

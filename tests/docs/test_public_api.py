@@ -3,9 +3,11 @@ package alone loads nothing heavy.
 """
 
 import inspect
+import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +90,43 @@ def test_what_programs_call_is_still_there() -> None:
         words, current = given.split(), now[name].split()
         assert current[: len(words)] == words, name
         assert all(word.endswith("=") or word == "*" for word in current[len(words) :]), name
+
+
+def documented(text: str, section: str) -> set[str]:
+    """The names that a section of a docstring in Google style explains."""
+    body = re.search(rf"^{section}:\n((?: .*\n|\n(?= ))*)", f"{text}\n", re.MULTILINE)
+    return set(re.findall(r"^ {4}(\w+): ", body[1], re.MULTILINE)) if body else set()
+
+
+def undocumented(thing: Any, where: str) -> list[str]:
+    """The parameters of a function or class, and of its public methods, that its docstring does not
+    explain.
+    """
+    section = "Attributes" if is_dataclass(thing) else "Args"
+    found = documented(inspect.getdoc(thing) or "", section)
+    missing = [
+        f"{where}: {name}" for name in inspect.signature(thing).parameters if name not in found
+    ]
+    for name, member in vars(thing).items() if isinstance(thing, type) else ():
+        function = getattr(member, "__func__", member)
+        field = name in inspect.signature(thing).parameters
+        if inspect.isfunction(function) and not field and not name.startswith("_"):
+            given = set(inspect.signature(function).parameters) - {"self", "cls"}
+            lacking = given - documented(inspect.getdoc(function) or "", "Args")
+            missing += [f"{where}.{name}: {parameter}" for parameter in sorted(lacking)]
+    return missing
+
+
+@pytest.mark.parametrize("package", [stereo_seecolor, calibration])
+def test_every_public_parameter_is_explained(package: Any) -> None:
+    names = [name for name in package.__all__ if callable(getattr(package, name))]
+    things = {name: getattr(package, name) for name in names}
+    plain = {
+        name: thing
+        for name, thing in things.items()
+        if not (isinstance(thing, type) and issubclass(thing, Exception | BaseModel))
+    }
+    assert not [line for name, thing in plain.items() for line in undocumented(thing, name)]
 
 
 if __name__ == "__main__":

@@ -54,16 +54,22 @@ _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
 
 
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
-    """Read the poses of the left camera from any known format; the result's ``camera`` says of the
-    raw or the rectified one.
+    """Read the poses of the left camera from any known format.
 
-    path: the file, a ROS bag, or a table with a map of its columns:
-    ``nav.csv:time=UTC,lat=Latitude,...`` (column_map.ROLES).
-    mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude
-    (oplab, ORCA, Matisse, bags).
     A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
 
-    Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
+    Args:
+        path: The file, a ROS bag, or a table with a map of its columns:
+            ``nav.csv:time=UTC,lat=Latitude,...`` (``column_map.ROLES``).
+        mount: How the camera sits on the vehicle, for the formats that give the vehicle's attitude
+            (oplab, ORCA, Matisse, bags).
+
+    Returns:
+        The poses; ``camera`` says whether they are those of the raw or of the rectified left
+        camera.
+
+    Raises:
+        InputError: If the file cannot be read, is of no known format, or holds no pose.
     """
     for name in added("trajectory_formats"):
         reader = load("trajectory_formats", name)

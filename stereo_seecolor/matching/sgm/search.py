@@ -3,13 +3,11 @@ around what was found.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.matching.census import Census, census, mirrored_census
+from stereo_seecolor.matching.census import census, mirrored_census
 from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.matching.sgm.band import (
@@ -105,58 +103,39 @@ def is_first_run() -> bool:
 def search(left: Gray, right: Gray, band: Band) -> MatchedDisparity:
     """Match two smoothed images over a band, in strips on all cores.
 
+    A strip whose tiles end on the edges of their bands is searched once more in wider bands.
     Checks fail where the best disparity lies on the edge of its band, where another is as good, or
     where the right image disagrees; nothing was found where it lies on the edge or meets nothing in
     the right image.
     """
-    strips = _Strips(left, right, band)
-    list(core_pool().map(strips.search, range(0, left.shape[0], CONSTANTS.strip)))
-    return MatchedDisparity(strips.disparity, strips.best, strips.uniqueness)
+    pool = core_pool()
+    before = max(0, WIDENING - int(band.lowest.min()))
+    after = max(0, int((band.lowest + band.count).max())) + WIDENING
+    p2, census_left = pool.submit(p2_maps, left), pool.submit(census, left)
+    census_right = pool.submit(mirrored_census, right, before, after)
+    images = census_left.result(), census_right.result(), before
+    costs = p2.result(), PENALTIES.p2, CONSTANTS.ambiguous
+    disparity, best, uniqueness = found = tuple(np.empty((3, *left.shape), np.float32))
+    on_edge = np.zeros(band.lowest.shape, np.int32)
+    height = len(left)
 
+    def search_strip(first: int) -> None:
+        end = min(first + CONSTANTS.strip, height)
+        rows = max(0, first - CONSTANTS.halo), first, end, min(height, end + CONSTANTS.halo)
 
-class _Strips:
-    """The strips of a pair: what all of them need, and the maps that they fill."""
+        def match(band: Band) -> None:
+            # By numpy, which asks for large pages: of a wide image this is the largest block, and
+            # small ones take long to clear
+            widths = TILE * band.count.sum(axis=1)
+            total = np.empty(int(widths[np.arange(first, end) // TILE].sum()), np.uint8)
+            match_rows(images, (band.lowest, band.count), rows, costs, found, on_edge, total)
 
-    def __init__(self, left: Gray, right: Gray, band: Band) -> None:
-        pool = core_pool()
-        self._band = band
-        self._before = max(0, WIDENING - int(band.lowest.min()))
-        after = max(0, int((band.lowest + band.count).max())) + WIDENING
-        p2 = pool.submit(p2_maps, left)
-        bits = pool.submit(census, left), pool.submit(mirrored_census, right, self._before, after)
-        self._p2: NDArray[np.uint8] = p2.result()
-        self._left: Census = bits[0].result()
-        self._right: Census = bits[1].result()
-        maps: Any = np.empty((3, *left.shape), np.float32)
-        self.disparity: Map = maps[0]
-        self.best: Map = maps[1]
-        self.uniqueness: Map = maps[2]
-        self._on_edge = np.zeros(band.lowest.shape, np.int32)
-
-    def search(self, first: int) -> None:
-        """Search the strip from row ``first`` on; where its tiles end on the edges of their bands,
-        once more in wider bands.
-        """
-        end = min(first + CONSTANTS.strip, len(self.disparity))
-        self._match(self._band, first, end)
+        match(band)
         tiles = slice(first // TILE, -(-end // TILE))
-        narrow = np.zeros(self._on_edge.shape, np.bool_)
-        narrow[tiles] = self._on_edge[tiles] > CONSTANTS.band_edge_pixels * TILE**2
+        narrow = np.zeros(on_edge.shape, np.bool_)
+        narrow[tiles] = on_edge[tiles] > CONSTANTS.band_edge_pixels * TILE**2
         if narrow[tiles].mean() > CONSTANTS.band_edge_tiles:
-            self._match(self._band.widened(narrow), first, end)
+            match(band.widened(narrow))
 
-    def _match(self, band: Band, first: int, end: int) -> None:
-        rows = (
-            max(0, first - CONSTANTS.halo),
-            first,
-            end,
-            min(len(self.disparity), end + CONSTANTS.halo),
-        )
-        images = self._left, self._right, self._before
-        costs = self._p2, PENALTIES.p2, CONSTANTS.ambiguous
-        found = self.disparity, self.best, self.uniqueness
-        widths = TILE * band.count.sum(axis=1)
-        # By numpy, which asks for large pages: of a wide image this is the largest block, and small
-        # ones take long to clear
-        total = np.empty(int(widths[np.arange(first, end) // TILE].sum()), np.uint8)
-        match_rows(images, (band.lowest, band.count), rows, costs, found, self._on_edge, total)
+    list(pool.map(search_strip, range(0, height, CONSTANTS.strip)))
+    return MatchedDisparity(disparity, best, uniqueness)
