@@ -1,7 +1,7 @@
 """The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code
 with their real imports.
 
-python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of rooms in
+python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the tables of
 docs/lab/architecture.md.
 """
 
@@ -12,6 +12,7 @@ from html import escape
 from pathlib import Path
 
 import grimp
+import house_numbers
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -242,16 +243,15 @@ def room_of(module: str, rooms: list[str]) -> str:
 
 def table_of_rooms(rooms: list[str]) -> str:
     """Packages with their sizes and what they hold."""
-    lines = ["| room | files | lines | what it holds |", "| --- | --- | --- | --- |"]
+    lines = ["| room | files | lines | kB | what it holds |", "| --- | --- | --- | --- | --- |"]
     for room in rooms:
         place = ROOT / room.replace(".", "/")
         if not place.is_dir():
             continue
-        files = sorted(place.rglob("*.py"))
-        count = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
+        files, count, characters = house_numbers.size(house_numbers.files_of(place))
         lines.append(
-            f"| `{room.removeprefix('stereo_seecolor.')}` | {len(files)} | {count:,} | "
-            f"{first_line(place)} |"
+            f"| `{room.removeprefix('stereo_seecolor.')}` | {files} | {count:,} | "
+            f"{characters / 1000:.0f} | {first_line(place)} |"
         )
     return "\n".join(lines)
 
@@ -263,10 +263,10 @@ def first_line(place: Path) -> str:
     return " ".join(words.split()).replace("|", "/")
 
 
-def write_table(table: str) -> None:
+def write_table(name: str, table: str) -> None:
     page = HERE / "lab" / "architecture.md"
     text = page.read_text(encoding="utf-8")
-    begin, end = "<!-- rooms: written by docs/drawings.py -->\n", "\n<!-- end of rooms -->"
+    begin, end = f"<!-- {name}: written by docs/drawings.py -->\n", f"\n<!-- end of {name} -->"
     head, rest = text.split(begin)
     page.write_text(head + begin + table + end + rest.split(end)[1], encoding="utf-8", newline="\n")
 
@@ -274,4 +274,5 @@ def write_table(table: str) -> None:
 if __name__ == "__main__":
     draw_flow()
     draw_axes()
-    write_table(table_of_rooms(draw_rooms()))
+    write_table("rooms", table_of_rooms(draw_rooms()))
+    write_table("numbers", house_numbers.table())

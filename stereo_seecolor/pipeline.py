@@ -194,7 +194,7 @@ class Pipeline:
             CalibrationError: If one is of another size than the calibration's.
             MatchingError: If the two do not show the same scene.
         """
-        rectified, range_map = self._ranged(partial(self.read, pair), clock, self.match)
+        rectified, range_map = self._ranged(partial(self.read, pair), clock, self.matcher.match)
         return rectified.left, range_map
 
     def _ranged(
@@ -268,7 +268,7 @@ class Pipeline:
             ColorError: If no water can be fitted.
         """
         clock = Clock()
-        rectified, range_map = self._ranged(lambda: frame, clock, match or self.match)
+        rectified, range_map = self._ranged(lambda: frame, clock, match or self.matcher.match)
         with clock("color"):
             if callable(water):
                 water = water(rectified.left, range_map)
