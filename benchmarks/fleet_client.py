@@ -91,7 +91,7 @@ class Sampled:
 
     def __init__(self, out: Path) -> None:
         self.windows: list[SeenWindow] = []
-        looked = light_search.LightSearch._looked
+        looked = light_search.LightSearch._examined
 
         def kept(search: Any, numbers: Any, look: Any, parts: int = 1) -> Iterator[Any]:
             for window in looked(search, numbers, look, parts):
@@ -99,7 +99,7 @@ class Sampled:
                 yield window
 
         with (
-            patch.object(light_search.LightSearch, "_looked", kept),
+            patch.object(light_search.LightSearch, "_examined", kept),
             patch.object(light_search, "is_short", lambda _: False),
         ):
             commands.run(SAMPLE / "left", SAMPLE / "right", SAMPLE / "cam.yaml", out)
@@ -198,7 +198,7 @@ class Workers:
         return Outcome(row, True, None, ("range",), ())
 
     def looks(self, number: int) -> Callable[..., Iterator[Any]]:
-        """In the place of ``LightSearch._looked``: windows of the sample dive, then differences of
+        """In place of ``LightSearch._examined``: windows of the sample dive, then differences of
         frames with known gains.
         """
         rng = np.random.default_rng(0)
@@ -270,7 +270,7 @@ def stand_ins(
     return [
         patch.object(Manifest, "frame", lambda _, name: sampled.record(name)),
         patch.object(DiveRecord, "is_current", lambda _, frame, stage: stage in frame.stages),
-        patch.object(light_search.LightSearch, "_looked", workers.looks(number)),
+        patch.object(light_search.LightSearch, "_examined", workers.looks(number)),
         patch.object(Opened, "for_dive", lambda opened, *_: opened),
         patch.object(light_search, "explain", lambda _: recorded),
         patch.object(reported_run, "need_bytes", lambda *_: 1),

@@ -275,7 +275,7 @@ class StereoRig:
             account; None for all in-water calibrations.
         doubts: What had to be guessed when the file was read, one line each.
         reading: The convention by which the file was read, where its format leaves one open.
-        alternatives: The rig by the other conventions; ``settle_reading`` decides by images.
+        alternatives: The rig by the other conventions; ``resolve_convention`` decides by images.
         refinement: What was estimated from a dive to have moved, and is in these numbers already;
             None where nothing was.
         errors: How well the calibration knows focal lengths and baseline; None where its file does

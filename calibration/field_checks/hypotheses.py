@@ -12,9 +12,9 @@ from calibration.errors import CalibrationError
 from calibration.field_checks.matches import (
     Images,
     Matches,
-    look_alikes,
     raw_matches,
     rectified_matches,
+    similar_points,
 )
 from calibration.field_checks.vertical_disparity import GIVE_RECTIFIED, RECTIFIED, RowCheck
 from calibration.refraction import cameras_in_water
@@ -219,7 +219,7 @@ def _transform(R: Array, t: Array) -> Array:
     return T
 
 
-def may_be_mistaken(rows: RowCheck) -> bool:
+def may_be_wrong(rows: RowCheck) -> bool:
     """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be
     searched for.
     """
@@ -235,7 +235,7 @@ def likely_hypothesis(rig: StereoRig, pairs: Iterable[Images]) -> Hypothesis | N
     if rig.port is not None:
         return None
     fitting = [(left, right) for left, right in pairs if _are_of(rig, left, right)]
-    points = _together([look_alikes(left, right) for left, right in fitting])
+    points = _together([similar_points(left, right) for left, right in fitting])
     given = fit_of(Hypothesis("", "", rig), points)
     behind = (
         f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, "
@@ -248,7 +248,7 @@ def likely_hypothesis(rig: StereoRig, pairs: Iterable[Images]) -> Hypothesis | N
         return found
     width = rig.right.image_size[0]
     mirrored = _together(
-        [look_alikes(left, np.ascontiguousarray(right[:, ::-1])) for left, right in fitting]
+        [similar_points(left, np.ascontiguousarray(right[:, ::-1])) for left, right in fitting]
     )
     if len(mirrored.left) < LIMITS.better * len(points.left):
         return None
@@ -345,7 +345,7 @@ On synthetic pairs a wrong reading is worse by a factor of two and more, or not 
 """
 
 
-def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
+def resolve_convention(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
     """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how it
     was chosen.
 
@@ -356,7 +356,7 @@ def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
 
 
 def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
-    """Choose a reading as settle_reading does, from matches in raw pixels of each pair."""
+    """Choose a reading as resolve_convention does, from matches in raw pixels of each pair."""
     if not rig.alternatives:
         return rig
     readings, errors_px = (rig, *rig.alternatives), []

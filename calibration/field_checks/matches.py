@@ -115,7 +115,7 @@ def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
     return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
 
 
-def look_alikes(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
+def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
     """Points of the raw images that look alike, good to a pixel, wherever they lie and however they
     are turned; some are wrong.
     """

@@ -14,7 +14,7 @@ from calibration.boards.report import CalibrationReport
 from calibration.boards.targets import View, detect_view, parse_target
 from calibration.calibrate import calibrate as fit_rig
 from calibration.checks import RowCheck, judge_matches, port_error, suspicions
-from calibration.field_checks.hypotheses import likely_hypothesis, may_be_mistaken, settle_matches
+from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong, settle_matches
 from calibration.field_checks.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.field_checks.motion import find_motion
 from calibration.field_checks.vertical_disparity import LIMITS
@@ -25,11 +25,11 @@ from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
 from stereo_seecolor.commands.dive_rig import (
     DECIDING_PAIRS,
+    evenly_spaced,
     load_unsettled,
     neighbors,
     pairs_of,
     read_both,
-    spread,
 )
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -81,7 +81,7 @@ def calibrate(
     refuse_existing(out, coverage)
     board = parse_target(target)
     pairs = pairs_of(left, right, InputConfig(video_skip_blurred=True)).pairs
-    pairs = spread(pairs, MOST_FRAMES) if is_video(left) else pairs
+    pairs = evenly_spaced(pairs, MOST_FRAMES) if is_video(left) else pairs
 
     def detect(pair: Pair) -> View:
         return detect_view(pair.name, read_image(pair.left), read_image(pair.right), board)
@@ -226,11 +226,13 @@ def check(
     if refine:
         refuse_existing(refine)
     pairs = pairs_of(left, right, images).pairs
-    images = as_stored(images, stored_facts(images, spread(pairs, most_pairs)))
+    images = as_stored(images, stored_facts(images, evenly_spaced(pairs, most_pairs)))
     rig = load_unsettled(calib, pairs, images)
-    raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
+    raw = raw_matches(rig, (read_both(pair, images) for pair in evenly_spaced(pairs, most_pairs)))
     rig = settle_matches(rig, raw)
-    rows = _judged(rig, raw, (read_both(pair, images) for pair in spread(pairs, DECIDING_PAIRS)))
+    rows = _judged(
+        rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))
+    )
     if refine and (rows.mistake or rows.refusal):
         raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
     refined = refine_matches(rig, raw) if refine else None
@@ -258,7 +260,7 @@ def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> Row
         if mistake := likely_hypothesis(rig, images):
             raise CalibrationError(mistake.line) from None
         raise
-    mistake = likely_hypothesis(rig, images) if may_be_mistaken(rows) else None
+    mistake = likely_hypothesis(rig, images) if may_be_wrong(rows) else None
     return replace(rows, mistake=mistake.line) if mistake else rows
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, settle_reading
+from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, resolve_convention
 from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig_of_images, native
 from calibration.formats.kitti import for_channels
@@ -136,10 +136,10 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
     """
     rig = load_unsettled(calib, pairs, images)
     try:
-        return settle_reading(rig, first_images(pairs, images))
+        return resolve_convention(rig, first_images(pairs, images))
     except CalibrationError:
-        return settle_reading(
-            rig, first_images(spread(pairs, REFINING_PAIRS), images, REFINING_PAIRS)
+        return resolve_convention(
+            rig, first_images(evenly_spaced(pairs, REFINING_PAIRS), images, REFINING_PAIRS)
         )
 
 
@@ -160,7 +160,7 @@ def refined_rig(
         except InputError:
             return pair, None  # the run names it
 
-    chosen, found = spread(pairs, REFINING_PAIRS), []
+    chosen, found = evenly_spaced(pairs, REFINING_PAIRS), []
     options.listener.begin("calibration", len(chosen))
     for pair, matches in options.compute.each(matched, chosen):
         options.listener.advance(FrameRow(pair.name))
@@ -168,7 +168,7 @@ def refined_rig(
     return refine_matches(rig, found)
 
 
-def spread(pairs: Sequence[Pair], most: int) -> list[Pair]:
+def evenly_spaced(pairs: Sequence[Pair], most: int) -> list[Pair]:
     """At most ``most`` of the pairs, evenly over the dive."""
     return [
         pairs[i]
@@ -184,7 +184,7 @@ def neighbors(
     """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow
     it, for ``find_motion``.
     """
-    for pair in spread(pairs[:-1], COUPLES):
+    for pair in evenly_spaced(pairs[:-1], COUPLES):
         place = pairs.index(pair)
         near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]
         yield (both for _, both in readable(near, images))
@@ -236,7 +236,8 @@ class DiveRefinement:
             return earlier[1], earlier[0].note
         used, note = self._refined(rig)
         pairs = {
-            pair.name: self._hashes(pair) for pair in spread(self.pairing.pairs, REFINING_PAIRS)
+            pair.name: self._hashes(pair)
+            for pair in evenly_spaced(self.pairing.pairs, REFINING_PAIRS)
         }
         KeptRefinement(key, pairs, note).save(self.folder.root, used)
         return used, note
@@ -264,7 +265,7 @@ class DiveRefinement:
         would use.
         """
         pairs = {pair.name: pair for pair in self.pairing.pairs}
-        enough = len(kept.pairs) >= len(spread(self.pairing.pairs, REFINING_PAIRS))
+        enough = len(kept.pairs) >= len(evenly_spaced(self.pairing.pairs, REFINING_PAIRS))
         return enough and all(
             name in pairs and self._hashes(pairs[name]) == hashes
             for name, hashes in kept.pairs.items()

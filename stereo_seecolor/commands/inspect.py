@@ -14,7 +14,7 @@ from calibration.errors import counted
 from calibration.formats import load_rig
 from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
-from stereo_seecolor.commands.dive_rig import spread
+from stereo_seecolor.commands.dive_rig import evenly_spaced
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
 from stereo_seecolor.commands.inspect_rig import (
     NOTHING_TESTED,
@@ -211,7 +211,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     """
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
-    sample, unlike = alike(spread(pairing.pairs, SAMPLE_PAIRS), config)
+    sample, unlike = alike(evenly_spaced(pairing.pairs, SAMPLE_PAIRS), config)
     left, right = image_facts(sample[0].left), image_facts(sample[0].right)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)

@@ -15,8 +15,8 @@ from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.field_checks.hypotheses import (
     Hypothesis,
     likely_hypothesis,
-    may_be_mistaken,
-    settle_reading,
+    may_be_wrong,
+    resolve_convention,
 )
 from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
@@ -218,7 +218,7 @@ def tested_calibration(
         rows = vertical_disparity(rig, images)
     mistake = (
         likely_hypothesis(rig, images[:DECIDING_PAIRS])
-        if rows is None or may_be_mistaken(rows)
+        if rows is None or may_be_wrong(rows)
         else None
     )
     if rows:
@@ -248,7 +248,7 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
     images = _images(sample, config)
     rig = for_channels(rig, is_monochrome(images[0][0]))
     with suppress(CalibrationError):  # too few points to tell: said of the rows
-        return settle_reading(rig, images)
+        return resolve_convention(rig, images)
     return rig
 
 

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from calibration import CalibrationError
 from calibration.checks import RowCheck, vertical_disparity
-from calibration.field_checks.hypotheses import likely_hypothesis, may_be_mistaken
+from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong
 from calibration.field_checks.motion import Motion, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from stereo_seecolor.commands.dive_rig import (
     DECIDING_PAIRS,
+    evenly_spaced,
     first_images,
     neighbors,
     readable,
-    spread,
 )
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.errors import InputError
@@ -127,7 +127,7 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     with suppress(
         CalibrationError
     ):  # of pairs that are not as large as calibrated: the run names them
-        seen = readable(spread(pairs, LOOKED_AT), pipeline.config.input)
+        seen = readable(evenly_spaced(pairs, LOOKED_AT), pipeline.config.input)
         looks = [(pair, quick_check(pipeline.rectification, both)) for pair, both in seen]
         looks = [(pair, look) for pair, look in looks if look.range_m.size]
         if looks and all(look.rows_agree for _, look in looks):
@@ -158,18 +158,18 @@ def _motion(pipeline: Pipeline, pairs: Sequence[Pair]) -> Motion:
 def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     """What ``check`` says of the rows of pairs spread over the dive."""
     rig, images = pipeline.rig, pipeline.config.input
-    chosen = spread(pairs, LOOKED_AT)
+    chosen = evenly_spaced(pairs, LOOKED_AT)
     check: RowCheck | None = None
     with suppress(CalibrationError):  # too few points to tell
         check = vertical_disparity(rig, first_images(chosen, images, LOOKED_AT))
         check = replace(check, motion=_motion(pipeline, pairs))
     if check and check.refusal:
         raise InputError(check.refusal)
-    if check is None or may_be_mistaken(check):
+    if check is None or may_be_wrong(check):
         if mistake := likely_hypothesis(rig, first_images(chosen, images)):
             raise InputError(mistake.line)
         if shift := constant_shift(
-            spread(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images
+            evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images
         ):
             raise InputError(shift)
     if check is None or check.acceptable:

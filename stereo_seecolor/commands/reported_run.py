@@ -11,7 +11,7 @@ from pathlib import Path
 from calibration.formats import native
 from stereo_seecolor.commands.run_page import Meter, RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
-from stereo_seecolor.commands.warm_up import compile_for, load_beside
+from stereo_seecolor.commands.warm_up import compile_for, load_in_background
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
@@ -55,12 +55,12 @@ def stereo_run(
     Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which
     of their frames are pairs.
     """
-    load_beside(config, options)
+    load_in_background(config, options)
     shard = options.shard
     before = inputs.open_first(config)
     owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
     ranges = before.pipeline.settings if before and not config.input.refine else ""
-    with RunFolder(out, claim(owner, config, options, inputs.paths, ranges)) as folder:
+    with RunFolder(out, folder_request(owner, config, options, inputs.paths, ranges)) as folder:
         opened = before or inputs.open_in(folder, config)
         options = options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
         with options.compute.sharing(state(folder.root), inputs.paths):
@@ -188,11 +188,11 @@ def _earlier_config(folder: RunFolder) -> RunConfig | None:
         return None
 
 
-def claim(
+def folder_request(
     owner: Owner, config: RunConfig, options: RunOptions, inputs: Sequence[Path], ranges: str = ""
 ) -> FolderRequest:
-    """The claim of a command on OUT, in which all that it reads is protected from deletion: its
-    inputs, and what its settings and options name. ranges: as in Claim.
+    """What a command asks of OUT. All that it reads is protected from deletion: its inputs, and
+    what its settings and options name. ranges: as in FolderRequest.
     """
     given = (*inputs, *config.files, options.config_file, options.water, *options.also_read)
     unchanged = (

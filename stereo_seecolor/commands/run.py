@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.reported_run import claim, reported, stereo_run
+from stereo_seecolor.commands.reported_run import folder_request, reported, stereo_run
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
 from stereo_seecolor.compute.process import one_thread_in_products
 from stereo_seecolor.compute.threads import Clock
@@ -204,7 +204,7 @@ def correct(
         {"images": str(images), "range": str(ranges)},
         [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)],
     )
-    with RunFolder(out, claim(owner, config, options, read)) as folder:
+    with RunFolder(out, folder_request(owner, config, options, read)) as folder:
         with reported(
             RangedImages(config),
             pairing,
@@ -249,7 +249,7 @@ def rectify(
     inputs = StereoInputs(left, right, calib)
     before = inputs.open_first(config)
     with RunFolder(
-        out, claim(inputs.owner("rectify", before), config, options, inputs.paths)
+        out, folder_request(inputs.owner("rectify", before), config, options, inputs.paths)
     ) as folder:
         opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pipeline = opened.pipeline

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from calibration.checks import suspicions
-from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for, spread
+from stereo_seecolor.commands.dive_rig import DiveRefinement, evenly_spaced, load_rig_for
 from stereo_seecolor.commands.pre_checks import first_notes
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
@@ -153,7 +153,7 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
     Returns the settings, and notes on what was found and on how the images encode and compress
     light.
     """
-    facts = stored_facts(config.input, spread(pairs, STORAGE_PAIRS))
+    facts = stored_facts(config.input, evenly_spaced(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
     form = (*compression_notes(pairs), *form_notes(pairs, config.color))
     notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *form)

@@ -33,7 +33,7 @@ long as 2 and 4.
 """
 
 
-def load_beside(config: RunConfig, options: RunOptions) -> None:
+def load_in_background(config: RunConfig, options: RunOptions) -> None:
     """Begin to load machine code and modules for a run, in a thread, while the caller opens its
     inputs; not before a first run.
     """

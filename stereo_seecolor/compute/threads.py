@@ -92,7 +92,7 @@ def core_pool() -> ThreadPoolExecutor:
 
 
 @contextmanager
-def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
+def in_background(work: Callable[[], Result]) -> Iterator[Future[Result]]:
     """Do ``work`` on another core while the block runs; both are done at the end."""
     under_way = core_pool().submit(work)
     try:

@@ -207,7 +207,7 @@ def count_colors(
     The table is an earlier run's, or counted now and kept.
     """
     ranged = measure_range(frames, pair, clock)
-    path = frames.folder.root / table_file(pair.name, ranged.record.shelf)
+    path = frames.folder.root / table_file(pair.name, ranged.record.subfolder)
     key = content_key(ranged.key, light_key(light), frames.config.color.input_encoding)
     with clock("read"):
         packed = kept_table(path, key)

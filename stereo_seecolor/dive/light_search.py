@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.color_beside_water import refit_color_after_water
+from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.exposure import (
     explain,
+    is_informative,
     log_exposures,
     offsets_about,
     solve_recorded,
-    worth_a_look,
 )
 from stereo_seecolor.color.photometry.frame_shading import Parts, solve_shading, without_shading
 from stereo_seecolor.color.photometry.gain_chain import (
@@ -112,7 +112,7 @@ class LightSearch:
     examined: Callable[[str], None] = lambda _: None
 
     @property
-    def _frame_look(self) -> FrameMatcher:
+    def _frame_matcher(self) -> FrameMatcher:
         return FrameMatcher(
             self.read, reduced(self.geometry), reduction(self.geometry), self.encoding
         )
@@ -130,14 +130,16 @@ class LightSearch:
         parts = (
             self.compute.parts if is_sampled else 1
         )  # cutting a short dive would break its loops
-        windows = list(self._looked(sample, _WindowMatcher(self._frame_look), parts))
+        windows = list(self._examined(sample, _WindowMatcher(self._frame_matcher), parts))
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames)
         light, recorded = self._pattern(windows, names, allowed, is_sampled)
         if light and is_sampled and allowed.gains:
-            every = self._looked(
-                range(len(names)), _DifferenceMatcher(self._frame_look, light), self.compute.parts
+            every = self._examined(
+                range(len(names)),
+                _DifferenceMatcher(self._frame_matcher, light),
+                self.compute.parts,
             )
             light = self._with_gains(light, names, every, links, recorded, None)
         elif light and (allowed.gains or light.recorded):
@@ -164,7 +166,7 @@ class LightSearch:
         if light is None:
             return None, None
         recorded, used = log_exposures(self.captures), None
-        if allowed.gains and worth_a_look(recorded):
+        if allowed.gains and is_informative(recorded):
             offsets = self._offsets_about(recorded, light, windows)
             if offsets and explain(offsets):
                 used = recorded
@@ -233,7 +235,7 @@ class LightSearch:
         )
         return light.of_frames(gains, own, solved.offsets)
 
-    def _looked(
+    def _examined(
         self, numbers: Sequence[int], look_at: "Callable[[Segment], list[Shown]]", parts: int
     ) -> Iterator[Shown]:
         """The windows of the frames of these numbers, in order; none of a frame that shows no spot

@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.observations import KeyFrame, SeenWindow, View, sightings_of
+from stereo_seecolor.color.photometry.observations import (
+    KeyFrame,
+    SeenWindow,
+    View,
+    observations_of,
+)
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m, inverse
@@ -186,7 +191,7 @@ class FrameMatcher:
         ]
         seen_by = [frame.number, *(other.number for other, _ in others)]
         return SeenWindow(
-            np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views])
+            np.array(seen_by), observations_of(view.patches_m(LOOK.patches), [view, *views])
         )
 
     def _placed(

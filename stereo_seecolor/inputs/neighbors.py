@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
-from calibration.field_checks.matches import find_matches, look_alikes
+from calibration.field_checks.matches import find_matches, similar_points
 from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -125,7 +125,7 @@ def constant_shift(
 
 def _same_picture(left: Image, right: Image) -> bool:
     """Tell whether nearly all that looks alike in two images lies at the same places of both."""
-    found = look_alikes(left, right)
+    found = similar_points(left, right)
     return (
         len(found.left) > 0
         and float(np.median(np.hypot(*(found.left - found.right).T))) < ROW_LIMITS.apart_px

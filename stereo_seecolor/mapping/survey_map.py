@@ -16,7 +16,7 @@ import numpy as np
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.process import one_thread_in_products
-from stereo_seecolor.compute.threads import Threads, beside
+from stereo_seecolor.compute.threads import Threads, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
@@ -256,8 +256,8 @@ def _build_component(
     _fuse_tiles(component, tiling, store, config, lost)
     parts.drop(store, tiling)
     surfaces = partial(store.surfaces, tiling)
-    with beside(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
-        with beside(partial(write_preview, folder, surfaces)) as preview:
+    with in_background(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
+        with in_background(partial(write_preview, folder, surfaces)) as preview:
             rasters = Rasters.render(component, surfaces, config, folder / ".rasters")
         cloud, mesh, points = written.result()
         files += [cloud, mesh, preview.result()]

@@ -147,7 +147,7 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "image_suffix": _suffix(run),
-        "shelves": _shelves(run),
+        "shelves": _subfolders(run),
         **_white(facts.water),
         "shown": {
             name: [product.split("/")[1] for product in products]
@@ -172,7 +172,7 @@ def _poses(facts: DiveFacts) -> dict[str, list[float]]:
     return {frame.name: [round(float(value), 6) for value in T[:3].ravel()] for frame, T in pairs}
 
 
-def _shelves(run: FinishedRun) -> dict[str, str]:
+def _subfolders(run: FinishedRun) -> dict[str, str]:
     """Frame -> its folder in OUT/corrected, in a dive with so many frames that they are divided
     among folders.
     """

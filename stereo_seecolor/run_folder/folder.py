@@ -40,12 +40,12 @@ class RunFolder:
     else.
     """
 
-    def __init__(self, root: Path, claim: FolderRequest) -> None:
+    def __init__(self, root: Path, request: FolderRequest) -> None:
         self.root = root
         self.manifest, self.owned = Manifest(root), OwnedFiles(root)
         self.frames = FrameProducts(root, self.owned, self.manifest)
         self.dive = DiveFiles(root, self.owned, self.manifest)
-        self._claim, self._hold = claim, ExitStack()
+        self._request, self._hold = request, ExitStack()
 
     def __reduce__(self) -> "tuple[Callable[[Path, str], RunFolder], tuple[Path, str]]":
         return RunFolder.on_worker, (self.root, self.frames.token)
@@ -61,7 +61,7 @@ class RunFolder:
 
     def reads(self, name: str) -> bool:
         """Tell whether a file of OUT is an input of this run."""
-        return (self.root / name).resolve() in {path.resolve() for path in self._claim.inputs}
+        return (self.root / name).resolve() in {path.resolve() for path in self._request.inputs}
 
     def __enter__(self) -> Self:
         refuse_links(self.root)
@@ -69,7 +69,7 @@ class RunFolder:
             refuse_used(self.root)
         with ExitStack() as hold:
             self.frames.token = hold.enter_context(held(self.root)).token
-            check_ownership(self.manifest, self._claim)
+            check_ownership(self.manifest, self._request)
             self._begin()
             self._hold = hold.pop_all()
         return self
@@ -95,11 +95,11 @@ class RunFolder:
             yield folder
 
     def _begin(self) -> None:
-        if self._claim.overwrite and self.manifest.exists():
+        if self._request.overwrite and self.manifest.exists():
             self._delete_everything()
         earlier = self.manifest.dive() if self.manifest.exists() else DiveRecord()
         self.owned.remove_leftovers()
-        self.dive.record = replace(earlier, identity=self._claim.owner.identity())
+        self.dive.record = replace(earlier, identity=self._request.owner.identity())
         self.manifest.save_dive(self.dive.record)
 
     def _delete_everything(self) -> None:

@@ -117,7 +117,7 @@ class FrameProducts:
         """Make the record of a frame with its present inputs. place: a new frame's number in the
         dive, and the number of frames.
         """
-        known = self._manifest.frame(name) or FrameRecord(name, shelf=subfolder_of(place))
+        known = self._manifest.frame(name) or FrameRecord(name, subfolder=subfolder_of(place))
         return replace(known, timestamp_s=timestamp_s, inputs=inputs)
 
     def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
@@ -143,7 +143,7 @@ class FrameProducts:
             stage != "page"
         ):  # the page asks for its pictures by name, and by default shows few frames
             contents = {
-                product: (in_subfolder(path, frame.shelf), content)
+                product: (in_subfolder(path, frame.subfolder), content)
                 for product, (path, content) in contents.items()
             }
         record = replace(
@@ -181,7 +181,7 @@ class FrameProducts:
         ):
             return
         self.discard(frame.name)
-        table = table_file(frame.name, frame.shelf)
+        table = table_file(frame.name, frame.subfolder)
         paths = [path for path in (*frame.files, table) if (other / path).is_file()]
         temporaries: dict[str, Path] = {}
         for path in paths:
@@ -239,7 +239,7 @@ class FrameProducts:
         if frame is not None:
             self._owned.delete(frame.files, frame.files)
         self._manifest.remove_frame(name)
-        (self.root / table_file(name, frame.shelf if frame else "")).unlink(missing_ok=True)
+        (self.root / table_file(name, frame.subfolder if frame else "")).unlink(missing_ok=True)
 
 
 # The files of one pair as content to be written: its range map; its corrected frame and cloud;

@@ -134,10 +134,10 @@ def subfolder_of(place: tuple[int, int]) -> str:
     return f"{number // SHELVES.each:05d}" if of > SHELVES.most_flat else ""
 
 
-def in_subfolder(path: str, shelf: str) -> str:
+def in_subfolder(path: str, subfolder: str) -> str:
     """Insert the subfolder as the last folder of a path relative to OUT."""
     folder, _, name = path.rpartition("/")
-    return f"{folder}/{shelf}/{name}" if shelf else path
+    return f"{folder}/{subfolder}/{name}" if subfolder else path
 
 
 def product_path(product: str, name: str, image_format: str) -> str:
@@ -202,9 +202,9 @@ def scratch_folder(root: Path) -> Path:
     return state(root, "scratch")
 
 
-def table_file(name: str, shelf: str) -> str:
+def table_file(name: str, subfolder: str) -> str:
     """The file of a frame's moment table, relative to OUT."""
-    return in_subfolder(f"{STATE}/tables/{name}.table", shelf)
+    return in_subfolder(f"{STATE}/tables/{name}.table", subfolder)
 
 
 def record_subfolder(name: str) -> str:

@@ -79,7 +79,7 @@ class FrameRecord:
     inputs: dict[str, InputRecord] = field(default_factory=dict)
     stages: dict[Stage, StageRecord] = field(default_factory=dict)
     files: dict[str, tuple[Stamp, ...]] = field(default_factory=dict)
-    shelf: str = ""
+    subfolder: str = ""
 
     def with_stage(self, stage: Stage, record: StageRecord) -> "FrameRecord":
         """This frame after a stage; the stages that depend on it are no longer finished."""
@@ -202,7 +202,7 @@ class Manifest:
     def save_frame(self, record: FrameRecord) -> None:
         """Write the record of a frame. Raises OutputError."""
         write_atomic(
-            self._frame_file(record.name, record.shelf), json.dumps(asdict(record)).encode()
+            self._frame_file(record.name, record.subfolder), json.dumps(asdict(record)).encode()
         )
 
     def remove_frame(self, name: str) -> None:
@@ -217,10 +217,10 @@ class Manifest:
             else self._frame_file(name, SPREAD)
         )
 
-    def _frame_file(self, name: str, shelf: str) -> Path:
+    def _frame_file(self, name: str, subfolder: str) -> Path:
         return (
             self._frames / SPREAD / record_subfolder(name) / f"{name}.json"
-            if shelf
+            if subfolder
             else self._frames / f"{name}.json"
         )
 
@@ -241,13 +241,13 @@ def _frame(content: dict[str, Any]) -> FrameRecord:
     files = {
         path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content["files"].items()
     }
-    shelf = content.get("shelf", "")
-    if shelf and not shelf.isdecimal():
-        raise ForeignPathError(f"its subfolder is {shelf!r}")
+    subfolder = content.get("subfolder", content.get("shelf", ""))
+    if subfolder and not subfolder.isdecimal():
+        raise ForeignPathError(f"its subfolder is {subfolder!r}")
     numbers = (value for stage in stages.values() for value in stage.facts.values())
     if not all(isinstance(value, int | float) for value in (*numbers, content["timestamp_s"] or 0)):
         raise ValueError("facts are numbers")
-    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, files, shelf)
+    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, files, subfolder)
 
 
 def _stage_record(content: dict[str, Any]) -> StageRecord:

@@ -243,7 +243,7 @@ class FolderRequest:
     ranges: str = ""
 
 
-def check_ownership(manifest: Manifest, claim: FolderRequest) -> None:
+def check_ownership(manifest: Manifest, request: FolderRequest) -> None:
     """Refuse a folder that is not this dive's, or that holds files of others in a product's place,
     or the run's inputs; nothing is changed. Raises OutputError.
     """
@@ -253,14 +253,14 @@ def check_ownership(manifest: Manifest, claim: FolderRequest) -> None:
         refuse_used(root)
         return
     dive = manifest.dive()
-    if not claim.overwrite and _holds_results(manifest) and not claim.owner.owns(manifest):
+    if not request.overwrite and _holds_results(manifest) and not request.owner.owns(manifest):
         raise OutputError(
             f"{root}: holds the results of another dive or command: choose another --out, or "
             "delete them with --overwrite"
         )
-    measured = not claim.overwrite and claim.ranges in ("", dive.settings.get("range"))
+    measured = not request.overwrite and request.ranges in ("", dive.settings.get("range"))
     refuse_inputs(
-        "run", root, claim.inputs, (*claim.unchanged, *([MEASURED_WATER] if measured else []))
+        "run", root, request.inputs, (*request.unchanged, *([MEASURED_WATER] if measured else []))
     )
     refuse_files_of_others(manifest)
 

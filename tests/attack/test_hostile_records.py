@@ -37,7 +37,7 @@ def _output(content: dict[str, Any], path: str) -> None:
 
 
 def _shelf(content: dict[str, Any], path: str) -> None:
-    content["shelf"] = path or "x"
+    content["subfolder"] = path or "x"
 
 
 def _name(content: dict[str, Any], path: str) -> None:
@@ -90,7 +90,7 @@ def test_a_frames_record_names_no_records_of_its_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wrong", ["1", [], {"a": 1}, True, None, [[]], 10**400, {"size": "x"}])
-@pytest.mark.parametrize("key", ["name", "timestamp_s", "inputs", "stages", "files", "shelf"])
+@pytest.mark.parametrize("key", ["name", "timestamp_s", "inputs", "stages", "files", "subfolder"])
 def test_a_record_of_other_types_is_damaged_and_nothing_worse(
     tmp_path: Path, key: str, wrong: object
 ) -> None:

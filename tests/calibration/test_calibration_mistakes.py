@@ -76,7 +76,7 @@ MISTAKES = {
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_in_the_calibration_is_named(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = verged_rig()
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig))
     found = likely_hypothesis(MISTAKES[what](rig), [IMAGES])
     assert found is not None
     assert what in found.line
@@ -88,7 +88,7 @@ def test_images_that_are_rectified_already_are_named(monkeypatch: pytest.MonkeyP
     rig = verged_rig()
     rig = changed(rig, cv2.Rodrigues(np.array([0.05, 0.02, 0.06]))[0], rig.T_right_left[:3, 3])
     points = points_of(Rectification.from_rig(rig).rectified_rig())
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points)
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points)
     found = likely_hypothesis(rig, [IMAGES])
     assert found is not None
     assert (
@@ -109,7 +109,7 @@ def test_images_that_were_turned_are_named(
             for s in ("left", "right")
         )
     )
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: turned)
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: turned)
     found = likely_hypothesis(rig, [IMAGES])
     assert found is not None
     assert f"the {' and '.join(sides)} images are turned by 180 degrees" in found.line
@@ -129,14 +129,14 @@ def test_images_that_were_mirrored_are_named(
     images = (IMAGES[0], IMAGES[1].copy())
     images[1][0, -1] = 1  # the corner that is at the left once the images are mirrored
 
-    def look_alikes(_: np.ndarray, right: np.ndarray) -> Matches:
+    def similar_points(_: np.ndarray, right: np.ndarray) -> Matches:
         if len(sides) == 2:
             return Matches(pixels["left"], pixels["right"])
         if right[0, 0] == 0:
             return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
         return Matches(pixels["left"], np.abs([1279, 0] - pixels["right"]))
 
-    monkeypatch.setattr(hypotheses, "look_alikes", look_alikes)
+    monkeypatch.setattr(hypotheses, "similar_points", similar_points)
     found = likely_hypothesis(rig, [images])
     assert found is not None
     assert (
@@ -152,7 +152,7 @@ def test_a_rig_that_is_right_is_not_accused(
     rig: StereoRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     size = rig.left.image_size[::-1]
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig))
     assert likely_hypothesis(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
 
 
@@ -162,7 +162,7 @@ def test_a_camera_that_has_moved_is_no_mistake(
 ) -> None:
     rig = verged_rig()
     turned = cv2.Rodrigues(np.array([turn_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(rig))
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig))
     assert likely_hypothesis(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
 
 
@@ -177,7 +177,7 @@ def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
     rig = changed(
         replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0])
     )
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: points_of(exchanged(rig)))
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(exchanged(rig)))
     found = likely_hypothesis(rig, [IMAGES])
     assert found is not None
     assert found.exchanged
@@ -187,7 +187,7 @@ def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
 def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     strewn = Matches(rng.uniform(0, 960, (200, 2)), rng.uniform(0, 960, (200, 2)))
-    monkeypatch.setattr(hypotheses, "look_alikes", lambda *_: strewn)
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: strewn)
     assert likely_hypothesis(inverse(verged_rig()), [IMAGES]) is None
     assert (
         likely_hypothesis(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.field_checks.hypotheses import settle_reading
+from calibration.field_checks.hypotheses import resolve_convention
 from calibration.formats import load_rig, write_rig
 from calibration.formats.ros import rectified_rig, transform_of_projections
 
@@ -227,7 +227,7 @@ def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path
         rendered(camera, extrinsic @ pose, sand, 700, corner)
         for camera, extrinsic in ((RIG.left, np.eye(4)), (RIG.right, RIG.T_right_left))
     ]
-    settled = settle_reading(rig, [(images[0], images[1])])
+    settled = resolve_convention(rig, [(images[0], images[1])])
     np.testing.assert_allclose(settled.R, RIG.R, atol=1e-9)
     assert settled.alternatives == ()
     assert "images decide" in settled.doubts[-1]

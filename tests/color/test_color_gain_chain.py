@@ -16,10 +16,10 @@ from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.exposure import (
     explain,
+    is_informative,
     log_exposures,
     offsets_about,
     solve_recorded,
-    worth_a_look,
 )
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import LightTerms
@@ -275,9 +275,9 @@ def test_logarithms_of_recorded_exposures() -> None:
     np.testing.assert_allclose(
         some, [*logs, 0, 0], err_msg="frames that lack what others recorded are taken as usual ones"
     )
-    assert not worth_a_look(log_exposures([Capture()] * 3))
-    assert not worth_a_look(log_exposures([Capture(0.01)] * 3))
-    assert worth_a_look(logs)
+    assert not is_informative(log_exposures([Capture()] * 3))
+    assert not is_informative(log_exposures([Capture(0.01)] * 3))
+    assert is_informative(logs)
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry import color_beside_water
-from stereo_seecolor.color.photometry.color_beside_water import refit_color_after_water
+from stereo_seecolor.color.photometry import color_after_water
+from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.color.photometry.frame_shading import divide_illumination
 from stereo_seecolor.color.photometry.light_choice import alike, pictures_crossed
@@ -522,5 +522,5 @@ def test_a_water_that_hides_all_spots_leaves_the_light_as_it_is(
     found = solve_light(seen, names, SIZE, ALL)
     assert found is not None
     milk = Water(np.ones(3), 10 * np.ones(3), *np.zeros((6, 3)))
-    monkeypatch.setattr(color_beside_water, "_water", lambda _: milk)
+    monkeypatch.setattr(color_after_water, "_water", lambda _: milk)
     assert refit_color_after_water(found, seen, names, SIZE) is found

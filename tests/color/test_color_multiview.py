@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.multiview import fit_sightings
-from stereo_seecolor.color.photometry.observations import KeyFrame, Observations, find_sightings
+from stereo_seecolor.color.photometry.multiview import fit_observations
+from stereo_seecolor.color.photometry.observations import KeyFrame, Observations, find_observations
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.images import read_image, read_range_map
@@ -56,7 +56,7 @@ def rate(water: Water) -> NDArray[np.float64]:
 @pytest.mark.parametrize("name", WATER_NAMES)
 def test_known_water_comes_back(name: WaterName) -> None:
     truth = water_named(name)
-    found = fit_sightings(sightings_through(truth, reef()), "srgb")
+    found = fit_observations(sightings_through(truth, reef()), "srgb")
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.03)
     np.testing.assert_allclose(
         found.backscatter(np.array(2.2)), truth.backscatter(np.array(2.2)), rtol=0.05, atol=5e-4
@@ -68,7 +68,7 @@ def test_known_water_comes_back(name: WaterName) -> None:
 def test_a_red_reef_gives_the_same_water() -> None:
     """No gray world: what the reef looks like doesn't matter."""
     truth = water_named("coastal-green")
-    found = fit_sightings(
+    found = fit_observations(
         sightings_through(truth, reef() * [1.0, 0.25, 0.15] + [0.1, 0.0, 0.0]), "srgb"
     )
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.06)
@@ -79,7 +79,7 @@ def test_moving_light_does_not_mislead() -> None:
     clean = sightings_through(truth, reef(3000))
     flicker = np.exp(0.3 * np.random.default_rng(3).standard_normal((clean.patch.size, 1)))
     veil = truth.backscatter(clean.range_m)
-    found = fit_sightings(replace(clean, light=(clean.light - veil) * flicker + veil), "srgb")
+    found = fit_observations(replace(clean, light=(clean.light - veil) * flicker + veil), "srgb")
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.05)
 
 
@@ -90,13 +90,13 @@ def test_wrong_matches_weigh_little() -> None:
     wrong = rng.random(clean.patch.size) < 0.08
     light = np.where(wrong[:, None], rng.permutation(clean.light), clean.light)
     np.testing.assert_allclose(
-        rate(fit_sightings(replace(clean, light=light), "srgb")), rate(truth), rtol=0.1
+        rate(fit_observations(replace(clean, light=light), "srgb")), rate(truth), rtol=0.1
     )
 
 
 def test_same_sightings_same_water() -> None:
     observations = sightings_through(water_named("turbid"), reef(300))
-    first, second = (fit_sightings(observations, "srgb") for _ in range(2))
+    first, second = (fit_observations(observations, "srgb") for _ in range(2))
     assert np.array_equal(first.y, second.y)
     assert np.array_equal(first.gamma_inf, second.gamma_inf)
 
@@ -104,7 +104,7 @@ def test_same_sightings_same_water() -> None:
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
     with pytest.raises(ColorError, match="only 20 observations"):
-        fit_sightings(
+        fit_observations(
             Observations(
                 seen.patch[:20],
                 seen.frame[:20],
@@ -115,7 +115,7 @@ def test_what_cannot_carry_a_fit_is_refused() -> None:
             "srgb",
         )
     with pytest.raises(ColorError, match="fly at two altitudes"):
-        fit_sightings(replace(seen, range_m=np.full(seen.range_m.shape, 2.0)), "srgb")
+        fit_observations(replace(seen, range_m=np.full(seen.range_m.shape, 2.0)), "srgb")
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +139,8 @@ def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) ->
     reef's colors.
     """
     geometry, frames = dive
-    observations = find_sightings(frames, geometry, "srgb")
-    found = fit_sightings(observations, "srgb")
+    observations = find_observations(frames, geometry, "srgb")
+    found = fit_observations(observations, "srgb")
     truth = lit_water("blue-ocean", 8.0, 8.0 - 2.15, 1.7).water
     z = np.array(np.median(observations.range_m))
     np.testing.assert_allclose(np.log(found.attenuation(z)), np.log(truth.attenuation(z)), rtol=0.1)
@@ -148,10 +148,10 @@ def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) ->
 
 def test_clipped_places_and_edges_are_left_out(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
     geometry, frames = dive[0], dive[1][:4]
-    usual = find_sightings(frames, geometry, "srgb")
+    usual = find_observations(frames, geometry, "srgb")
     assert np.isfinite(usual.light).all()
     assert (np.bincount(usual.patch) >= 2).all()
     blown = [replace(frame, image=np.full_like(frame.image, 255)) for frame in frames]
-    assert find_sightings(blown, geometry, "srgb").patch.size == 0
+    assert find_observations(blown, geometry, "srgb").patch.size == 0
     unknown = [replace(frame, range_m=np.full_like(frame.range_m, np.nan)) for frame in frames]
-    assert find_sightings(unknown, geometry, "srgb").patch.size == 0
+    assert find_observations(unknown, geometry, "srgb").patch.size == 0

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.field_checks.hypotheses import likely_hypothesis, settle_reading
+from calibration.field_checks.hypotheses import likely_hypothesis, resolve_convention
 from calibration.formats import load_rig
 from stereo_seecolor.cli import main
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -80,7 +80,9 @@ def test_the_first_pairs_run_as_they_are(
 def test_mistakes_with_its_calibration_are_named(real_data: Path) -> None:
     left, right = (min((real_data / "acfr" / side).iterdir()) for side in ("left", "right"))
     images = cv2.imread(str(left)), cv2.imread(str(right))
-    rig = settle_reading(load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), [images])
+    rig = resolve_convention(
+        load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), [images]
+    )
     assert likely_hypothesis(rig, [images]) is None
     inverse, transposed = np.linalg.inv(rig.T_right_left), rig.T_right_left.copy()
     inverse[3], transposed[:3, :3] = [0, 0, 0, 1], rig.R.T

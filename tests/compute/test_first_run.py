@@ -91,10 +91,10 @@ def test_a_later_run_begins_to_load_what_it_needs_unless_it_may_have_to_compile(
     begun: list[object] = []
     monkeypatch.setattr(warm_up.Alongside, "put", lambda _, work: begun.append(work))
     cold(monkeypatch)
-    warm_up.load_beside(RunConfig(), RunOptions())
+    warm_up.load_in_background(RunConfig(), RunOptions())
     assert not begun
     monkeypatch.setattr(warm_up, "is_first_run", lambda: False)
-    warm_up.load_beside(RunConfig(matching=MatchingConfig(engine="opencv")), RunOptions())
+    warm_up.load_in_background(RunConfig(matching=MatchingConfig(engine="opencv")), RunOptions())
     assert not begun
-    warm_up.load_beside(RunConfig(), RunOptions())
+    warm_up.load_in_background(RunConfig(), RunOptions())
     assert len(begun) == 1

@@ -16,7 +16,7 @@ import pytest
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
 from calibration import Camera, StereoRig
-from calibration.field_checks.hypotheses import settle_reading
+from calibration.field_checks.hypotheses import resolve_convention
 from calibration.formats import load_rig, native
 from stereo_seecolor.commands.dive_rig import read_both
 from stereo_seecolor.commands.run import run
@@ -76,7 +76,7 @@ def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
         for pair in pair_folders(data / "left", data / "right", InputConfig()).pairs[:1]
     ]
     native.write(
-        half_size(settle_reading(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)),
+        half_size(resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)),
         folder / "cam.yaml",
     )
     settings = {

@@ -153,7 +153,7 @@ def log_exposures(captures: Sequence[Capture]) -> Array:
     return np.where(complete, logs - usual, 0.0)
 
 
-def worth_a_look(recorded: Array) -> bool:
+def is_informative(recorded: Array) -> bool:
     """Whether the (F,) records differ enough between frames to be examined."""
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 

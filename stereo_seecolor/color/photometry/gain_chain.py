@@ -31,7 +31,7 @@ class ChainSettings:
     """Seen by both frames, for the fit and for judging it each: the median of fewer follows single
     caustics.
     """
-    alike: float = 10.0
+    correlated: float = 10.0
     """Number of patches that count as one, as in the solver of the pattern."""
     gain: float = 0.3
     """Prior standard deviation of a frame's gain of luminance, logarithm. Twice that of the joint
@@ -227,7 +227,9 @@ def _outputs(found: Differences, known: Array, medians: str) -> Array:
             (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
         )
         variance = (
-            found["spread"][:, output].astype(np.float64) ** 2 * SETTINGS.alike / found["patches"]
+            found["spread"][:, output].astype(np.float64) ** 2
+            * SETTINGS.correlated
+            / found["patches"]
             + floor**2
         )
         solved[:, output] = _chain(

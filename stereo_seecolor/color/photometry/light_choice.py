@@ -137,10 +137,10 @@ def choose(
     nothing, *others = candidates
     before = left(nothing)
     frames_differ = before.between_frames > LIGHT_CHOICE_SETTINGS.sure * before.by_chance * np.sqrt(
-        nothing.prior.alike
+        nothing.prior.correlated
     )
     chance = 1 + LIGHT_CHOICE_SETTINGS.robust_error * float(
-        np.sqrt(nothing.prior.alike / max(judging, 1))
+        np.sqrt(nothing.prior.correlated / max(judging, 1))
     )
     tried = [
         (candidate, left(candidate))
@@ -267,7 +267,7 @@ class CrossingSettings:
     20 frames: the pattern of each part of 2 to 10 frames was applied to the frames outside it.
     """
 
-    alike: float = 10.0
+    correlated: float = 10.0
     """Number of observations that count as one: neighbors are under the same caustic, and have the
     same errors of range and pose.
     """
@@ -294,9 +294,9 @@ def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> fl
     return float(sum(_shift(window, size) for window in windows))
 
 
-def alike(crossed: float) -> float:
+def correlated_count(crossed: float) -> float:
     """The number of correlated observations that count as one. crossed: of ``pictures_crossed``."""
-    return CROSSING_SETTINGS.alike * max(
+    return CROSSING_SETTINGS.correlated * max(
         1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
     )
 

@@ -273,7 +273,7 @@ class LightPrior:
     systematic: as in Deviations.
 
     shading: (SHADING,) standard deviations of the coefficients of a frame's shading.
-    alike: number of correlated observations that count as one measurement against the prior.
+    correlated: number of correlated observations that count as one measurement against the prior.
     """
 
     mean: Array
@@ -281,10 +281,10 @@ class LightPrior:
     gain: float
     shading: Sequence[float]
     systematic: float
-    alike: float
+    correlated: float
 
     @classmethod
-    def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
+    def unknown(cls, about: Deviations, correlated: float) -> "LightPrior":
         """The prior for light of unknown kind: independent coefficients of mean 0."""
         deviations = (
             [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
@@ -295,11 +295,11 @@ class LightPrior:
             about.gain,
             shading_deviations(about),
             about.systematic,
-            alike,
+            correlated,
         )
 
     @classmethod
-    def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
+    def lamps(cls, reference_m: float, correlated: float) -> "LightPrior":
         """The prior of luminance under lamps on the rig, with or without daylight, in pictures
         taken from about ``reference_m``.
         """
@@ -308,16 +308,16 @@ class LightPrior:
             LUMINANCE.gain,
             shading_deviations(LUMINANCE),
             LUMINANCE.systematic,
-            alike,
+            correlated,
         )
 
     @classmethod
-    def lens(cls, alike: float) -> "LightPrior":
+    def lens(cls, correlated: float) -> "LightPrior":
         """The prior of the luminance of pictures in sunlight, whose strength and exposure change
         from frame to frame.
         """
         ensemble, gain = lens_ensemble(LUMINANCE.trend), LENS_PRIOR_SETTINGS.gain
-        return cls(*ensemble, gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, alike)
+        return cls(*ensemble, gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, correlated)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
         """The prior of the terms in use (``columns``), and of gain and shading of ``frames``

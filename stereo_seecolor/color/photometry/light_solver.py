@@ -183,7 +183,7 @@ def solve(
     coefficients[columns] = fit.found[:number]
     own = np.zeros((frames, 1 + SHADING, outputs))
     own[:, :of_frame] = fit.found[number:].reshape(frames, of_frame, outputs)
-    independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
+    independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.correlated
     squares = outputs * (fit.squares / fit.variance + independent * np.log(fit.variance))
     covariance = np.linalg.inv(fit.matrix / fit.variance + known.precision)
     return Solution(
@@ -228,7 +228,7 @@ def _robust_fit(parts: "Sequence[_Part]", known: Gaussian, prior: LightPrior, ou
         every = np.concatenate(residuals)
         scale = max(deviation_about_zero(every) if every.size else 0.0, SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own in residuals]
-        variance = prior.alike * max(scale, prior.systematic) ** 2
+        variance = prior.correlated * max(scale, prior.systematic) ** 2
     squares = sum(
         float((weight * own**2).sum()) for weight, own in zip(weights, residuals, strict=True)
     )

@@ -222,7 +222,7 @@ class MultiviewSettings:
     on the sample dive.
     """
 
-    least_sightings: int = 200
+    least_observations: int = 200
     """Fewer do not determine nine numbers and their scatter: the fit is refused."""
     least_range_ratio: float = 1.1
     """Farthest over nearest range of a patch, at ``range_ratio_quantile`` of the patches; below,
@@ -280,7 +280,7 @@ SETTINGS = MultiviewSettings()
 STEPS = StepSettings()
 
 
-def fit_sightings(observations: Observations, encoding: InputEncoding) -> Water:
+def fit_observations(observations: Observations, encoding: InputEncoding) -> Water:
     """Fit attenuation and backscatter of the water to observations. The white point is 1, as no
     ratio
     determines it.
@@ -371,7 +371,7 @@ def _covariance(fit: MultiviewFit, precision: Array) -> Array:
 
 
 def _check(observations: Observations) -> None:
-    if len(observations.patch) < SETTINGS.least_sightings:
+    if len(observations.patch) < SETTINGS.least_observations:
         raise ColorError(
             f"only {len(observations.patch)} observations of patches of the reef that several "
             "frames "

@@ -93,7 +93,7 @@ class SeenWindow:
     seen: Observations
 
 
-def find_sightings(
+def find_observations(
     frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
 ) -> Observations:
     """Find observations of patches that several frames see; a few are wrong matches. Each frame is
@@ -103,10 +103,10 @@ def find_sightings(
     points_m = np.concatenate(
         [View.of(frame, geometry, None).patches_m(number) for frame in frames]
     )
-    return sightings_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
+    return observations_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
 
 
-def sightings_of(points_m: Vector, views: "Iterable[View]") -> Observations:
+def observations_of(points_m: Vector, views: "Iterable[View]") -> Observations:
     """The observations of (P, 3) patches by these views, without patches that only one view sees.
     Frames are numbered in order.
     """

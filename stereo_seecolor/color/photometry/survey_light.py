@@ -14,8 +14,8 @@ from stereo_seecolor.color.photometry.light_choice import (
     CROSSING_SETTINGS,
     Candidate,
     Choice,
-    alike,
     choose,
+    correlated_count,
     is_single_illumination,
     pictures_crossed,
 )
@@ -226,12 +226,15 @@ def solve_light(
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     views = Views(size, float(np.median(ranges)), (near_m, far_m))
     made = [views.window(window.seen, window.frames, usable(window.seen)) for window in windows]
-    made = [_exposed_alike(window, recorded) for window in made if len(window.patch)]
+    made = [_equally_exposed(window, recorded) for window in made if len(window.patch)]
     if not made:
         return None
     crossed = pictures_crossed(windows, size)
     made, measured = numbered(made)
-    priors = LightPrior.lens(alike(crossed)), LightPrior.lamps(views.reference_m, alike(crossed))
+    priors = (
+        LightPrior.lens(correlated_count(crossed)),
+        LightPrior.lamps(views.reference_m, correlated_count(crossed)),
+    )
     candidates = _candidates_of_luminance(allowed, priors)
     luminances = [_luminance(window) for window in made]
     differ = not is_sampled and not is_single_illumination(
@@ -244,7 +247,7 @@ def solve_light(
         pattern=allowed.pattern and crossed >= CROSSING_SETTINGS.color and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
-    color = _choose_color(made, of_color, alike(crossed), len(measured))
+    color = _choose_color(made, of_color, correlated_count(crossed), len(measured))
     light = _light(luminance, color, made, [names[frame] for frame in measured], views)
     light = replace(light, fade=0.0) if differ else light
     return SurveyLight(
@@ -254,7 +257,7 @@ def solve_light(
 
 def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) -> list[Candidate]:
     """priors: of patterns."""
-    unknown = LightPrior.unknown(LUMINANCE, priors[0].alike)
+    unknown = LightPrior.unknown(LUMINANCE, priors[0].correlated)
     return _candidates(allowed, unknown, priors, [LightTerms(pattern=True, ranged=allowed.ranged)])
 
 
@@ -340,7 +343,7 @@ def _candidates(
     ]
 
 
-def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Window:
+def _equally_exposed(window: Window, recorded: NDArray[np.float64] | None) -> Window:
     """The window with the (F,) logarithms of recorded exposures subtracted."""
     return (
         window

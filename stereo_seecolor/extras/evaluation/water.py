@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.frame_shading import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
-from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
-from stereo_seecolor.color.photometry.observations import KeyFrame, find_sightings
+from stereo_seecolor.color.photometry.multiview import fit_observations, with_white_of
+from stereo_seecolor.color.photometry.observations import KeyFrame, find_observations
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.commands.fuse import RawImages
 from stereo_seecolor.compute.sequences import Lazy
@@ -102,8 +102,8 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     placed = place(index, trajectory, config.mapping)
     scene = _one_water(run, list(index.names))
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
-    observations = find_sightings(key_frames, frames.geometry, scene.input_encoding)
-    water = with_white_of(fit_sightings(observations, scene.input_encoding), scene, observations)
+    observations = find_observations(key_frames, frames.geometry, scene.input_encoding)
+    water = with_white_of(fit_observations(observations, scene.input_encoding), scene, observations)
     with RunFolder.existing(out, "water", (trajectory_file(poses),)) as folder:
         folder.dive.write(
             MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")

@@ -11,7 +11,7 @@ from calibration import CalibrationError
 from calibration.formats import load_rig, native
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import Fitter
-from stereo_seecolor.commands.reported_run import KIND, claim, reported, stereo_run
+from stereo_seecolor.commands.reported_run import KIND, folder_request, reported, stereo_run
 from stereo_seecolor.commands.run import color, color_with
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, named_inputs
 from stereo_seecolor.compute.interface import Shard
@@ -66,7 +66,7 @@ def merge(
     waters, pipeline = _waters(opened_parts), opened.pipeline
     read = [*inputs.paths, *(part.root / FRAMES_TABLE for part in opened_parts)]
     with RunFolder(
-        out, claim(inputs.owner(KIND, opened), pipeline.config, options, read)
+        out, folder_request(inputs.owner(KIND, opened), pipeline.config, options, read)
     ) as folder:
         for part in opened_parts:
             for frame in part.frames():

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stereo_seecolor.commands.dive_rig import spread
-from stereo_seecolor.commands.reported_run import KIND, claim, reported
+from stereo_seecolor.commands.dive_rig import evenly_spaced
+from stereo_seecolor.commands.reported_run import KIND, folder_request, reported
 from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process import peak_bytes
@@ -76,7 +76,7 @@ def plan(
         refuse_inputs("plan", out, inputs.paths)
         KeptPlan.check_place(out)
     opened = inputs.open(config)
-    measured = _measured(inputs, opened, spread(opened.pairing.pairs, MEASURED_PAIRS))
+    measured = _measured(inputs, opened, evenly_spaced(opened.pairing.pairs, MEASURED_PAIRS))
     pairs, per_pair = len(opened.pairing.pairs), sum(measured.pass_seconds.values())
     found = Plan(
         pairs=pairs,
@@ -184,7 +184,7 @@ def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> R
     options = RunOptions(workers=1, listener=clock)
     pipeline, passes = opened.pipeline, ("ranges", "light", "waters", "colors")
     with RunFolder(
-        out, claim(inputs.owner(KIND, opened), pipeline.config, options, inputs.paths)
+        out, folder_request(inputs.owner(KIND, opened), pipeline.config, options, inputs.paths)
     ) as folder:
         with reported(
             pipeline, opened.pairing, inputs.names, folder, options, "corrected", passes

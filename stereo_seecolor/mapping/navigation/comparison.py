@@ -18,12 +18,12 @@ from stereo_seecolor.mapping.navigation.deviations import (
 )
 from stereo_seecolor.mapping.navigation.interpretations import (
     Turn,
-    better_reading,
+    better_interpretation,
     constant_turn,
+    interpretations,
     lever_arm,
     misfit,
     mount_with,
-    readings,
 )
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.loops import Prior
@@ -148,8 +148,8 @@ def examine(
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
     left = misfit(turned, posed)
     helps = turn.believed and left < TURN_HELPS * plain
-    reading = better_reading(
-        left if helps else plain, posed, readings(T, posed, survey.index, trajectory, config)
+    reading = better_interpretation(
+        left if helps else plain, posed, interpretations(T, posed, survey.index, trajectory, config)
     )
     if reading:
         advice = f"the given poses contradict the pictures; they would fit with {reading}"
@@ -264,10 +264,10 @@ def _still(T_world_camera: Array, edges: Sequence[Edge], motions: Motions) -> st
             "longitudes, taken for meters?"
         )
     turns_rad = np.linalg.norm(rotation_vector(motions.measured[:, :3, :3]), axis=1)
-    return ALIKE if turns_rad.max() > MAX_TURN_RAD and attitudes_alike(T_world_camera) else ""
+    return ALIKE if turns_rad.max() > MAX_TURN_RAD and attitudes_equal(T_world_camera) else ""
 
 
-def attitudes_alike(T_world_camera: Array) -> bool:
+def attitudes_equal(T_world_camera: Array) -> bool:
     """Tell whether all known attitudes are the same to the digit, as no vehicle holds them: they
     were not measured.
     """

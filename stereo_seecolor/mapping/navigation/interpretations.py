@@ -58,7 +58,7 @@ def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
     )
 
 
-def better_reading(
+def better_interpretation(
     plain: float, edges: Sequence[Edge], others: Iterator[tuple[str, Array]]
 ) -> str | None:
     """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is
@@ -71,7 +71,7 @@ def better_reading(
     return name if found < READINGS_SETTINGS.better * plain else None
 
 
-def readings(
+def interpretations(
     T: Array,
     edges: Sequence[Edge],
     index: FrameIndex,

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.threads import Threads, beside, cores
+from stereo_seecolor.compute.threads import Threads, cores, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.mapping.raster import georeference
@@ -84,7 +84,7 @@ class Rasters:
         terrain = render_terrain(
             surfaces(), Grid.around(low, high, config.terrain_cell_m), scratch / "terrain"
         )
-        with beside(
+        with in_background(
             partial(measure_squares, terrain, config.square_m, scratch / "squares")
         ) as squares:
             mosaic = render_mosaic(

@@ -169,7 +169,7 @@ def _std(problem: BundleProblem, state: State) -> Array:
 class RefinementSettings:
     """How much is adjusted at once."""
 
-    most_sightings: int = (
+    most_observations: int = (
         1_000_000  # 0.95 GiB, half a minute; with fewer than 400 a frame nothing is won
     )
     most_a_frame: int = (
@@ -240,7 +240,7 @@ def _part(
 def _adjusted(T: Array, part: _Part) -> Adjusted:
     relations = [part.track.relation(edge) for edge in part.edges]
     most = min(
-        REFINEMENT_SETTINGS.most_sightings, REFINEMENT_SETTINGS.most_a_frame * len(part.frames)
+        REFINEMENT_SETTINGS.most_observations, REFINEMENT_SETTINGS.most_a_frame * len(part.frames)
     )
     found = observations(part.track.features, relations, most)
     found = replace(found, frame=part.track.survey.index.order[found.frame])
@@ -375,7 +375,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
     )
 
 
-def fitted_to_marks(
+def fitted_to_fiducials(
     track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]
 ) -> tuple[Placement, MarkersFit]:
     """A placement, refined before, brought to what is known of markers in its main component, and

@@ -13,7 +13,7 @@ from stereo_seecolor.mapping.navigation.comparison import (
     MAX_TURN_RAD,
     Navigation,
     Verdict,
-    attitudes_alike,
+    attitudes_equal,
     examine,
     priors,
 )
@@ -22,7 +22,7 @@ from stereo_seecolor.mapping.navigation.interpretations import misfit
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loops, odometry
 from stereo_seecolor.mapping.track.assignment import at_fixes, place, upright
-from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit, fitted_to_marks, refined
+from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit, fitted_to_fiducials, refined
 from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
@@ -221,7 +221,7 @@ def _fitted(
         attitude_std_deg=float(attitude_deg),
     )
     fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
-    fitted, markers = _to_marks(track, fitted, config, known)
+    fitted, markers = _to_fiducials(track, fitted, config, known)
     return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
 
 
@@ -236,7 +236,7 @@ def _checked_up(verdict: Verdict, survey: Survey, trajectory: Trajectory) -> Nav
             "the given poses' z axis points down: they would fit as north-east-down, or with z "
             "negated"
         )
-        advice = ALIKE if attitudes_alike(verdict.placement.T_world_camera) else down
+        advice = ALIKE if attitudes_equal(verdict.placement.T_world_camera) else down
         return replace(verdict.navigation, fits=False, advice=advice)
     return verdict.navigation
 
@@ -268,7 +268,7 @@ def _upright(
     """A track by the pictures, constrained by markers; z is up by their surveyed places, if there
     are any, else by the bottom.
     """
-    own, markers = _to_marks(track, own, config)
+    own, markers = _to_fiducials(track, own, config)
     return own if markers and markers.control else upright(
         own, track.survey.index, "unknown"
     ), markers
@@ -287,7 +287,7 @@ def _adjusted(
     )
 
 
-def _to_marks(
+def _to_fiducials(
     track: odometry.Track,
     placement: Placement,
     config: MappingConfig,
@@ -296,4 +296,4 @@ def _to_marks(
     """Constrain a track by what is known of markers."""
     if not config.markers.known or not config.bundle_adjustment or not loops.available():
         return placement, None
-    return fitted_to_marks(track, placement, Marks.found(track.survey, config.markers), known)
+    return fitted_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)

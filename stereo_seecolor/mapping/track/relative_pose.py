@@ -11,7 +11,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.sift import alike, alike_near
+from stereo_seecolor.mapping.track.sift import match_descriptors, match_near
 
 # Algebra of matrices (3, 3) for compiled loops over points.
 
@@ -307,13 +307,13 @@ def relative_pose(
     if expected is not None:
         places = _places(expected.T_a_b, a, geometry)
         reach = SETTINGS.reach * geometry.image_size[0] / geometry.focal_px
-        matches = alike_near(
+        matches = match_near(
             a.descriptors, places, b.descriptors, b.points[:, :2], reach, SETTINGS.near_ratio
         )
         found = _fitted(a, b, *matches, geometry)
         if found or (expected.sure and np.isfinite(places[:, 0]).mean() < SETTINGS.little):
             return found
-    matches = alike(
+    matches = match_descriptors(
         a.descriptors.astype(np.float32), b.descriptors.astype(np.float32), SETTINGS.ratio
     )
     return _fitted(a, b, *matches, geometry)

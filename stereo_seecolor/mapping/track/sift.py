@@ -34,7 +34,7 @@ def keypoints(
     return np.array([k.pt for k in found], np.float64), np.asarray(descriptors, np.float32)
 
 
-def alike(
+def match_descriptors(
     a: NDArray[np.float32], b: NDArray[np.float32], ratio: float
 ) -> tuple[Integers, Integers]:
     """Match descriptors a (n, 128) and b (m, 128): indices of those that are each other's nearest,
@@ -68,11 +68,11 @@ def alike(
 Descriptors = NDArray[np.uint8]
 
 
-def alike_near(
+def match_near(
     a: Descriptors, expected: Array, b: Descriptors, places: Array, reach: float, ratio: float
 ) -> tuple[Integers, Integers]:
-    """Match features as ``sift.alike`` does, but compare a feature of a (n, 128) only with those of
-    b (m, 128) near its expected place.
+    """Match features as ``match_descriptors`` does, but compare a feature of a (n, 128) only with
+    those of b (m, 128) near its expected place.
 
     expected: (n, 2), NaN for features that b cannot show. places: (m, 2), within ``reach`` of that
     along both axes. A feature around whose place there is but one other matches none.

@@ -183,7 +183,7 @@ class DaskCompute:
 
     def _threads(self) -> dict[str, int]:
         """Threads of each worker, by address, as of the last request to the scheduler."""
-        self._look_after_workers()
+        self._supervise_workers()
         if not self._workers or time.monotonic() - self._looked_s >= LOOK_S:
             self._workers, self._looked_s = self._connected(), time.monotonic()
         return self._workers
@@ -217,9 +217,9 @@ class DaskCompute:
                     f"{self._name}: a worker has another version: install the same there ({error})"
                 ) from error
             except TimeoutError:
-                self._look_after_workers()
+                self._supervise_workers()
 
-    def _look_after_workers(self) -> None:
+    def _supervise_workers(self) -> None:
         now_s = time.monotonic()
         if now_s - self._revived_s >= REVIVE_S:
             self._revived_s = now_s

@@ -84,7 +84,7 @@ def markers(
     places = read_places(known.points, posed.map.origin) if known.points else None
     shift = pose(np.eye(3), posed.offset_m)
     T = {frame.name: shift @ T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
-    found = tuple(placed_markers(_sightings(posed, detector, listener or Silence()), T))
+    found = tuple(placed_markers(_observations(posed, detector, listener or Silence()), T))
     if not found:
         raise InputError(
             f"{out}: shows no marker of {known.family} in two frames or more: another --family?"
@@ -104,7 +104,7 @@ def markers(
     return _written(result, T, folder) if folder else result
 
 
-def _sightings(
+def _observations(
     posed: PosedRun, detector: MarkerDetector, listener: Listener
 ) -> list[PlacedSighting]:
     frames, placed = SurveyFrames(posed.run, posed.map.range_scale), []

@@ -28,7 +28,7 @@ class M3c2Settings:
         24  # of each surface that are tried: a disk of this radius holds about 20 vertices
     )
     # vertices within a cylinder whose errors are one: those of ranges reach over a few voxels
-    alike: float = 9.0
+    correlated: float = 9.0
     fewest: int = 4  # in the cylinder
 
 
@@ -90,4 +90,4 @@ def _along(points: Array, core: Array, normals: Array, cell_m: float) -> tuple[A
 
 def _independent(count: Array) -> Array:
     """Effective number of independent errors of ``count`` points."""
-    return np.maximum(count / SETTINGS.alike, 1.0)
+    return np.maximum(count / SETTINGS.correlated, 1.0)

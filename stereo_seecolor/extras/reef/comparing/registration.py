@@ -15,7 +15,7 @@ from stereo_seecolor.extras.reef.site.orthophoto import Orthophoto, orthophoto
 from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
 from stereo_seecolor.geometry import rigid_alignment, transformed
 from stereo_seecolor.mapping.track.features import local_contrast
-from stereo_seecolor.mapping.track.sift import alike, keypoints
+from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
 
 # Landmarks of a site: features of its colors as seen from above, each with its place in three
 # dimensions.
@@ -96,7 +96,9 @@ def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
     """Match landmarks of a and b, each the other's best and better than the next best by Lowe's
     ratio: places (n, 3) of a, and of b.
     """
-    index_a, index_b = alike(a.descriptors, b.descriptors, LANDMARKS_SETTINGS.lowe_ratio)
+    index_a, index_b = match_descriptors(
+        a.descriptors, b.descriptors, LANDMARKS_SETTINGS.lowe_ratio
+    )
     return a.points_m[index_a], b.points_m[index_b]
 
 

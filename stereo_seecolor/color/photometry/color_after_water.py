@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.photometry.color_trend import with_color_trend
-from stereo_seecolor.color.photometry.light_choice import alike
+from stereo_seecolor.color.photometry.light_choice import correlated_count
 from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Views, Window, solve
@@ -77,7 +77,7 @@ def refit_color_after_water(
         return found
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
-    prior = LightPrior.unknown(LEFT, alike(found.crossed))
+    prior = LightPrior.unknown(LEFT, correlated_count(found.crossed))
     left = min(
         (solve(made, colors, use, len(measured), prior) for use in USES),
         key=lambda solution: solution.misfit,
