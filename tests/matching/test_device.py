@@ -29,6 +29,7 @@ from stereo_seecolor.device.matching import DeviceMatcher
 from stereo_seecolor.device.memory import Memory
 from stereo_seecolor.device.rectify import Rectifier, remap
 from stereo_seecolor.device.surroundings import refine
+from stereo_seecolor.dive.frames import color_settings
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.matching.matcher import Matcher
@@ -342,3 +343,11 @@ def test_the_shapes_of_the_color_stages_fit_on_the_meta_device():
     assert remap(image[None].expand(3, -1, -1, -1), places, places.int()).shape == (3, 40, 50, 3)
     gray = torch.zeros((60, 90), device="meta")
     assert refine(gray, gray, gray, gray).disparity.shape == (60, 90)
+
+
+def test_another_device_is_no_reason_to_measure_or_correct_again() -> None:
+    rig, settings_of = load_rig(REEF / "cam.yaml"), {}
+    for name in ("auto", "cpu"):
+        config = load_config(None, [f"matching.device={name}", f"color.device={name}"])
+        settings_of[name] = Pipeline(rig, config).settings, color_settings(config, None)
+    assert settings_of["auto"] == settings_of["cpu"]
