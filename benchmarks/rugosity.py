@@ -1,6 +1,6 @@
 """How true the structure of drawn reefs is, and how often its intervals of 95 % hold the truth.
 
-    python benchmarks/rugosity.py FOLDER [reefs]
+    python benchmarks/rugosity.py FOLDER [reefs] [--cells-mm 10 20 50]
 
 Ten reefs from flat to branching, three heights of the cameras, cells of 5, 10, 20 and 50 mm. Poses
 are true; ranges are drawn with the errors that matching has on the sample dive: 0.12 pixels of
@@ -8,8 +8,8 @@ disparity, alike over 2 pixels, and smoothed over 3. Reefs 4 and 8 were at hand 
 redraw.py were chosen; the others judge. FOLDER keeps the maps.
 """
 
+import argparse
 import shutil
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -128,11 +128,11 @@ def truth(terrain: Terrain, reef: Reef) -> Terrain:
 
 
 def compared(
-    folder: Path, number: int
+    folder: Path, number: int, cells_m: Sequence[float]
 ) -> Iterator[tuple[float, StructureAtScale, NDArray[np.float64]]]:
     """Cell, measured structure, true numbers of each edge of squares."""
     frames = DrawnFrames(number)
-    for cell_m in CELLS_M:
+    for cell_m in cells_m:
         mesh, terrain, errors = mapped(folder, frames, cell_m)
         cells = resolved_cells(terrain, errors)
         true_m = truth(terrain, frames.reef).averaged(cells).height_m
@@ -146,12 +146,12 @@ def compared(
             )
 
 
-def main(folder: Path, reefs: Sequence[int]) -> None:
+def main(folder: Path, reefs: Sequence[int], cells_m: Sequence[float]) -> None:
     """Print each reef's rugosity, then bias and coverage of each number."""
     names = Numbers.names()[:-1]  # of the mesh: heights have no overhangs to compare
     off: dict[str, list[tuple[int, float, float]]] = {name: [] for name in names}
     for number in reefs:
-        for cell_m, found, true in compared(folder, number):
+        for cell_m, found, true in compared(folder, number, cells_m):
             for k, name in enumerate(names):
                 value, std = getattr(found.mean, name), getattr(found.standard_error, name)
                 off[name].append((number, cell_m, (value - true[k]) / std))
@@ -162,7 +162,8 @@ def main(folder: Path, reefs: Sequence[int]) -> None:
             )
             print(
                 f"{where}: mapped {found.mapped.rugosity_area:.3f}, {rugosity:.3f} ± {std:.3f}, "
-                f"true {true[0]:.3f}"
+                f"true {true[0]:.3f}",
+                flush=True,
             )
     for title, tuned in (("reefs of the settings", True), ("all others", False)):
         print(f"{title}: mean error in standard errors, and fraction within 1.96 of them, by cells")
@@ -172,7 +173,7 @@ def main(folder: Path, reefs: Sequence[int]) -> None:
                 for number, cell_m, z in off[name]
                 if (number in TUNED) == tuned and np.isfinite(z)
             ]
-            by_cell = [np.array([z for cell, z in rows if cell == cell_m]) for cell_m in CELLS_M]
+            by_cell = [np.array([z for cell, z in rows if cell == cell_m]) for cell_m in cells_m]
             print(
                 f"  {name:18}",
                 *(
@@ -184,5 +185,11 @@ def main(folder: Path, reefs: Sequence[int]) -> None:
 
 
 if __name__ == "__main__":
-    chosen = [int(word) for word in sys.argv[2:]] or list(range(len(STEEPNESS)))
-    main(Path(sys.argv[1]), chosen)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("reefs", type=int, nargs="*", default=list(range(len(STEEPNESS))))
+    parser.add_argument("--cells-mm", type=float, nargs="+", default=[1000 * m for m in CELLS_M])
+    given = parser.parse_args()
+    main(given.folder, given.reefs, [mm / 1000 for mm in given.cells_mm])

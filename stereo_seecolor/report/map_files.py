@@ -4,31 +4,28 @@ fusion.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.range_code import height_std_m, height_tiles
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
+from stereo_seecolor.report.squares import Squares
 from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN, Stamp
 
-FORMAT = "4"
+FORMAT = "5"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.
 """
 FOLDER = f"{PAGE}/map"
-SQUARES = "reef_metrics.csv"
 Files = Iterator[tuple[str, bytes]]
 
 
@@ -73,6 +70,7 @@ class _MapFiles:
     std_m: float
     terrain: Terrain | None
     raw: RawMosaic | None
+    squares: Squares | None
 
     @classmethod
     def of(cls, facts: DiveFacts, made: FinishedMap, with_raw: bool) -> "_MapFiles":
@@ -80,7 +78,7 @@ class _MapFiles:
         raw = (
             RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
         )
-        return cls(made, height_std_m(facts.run), terrain, raw)
+        return cls(made, height_std_m(facts.run), terrain, raw, facts.squares)
 
     def contents(self, key: str) -> Files:
         """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
@@ -92,7 +90,7 @@ class _MapFiles:
             "offset_m": self.made.offset_m,
             "preview": f"{MAP}/orthomosaic_preview.png",
         }
-        about["squares"] = _squares(self.made)
+        about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])
         yield from self._mesh(about["pieces"])
         if (self.made.folder / MOSAIC).is_file() and (
             mosaic := mosaic_tiles(self.made.folder / MOSAIC)
@@ -172,24 +170,20 @@ def _box(piece: Piece) -> dict[str, Any]:
     return {**corners, "triangles": len(piece.triangles)}
 
 
-def _squares(made: FinishedMap) -> dict[str, Any] | None:
-    """The metrics of each square (reef_metrics.csv): names, and center x, y with the values, None
+def _squares(squares: Squares | None, edge_m: float) -> dict[str, Any] | None:
+    """The metrics of each square: names, center x, y with the values, and standard errors; None
     where unknown.
     """
-    path: Path = made.folder / SQUARES
-    if not path.is_file():
+    if squares is None:
         return None
-    try:
-        rows = [
-            [*row.values()][1:] for row in table_rows(path.read_bytes()) if row["square"] != "site"
-        ]
-        values = [
-            [float(cell) if cell and np.isfinite(float(cell)) else None for cell in row]
-            for row in rows
-        ]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"
-        ) from error
-    head = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
-    return {"edge_m": made.cell_m["metrics_m"], "names": head[3:], "rows": values}
+    rows, std = (
+        [[float(f"{v:.5g}") if np.isfinite(v) else None for v in row] for row in values]
+        for values in (squares.rows, squares.std)
+    )
+    return {
+        "edge_m": edge_m,
+        "scale_m": squares.scale_m,
+        "names": list(squares.names),
+        "rows": rows,
+        "std": std,
+    }

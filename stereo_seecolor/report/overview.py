@@ -5,7 +5,7 @@ template.
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -19,11 +19,15 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import flat
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.map_images import Terrain
+from stereo_seecolor.report.range_code import height_std_m
+from stereo_seecolor.report.squares import FILE, Squares, squares_of
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.finished_run import FinishedMap, FinishedRun, open_map
 from stereo_seecolor.run_folder.frames_csv import Problem, problems_of, read_frames
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 # Facts of a run and its map for the page.
@@ -106,6 +110,36 @@ class DiveFacts(RowFacts):
         range_m, geometry = self.typical("median_range_m"), self.run.geometry
         return range_m / geometry.focal_px if range_m is not None and geometry is not None else None
 
+    @cached_property
+    def squares(self) -> Squares | None:
+        """The metrics of the map's squares without noise; None without a terrain. Raises InputError
+        if the map is damaged.
+        """
+        made, pixel_m = self.map, self.ground_pixel_m
+        if made is None or pixel_m is None or not made.area_m2:
+            return None
+        paths = made.folder / FILE, made.folder / TERRAIN
+        terrain = Terrain.open(paths[1]) if all(path.is_file() for path in paths) else None
+        if terrain is None:
+            return None
+        width, height = self.run.geometry.image_size if self.run.geometry else (0, 0)
+        seen_m2 = len(made.track) * (self.typical("coverage") or 1) * width * height * pixel_m**2
+        try:
+            return squares_of(
+                paths[0].read_bytes(),
+                terrain.heights_m((0, 0, terrain.about["width"], terrain.about["height"])).astype(
+                    np.float64
+                ),
+                made.cell_m["dem_m"],
+                made.cell_m["metrics_m"],
+                height_std_m(self.run) / float(np.sqrt(max(seen_m2 / made.area_m2, 1))),
+                pixel_m,
+            )
+        except (OSError, ValueError, KeyError, IndexError) as error:
+            raise InputError(
+                f"{paths[0]}: is damaged ({error}): make the map again with stereo-seecolor fuse"
+            ) from error
+
 
 def _waters(run: FinishedRun) -> Mapping[str, Water]:
     try:
@@ -131,19 +165,14 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     """The dive in numbers; what is unknown is left out."""
     done = phrase("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
     range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
-    rugosity, cell_m = (
-        (facts.map.site.get("surface_rugosity"), facts.map.cell_m["dem_m"])
-        if facts.map
-        else (None, 0.0)
-    )
     area_m2 = facts.map.area_m2 if facts.map else None
     values = {
         "frames": done,
         "duration": facts.duration_s and duration(facts.duration_s),
         "track": facts.track_m and length(facts.track_m),
         "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
-        "rugosity": rugosity
-        and phrase("fact.rugosity_value", rugosity=f"{rugosity:.2f}", cell=length(cell_m)),
+        "rugosity": facts.squares
+        and phrase("fact.rugosity_value", **_rugosity(facts.squares, length)),
         "range": range_m and length(range_m),
         "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
         "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
@@ -151,6 +180,14 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     return [
         Fact(phrase(f"fact.{key}"), value) for key, value in values.items() if value
     ] + _halving(facts)
+
+
+def _rugosity(squares: Squares, length_text: Callable[[float], str]) -> dict[str, str]:
+    """Surface rugosity with its standard error, and the scale that it belongs to."""
+    text = f"{squares.rugosity:.2f}"
+    if np.isfinite(squares.rugosity_std):
+        text += f" ± {squares.rugosity_std:.2f}"
+    return {"rugosity": text, "cell": length_text(squares.scale_m)}
 
 
 def _halving(facts: DiveFacts) -> list[Fact]:
@@ -260,13 +297,9 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
     sentences = [phrase("methods.map", **numbers), phrase(f"methods.track.{_kind_of_track(made)}")]
     if made.range_scale != 1:
         sentences.append(phrase("methods.scale", factor=digits(made.range_scale, 4)))
-    if "surface_rugosity" in made.site:
-        cell = digits(1000 * made.cell_m["dem_m"])
-        sentences.append(
-            phrase(
-                "methods.map_rugosity", rugosity=f"{made.site['surface_rugosity']:.2f}", cell=cell
-            )
-        )
+    if facts.squares:
+        values = _rugosity(facts.squares, lambda meters: f"{digits(1000 * meters)} mm")
+        sentences.append(phrase("methods.map_rugosity", **values))
     residuals = [
         point.position_residual_m for point in made.track if point.position_residual_m is not None
     ]
@@ -313,6 +346,7 @@ class VerdictLimits:
     coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
     unrecoverable_fraction: float = 0.1  # more of a frame without one of its colors is seen by eye
     placed_fraction: float = 0.95  # a frame in twenty may point into the blue
+    length_std: float = 0.01  # relative: areas are then uncertain by 2 %, volumes by 3 %
 
 
 LIMITS = VerdictLimits()
@@ -344,6 +378,7 @@ def judge(facts: DiveFacts) -> Verdict:
         *_of_pairs(facts),
         *_of_pixels(facts),
         *_of_white(facts),
+        *_of_scale(facts),
         *_of_map(facts),
     )
     if not facts.run.frames:
@@ -395,6 +430,12 @@ def _of_white(facts: DiveFacts) -> list[str]:
     ]
     named = [f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts if doubt]
     return named[:1] if len(named) > len(doubts) / 2 else []
+
+
+def _of_scale(facts: DiveFacts) -> list[str]:
+    """An uncertain scale makes all lengths, areas and volumes of a dive wrong alike."""
+    std = calibration_std(facts.run).total if facts.run.geometry else 0.0
+    return [phrase("verdict.scale", percent=f"{std:.1%}")] if std > LIMITS.length_std else []
 
 
 def _of_map(facts: DiveFacts) -> list[str]:

@@ -146,6 +146,8 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "geometry": asdict(run.geometry) if run.geometry else None,
         "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
+        "north": facts.map is not None and facts.map.origin is not None,
+        "area_m2": facts.map.area_m2 if facts.map else None,
         "image_suffix": _suffix(run),
         "shelves": _subfolders(run),
         **_white(facts.water),

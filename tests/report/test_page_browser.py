@@ -701,3 +701,69 @@ def test_measures_on_the_map_are_those_of_the_command_line(
         assert mine["value"] == pytest.approx(theirs.value, rel=1e-3, abs=1e-5)
         assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
         assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
+
+
+def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Path) -> None:
+    """The interval of 4 of 5 is Wilson's, from his paper's formula worked by hand."""
+    on_map.get_by_label("How many points").fill("12")
+    on_map.get_by_role("button", name="Random points").click()
+    expect(on_map.locator(".cover output")).to_have_text("0 of 12 labelled")
+    expect(on_map.locator(".map-marks .point")).to_have_count(1)
+    label = on_map.get_by_label("Label of this point")
+    for name in ("Sand", "Sand", "Rock", "Sand", "Sponge"):
+        label.fill(name)
+        label.press("Enter")
+    on_map.get_by_role("button", name="Take back the last label").click()
+    on_map.get_by_role("button", name="This point is Sand").click()
+    expect(on_map.locator(".cover output")).to_have_text("5 of 12 labelled")
+    first = on_map.locator(".cover tbody tr").first.locator("td")
+    assert first.all_inner_texts() == ["Sand", "4", "80 %", "37.6 to 96.4 %"]
+    with on_map.expect_download() as saved:
+        on_map.get_by_role("button", name="Save points as CSV").click()
+    saved.value.save_as(tmp_path / "points.csv")
+    rows = (tmp_path / "points.csv").read_text().splitlines()
+    assert rows[0] == "point,x_m,y_m,label" and len(rows) == 13
+    assert sum(row.endswith(",Sand") for row in rows) == 4
+
+
+def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) -> None:
+    on_map.get_by_role("button", name="Mosaic", exact=True).click()
+    on_map.wait_for_timeout(800)
+    box = on_map.locator(".map-stage").bounding_box()
+    assert box
+    on_map.get_by_role("button", name="Area", exact=True).click()
+    for number, size in enumerate((0.04, 0.02), start=1):
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] * (0.35 + 0.1 * number)
+        for dots, (i, k) in enumerate(((0, 0), (1, 0), (1, 1), (0, 1)), start=1):
+            on_map.mouse.click(x + i * size * box["width"], y + k * size * box["width"])
+            expect(on_map.locator(".map-overlay .dot:not([data-id])")).to_have_count(dots)
+        on_map.locator("#map").get_by_role("button", name="Finish").click()
+        on_map.get_by_label(f"Label of measure {number}", exact=True).fill("Acropora")
+        on_map.get_by_label(f"Label of measure {number}", exact=True).press("Tab")
+    cells = on_map.locator("#map .measure-table .tally tbody td")
+    count, plan, of_seen, of_outlined = cells.all_inner_texts()[1:5]
+    assert (count, of_outlined) == ("2", "100 %")
+    assert 0 < float(of_seen.split()[0]) < 100 and float(plan.split()[0]) > 0
+    on_map.get_by_role("button", name="Take back the last measure labelled Acropora").click()
+    expect(on_map.locator("#map .measures").first.locator("tbody tr")).to_have_count(1)
+
+
+def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page) -> None:
+    on_map.get_by_role("button", name="Terrain", exact=True).click()
+    bar = on_map.locator(".map-bar")
+    expect(bar).to_be_visible()
+    on_map.wait_for_timeout(1500)
+    said, width = bar.inner_text(), bar.bounding_box()
+    value, unit = said.split()
+    length_m = float(value) / (100 if unit == "cm" else 1)
+    box = on_map.locator(".map-flat").bounding_box()
+    assert width and box
+    places = []
+    for dx in (0.0, width["width"]):
+        on_map.mouse.click(box["x"] + box["width"] / 2 + dx / 2, box["y"] + box["height"] / 2)
+        on_map.wait_for_timeout(700)
+        places.append(re.findall(r"-?[0-9.]+", on_map.locator(".found h2").inner_text())[1:3])
+    (x1, y1), (x2, y2) = ((float(x), float(y)) for x, y in places)
+    assert np.hypot(x2 - x1, y2 - y1) == pytest.approx(length_m / 2, abs=0.02)
+    assert on_map.locator(".map-north").count() == 0
+    expect(on_map.locator(".map-marks .clicked")).to_have_count(1)

@@ -18,11 +18,13 @@ export interface Piece {
   finer: string[];
 }
 
-/** Metrics of squares: each row is a center x, y and a number for each name, null where unknown. */
+/** Metrics of squares: each row is a center x, y and a number for each name, null where unknown; heights are averaged over cells of scale_m. */
 export interface Squares {
   edge_m: number;
+  scale_m: number;
   names: string[];
   rows: (number | null)[][];
+  std: (number | null)[][]; // for each name
 }
 
 export interface About {

@@ -16,6 +16,8 @@ export interface Dive {
   id: string;
   poses: Record<string, number[]>;
   offset_m: number[];
+  north: boolean; // where the map's y axis points to the north
+  area_m2: number | null; // that the map shows
   texts: Record<string, string>;
   calibration: string;
   calibration_std: number; // of a length, relative

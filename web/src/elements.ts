@@ -52,6 +52,13 @@ export function readable(value: number, digits = 3): string {
   return short.includes("e") ? value.toFixed(Math.abs(value) < 1 ? 6 : 0).replace(/(\.\d*?)0+$/, "$1") : short;
 }
 
+/** A value and its standard error, both to two digits of the error; without one as ``readable``. */
+export function withError(value: number, std: number | null, factor = 1): string {
+  if (std === null || !Number.isFinite(std)) return readable(value * factor);
+  const digits = std > 0 ? Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(std * factor)))) : 3;
+  return `${(value * factor).toFixed(digits)} ± ${(std * factor).toFixed(digits)}`;
+}
+
 const DOUBLE_MS = 400;
 const DOUBLE_PX = 8;
 

@@ -3,10 +3,11 @@
 import type { About } from "./about";
 import type { Dive, Text } from "./dive";
 import { picture } from "./dive";
-import { button, Choice, element, select } from "./elements";
+import { Cover } from "./cover";
+import { button, Choice, element, readable, select } from "./elements";
 import { MapMeasuring, type Clicked } from "./mapmeasuring";
 import { Mosaic, type Flat } from "./mosaic";
-import { scaleBar } from "./scale";
+import { HEIGHT_COLORS, scaleBar } from "./scale";
 import { Scene } from "./scene";
 import { seecolor } from "./scripts";
 import { isVisible, sightings, type Sighting } from "./seen";
@@ -18,6 +19,8 @@ seecolor.showMap = (section, dive, text, look) => {
   if (about) new MapView(section, about, dive, text, look);
 };
 
+const BAR_PX = 120;
+
 type View = "scene" | "relief" | "mosaic" | "terrain";
 
 /** What belongs to which views. */
@@ -28,6 +31,9 @@ class MapView {
   private readonly flat = element("div", { class: "map-flat" });
   private readonly squares = element("canvas", { class: "map-squares", "aria-hidden": "true" });
   private readonly legend = element("div", { class: "legend" });
+  private readonly marks = element("div", { class: "map-marks", "aria-hidden": "true" });
+  private readonly cover: Cover | null;
+  private spot_m: number[] | null = null;
   private readonly found = element("div", { class: "found", role: "status" });
   private readonly tools: Tools;
   private readonly measuring: MapMeasuring | null;
@@ -38,6 +44,7 @@ class MapView {
   private hillshade = false;
   private metric = -1;
   private turn = 0;
+  private readonly choice: Choice;
 
   constructor(
     section: HTMLElement,
@@ -47,9 +54,10 @@ class MapView {
     private readonly look: (name: string) => void,
   ) {
     this.measuring = about.terrain && seecolor.table ? new MapMeasuring(about, dive, text, seecolor.table, this.eye()) : null;
+    this.cover = this.measuring ? new Cover(dive, text, this.measuring.ground.heights, (spot_m) => this.showPoint(spot_m)) : null;
     this.tools = this.madeTools();
     const views = this.views();
-    const choice = new Choice(text("map.view"), views, (view) => this.show(view as View));
+    const choice = (this.choice = new Choice(text("map.view"), views, (view) => this.show(view as View)));
     section.replaceChildren(
       element("div", { class: "toolbar" }, choice.root, ...this.tools.colors, ...this.tools.scene, ...this.tools.shade, ...this.tools.flat),
       ...(this.measuring ? [element("div", { class: "toolbar" }, this.measuring.tool)] : []),
@@ -58,6 +66,7 @@ class MapView {
       element("p", { class: "hint" }, text("map.hint")),
       ...(this.measuring ? [this.measuring.root] : []),
       this.found,
+      ...(this.cover ? [this.cover.root] : []),
     );
     new ResizeObserver(() => this.resized()).observe(this.stage);
     this.stage.addEventListener("keydown", (event) => this.key(event), true);
@@ -101,11 +110,24 @@ class MapView {
 
   private metrics(): HTMLElement {
     const names = this.about.squares?.names ?? [];
-    const options: [string, string][] = [["-1", this.text("map.no_squares")], ...names.map((name, i): [string, string] => [String(i), this.text(`metric.${name}`)])];
+    const options: [string, string][] = [["-1", this.text("map.no_squares")], ...names.map((name, i): [string, string] => [String(i), this.metricName(name)])];
     return select(this.text("map.squares"), options, (number) => {
       this.metric = Number(number);
       this.drawOver();
     });
+  }
+
+  /** Directions are named after the compass only where north is known. */
+  private metricName(name: string): string {
+    return this.text(name === "aspect_deg" && !this.dive.north ? "metric.aspect_local" : `metric.${name}`);
+  }
+
+  /** A random point, in the middle of the map from above. */
+  private showPoint(spot_m: [number, number] | null): void {
+    if (this.isSolid) this.choice.show("mosaic");
+    if (this.isSolid) this.show("mosaic");
+    if (spot_m) this.mosaic?.center(...spot_m);
+    this.drawOver();
   }
 
   /** The view that is shown, as measuring needs it. */
@@ -162,7 +184,7 @@ class MapView {
   }
 
   private over(): Element[] {
-    return this.measuring ? [this.measuring.overlay] : [];
+    return [...(this.measuring ? [this.measuring.overlay] : []), this.marks];
   }
 
   private resized(): void {
@@ -177,10 +199,32 @@ class MapView {
     const shown = !this.isSolid && squares !== null && this.metric >= 0;
     this.squares.hidden = !shown;
     this.legend.replaceChildren();
+    this.drawMarks();
+    const { offset_m, terrain } = this.about;
+    if (this.view === "terrain" && terrain && !shown) {
+      this.legend.append(scaleBar(terrain.low_m, terrain.high_m, this.text("map.height_unit"), false, HEIGHT_COLORS));
+    }
     if (!shown || !squares) return;
-    const { offset_m } = this.about;
     drawSquares(this.squares, squares, this.metric, (x, y) => this.mosaic?.project(x - offset_m[0], y - offset_m[1]) ?? null);
-    this.legend.append(scaleBar(...span(squares, this.metric), this.text(`metric.${squares.names[this.metric]}`), false));
+    this.legend.append(scaleBar(...span(squares, this.metric), this.squaresTitle(squares.names[this.metric], squares.scale_m), false));
+  }
+
+  private squaresTitle(name: string, scale_m: number): string {
+    return this.text("map.at_scale", { metric: this.metricName(name), scale: readable(1000 * scale_m) });
+  }
+
+  /** The clicked spot and the random point; from above also a bar of round length, and north where it is known. */
+  private drawMarks(): void {
+    const mark = (spot_m: number[] | null, name: string) => {
+      const place = spot_m && (this.isSolid ? this.scene?.project(spot_m) : this.mosaic?.project(spot_m[0], spot_m[1]));
+      return place ? [element("span", { class: `spot ${name}`, style: `left:${place[0]}px;top:${place[1]}px` })] : [];
+    };
+    const pixel_m = this.isSolid ? 0 : (this.mosaic?.pixel_m ?? 0);
+    const power = 10 ** Math.floor(Math.log10(BAR_PX * pixel_m || 1));
+    const bar_m = (BAR_PX * pixel_m >= 5 * power ? 5 : BAR_PX * pixel_m >= 2 * power ? 2 : 1) * power;
+    const bar = pixel_m ? [element("span", { class: "map-bar", style: `width:${bar_m / pixel_m}px` }, bar_m < 1 ? this.text("unit.cm", { value: readable(100 * bar_m) }) : this.text("unit.m", { value: readable(bar_m) }))] : [];
+    const north = pixel_m && this.dive.north ? [element("span", { class: "map-north" }, this.text("map.north"))] : [];
+    this.marks.replaceChildren(...mark(this.spot_m, "clicked"), ...(this.isSolid ? [] : mark(this.cover?.current ?? null, "point")), ...bar, ...north);
   }
 
   private clicked(hit: Clicked): void {
@@ -215,6 +259,8 @@ class MapView {
   private async seen(clicked_m: number[]): Promise<void> {
     const turn = ++this.turn;
     const spot_m = await this.onReef(clicked_m);
+    this.spot_m = spot_m;
+    this.drawOver();
     const all = sightings(this.dive, spot_m);
     const visible = await Promise.all(all.map((each) => isVisible(this.dive, each).catch(() => true)));
     if (turn !== this.turn) return;

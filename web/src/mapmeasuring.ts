@@ -38,7 +38,7 @@ export class MapMeasuring {
   readonly root = element("div", { class: "measuring", hidden: true });
   readonly tool: HTMLElement;
   readonly overlay = document.createElementNS(SVG, "svg");
-  private readonly ground: Ground;
+  readonly ground: Ground;
   private readonly said = element("output", { class: "readout" });
   private readonly chart = element("div", { class: "profile" });
   private readonly finish: HTMLButtonElement;

@@ -120,7 +120,7 @@ export class Measures {
       const shapes = { point: ["Point", points[0]], length: ["LineString", points], area: ["Polygon", [[...points, points[0]]]] };
       const [type, coordinates] = shapes[each.kind];
       const { frame, kind, label, note = "", value, std, surface, surface_std, known = 1 } = each;
-      const axes = onMap ? "map: x east, y north, z up, meters" : "rectified left camera: x right, y down, z forward, meters";
+      const axes = onMap ? (this.dive.north ? "map: x east, y north, z up, meters" : "map: z up, where north lies is not known, meters") : "rectified left camera: x right, y down, z forward, meters";
       return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, known, axes } };
     });
     return JSON.stringify({ type: "FeatureCollection", features }, null, 1);
@@ -145,7 +145,7 @@ export class Measures {
 }
 
 /** A cell of a table: in quotes where it must be, and never a formula for a spreadsheet. */
-function quoted(value: string | number): string {
+export function quoted(value: string | number): string {
   const text = typeof value === "string" && /^[=+@\t]/.test(value) ? `'${value}` : String(value);
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }

@@ -1,7 +1,8 @@
 // All measures of the dive as a table, with labels, notes and files to save: one, shown wherever measuring goes on.
 
 import type { Dive, Text } from "./dive";
-import { button, element } from "./elements";
+import { button, element, readable, withError } from "./elements";
+import { labelList, LABELS } from "./labels";
 import { Measures, save, type Kind, type Measure } from "./measures";
 
 const SAID_BELOW = 0.95; // of an outline in which the surface is known
@@ -10,10 +11,12 @@ export class MeasureTable {
   readonly root = element("div", { class: "measure-table" });
   readonly measures: Measures;
   private readonly list = element("tbody");
+  private readonly sums = element("tbody");
+  private readonly summed: HTMLElement;
   private readonly watchers: (() => void)[] = [];
 
   constructor(
-    dive: Dive,
+    private readonly dive: Dive,
     private readonly text: Text,
     private readonly look: (name: string) => void,
   ) {
@@ -22,8 +25,12 @@ export class MeasureTable {
     const exports = (["csv", "geojson", "viame"] as const).map((format) =>
       button(text(`measure.${format}`), () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, this.measures[format]())),
     );
+    const sumHeads = ["label", "count", "plan", "seen", "outlined"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
+    this.summed = element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...sumHeads, element("td"))), this.sums));
     this.root.append(
+      labelList("labels", Object.values(LABELS).flat()),
       element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("td"))), this.list)),
+      this.summed,
       element("div", { class: "toolbar" }, ...exports),
       element("p", { class: "hint" }, dive.calibration),
     );
@@ -37,7 +44,22 @@ export class MeasureTable {
 
   private draw(): void {
     this.list.replaceChildren(...this.measures.list.map((each) => this.row(each)));
+    const labels = [...new Set(this.measures.list.map((each) => each.label))].filter(Boolean).sort();
+    this.summed.hidden = !labels.length;
+    this.sums.replaceChildren(...labels.map((label) => this.sum(label)));
     for (const changed of this.watchers) changed();
+  }
+
+  /** How often a label was given, and what its areas on the map cover: of what was seen, and of all that is outlined. */
+  private sum(label: string): HTMLElement {
+    const mine = this.measures.list.filter((each) => each.label === label);
+    const plan_m2 = planOf(mine);
+    const outlined_m2 = planOf(this.measures.list);
+    const percent = (of_m2: number | null) => (plan_m2 && of_m2 ? `${readable((100 * plan_m2) / of_m2)} %` : "");
+    const cells = [label, String(mine.length), plan_m2 ? `${readable(plan_m2)} m²` : "", percent(this.dive.area_m2), percent(outlined_m2)];
+    const last = mine[mine.length - 1];
+    const undo = button(this.text("measure.undo"), () => this.measures.remove(last.id), { "aria-label": this.text("measure.undo_label", { label }) });
+    return element("tr", {}, ...[...cells, undo].map((cell) => element("td", {}, cell)));
   }
 
   private row(each: Measure): HTMLElement {
@@ -60,14 +82,21 @@ export class MeasureTable {
   }
 
   private field(each: Measure, key: "label" | "note"): HTMLElement {
-    const made = element("input", { type: "text", class: key, value: each[key] ?? "", "aria-label": this.text(`measure.${key}_of`, { id: each.id }) });
+    const made = element("input", { type: "text", class: key, value: each[key] ?? "", "aria-label": this.text(`measure.${key}_of`, { id: each.id }), list: key === "label" ? "labels" : null });
     made.addEventListener("change", () => this.measures.put({ ...each, [key]: made.value }));
     return made;
   }
 }
 
+/** The area in plan of outlines on the map, square meters. */
+function planOf(measures: readonly Measure[]): number {
+  const areas = measures.filter((each) => each.map && each.kind === "area").map(({ points }) =>
+    Math.abs(points.reduce((sum, [x, y], i) => sum + x * points[(i + 1) % points.length][1] - points[(i + 1) % points.length][0] * y, 0)) / 2,
+  );
+  return areas.reduce((a, b) => a + b, 0);
+}
+
 function shown(value: number, std: number, kind: Kind): string {
   const [factor, unit] = kind === "area" ? (value < 0.1 ? [1e4, "cm²"] : [1, "m²"]) : Math.abs(value) < 1 ? [100, "cm"] : [1, "m"];
-  const digits = std > 0 ? Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(std * factor)))) : 3;
-  return `${(value * factor).toFixed(digits)} ± ${(std * factor).toFixed(digits)} ${unit}`;
+  return `${withError(value, std, factor)} ${unit}`;
 }

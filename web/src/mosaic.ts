@@ -62,6 +62,20 @@ export class Mosaic {
     this.viewer.viewport.applyConstraints();
   }
 
+  /** Move a spot into the middle. */
+  center(x_m: number, y_m: number): void {
+    const [base, { offset_m }] = [this.base, this.about];
+    if (!base) return;
+    const wide_m = base.width * base.pixel_m;
+    this.viewer.viewport.panTo(new OpenSeadragon.Point((x_m + offset_m[0] - base.west_m) / wide_m, (base.north_m - y_m - offset_m[1]) / wide_m));
+  }
+
+  /** How large a pixel of the screen is, meters; 0 before anything is shown. */
+  get pixel_m(): number {
+    const { base, viewer } = this;
+    return base && viewer.viewport && viewer.world.getItemCount() ? (base.width * base.pixel_m) / (viewer.viewport.getZoom(true) * this.root.clientWidth) : 0;
+  }
+
   /** The spot at a place of the window. */
   at(clientX: number, clientY: number): FlatHit | null {
     const box = this.root.getBoundingClientRect();

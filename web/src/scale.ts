@@ -14,9 +14,12 @@ export function ticks(low: number, high: number, about = 5): number[] {
   return made;
 }
 
+/** The colors of the terrain's tiles, low to high (OpenCV's cividis). */
+export const HEIGHT_COLORS = "#00224e,#123570,#3b496c,#575d6d,#707173,#8a8678,#a59c74,#c3b369,#e1cc55,#fee838";
+
 /** A bar from low to high; near is bright where the colors run the other way round. */
-export function scaleBar(low: number, high: number, unit: string, turned: boolean): HTMLElement {
-  const stops = Array.from({ length: 17 }, (_, i) => css(turned ? 1 - i / 16 : i / 16)).join(",");
+export function scaleBar(low: number, high: number, unit: string, turned: boolean, colors = ""): HTMLElement {
+  const stops = colors || Array.from({ length: 17 }, (_, i) => css(turned ? 1 - i / 16 : i / 16)).join(",");
   const marks = ticks(low, high).map((value) =>
     element("span", { class: "tick", style: `left:${(100 * (value - low)) / (high - low || 1)}%` }, String(value)),
   );

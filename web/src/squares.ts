@@ -2,10 +2,11 @@
 
 import type { Squares } from "./about";
 import { css } from "./colors";
-import { readable } from "./elements";
+import { withError } from "./elements";
 
 const ALPHA = 0.5;
 const LEAST_TEXT_PX = 44;
+const LEAST_ERROR_PX = 90;
 
 /** Draw one metric of all squares; project: where a spot of the world lies on the canvas. */
 export function drawSquares(canvas: HTMLCanvasElement, squares: Squares, metric: number, project: (x_m: number, y_m: number) => [number, number] | null): void {
@@ -19,7 +20,7 @@ export function drawSquares(canvas: HTMLCanvasElement, squares: Squares, metric:
   const half = squares.edge_m / 2;
   context.font = "600 13px system-ui";
   context.textAlign = "center";
-  for (const row of squares.rows) {
+  for (const [number, row] of squares.rows.entries()) {
     const [x, y] = row as [number, number];
     const value = row[2 + metric];
     const [from, to] = [project(x - half, y + half), project(x + half, y - half)];
@@ -33,7 +34,7 @@ export function drawSquares(canvas: HTMLCanvasElement, squares: Squares, metric:
     context.lineWidth = 3;
     context.strokeStyle = "rgb(0 0 0 / 65%)";
     context.fillStyle = "#fff";
-    const text = readable(value);
+    const text = withError(value, size[0] < LEAST_ERROR_PX ? null : squares.std[number][metric]);
     context.strokeText(text, from[0] + size[0] / 2, from[1] + size[1] / 2);
     context.fillText(text, from[0] + size[0] / 2, from[1] + size[1] / 2);
   }

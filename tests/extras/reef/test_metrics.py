@@ -126,7 +126,7 @@ def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:
 
 def test_a_half_sphere_has_its_volume_surface_and_height() -> None:
     mesh = mesh_of(dome)
-    terrain, errors = site(mesh)
+    terrain, errors = site(mesh, 1e-4)
     (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
     assert colony is not None
     ring_m2 = np.pi * (RIM_M**2 - 0.15**2)
@@ -186,6 +186,22 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
         found.append((colony.measured.volume_l, colony.standard_error.volume_l))
     volumes, said = np.array(found).T
     assert 0.6 < volumes.std(ddof=1) / said.mean() < 1.6
+
+
+def test_a_height_is_that_of_the_coral_and_not_of_its_highest_error() -> None:
+    rng, clean, rows = np.random.default_rng(2), mesh_of(dome), []
+    for _ in range(12):
+        noisy = clean.points_m + np.array([0, 0, 0.004]) * rng.standard_normal(
+            (len(clean.points_m), 1)
+        )
+        mesh = SiteMesh(noisy, clean.normals, clean.color, clean.triangles)
+        terrain, errors = site(mesh, 0.004, correlation_m=0.0)
+        (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
+        assert colony is not None
+        found, std = colony.measured.height_m, colony.standard_error.height_m
+        rows.append((np.nanmax(terrain.height_m) - 0.15, found - 0.15, abs(found - 0.15) < 2 * std))
+    mapped_m, off_m, held = np.mean(rows, axis=0)
+    assert mapped_m > 0.004 and abs(off_m) < 0.6 * mapped_m and held > 0.7
 
 
 @pytest.mark.parametrize(("wave_m", "tall_m"), [(0.3, 0.0), (0.3, 0.02), (0.2, 0.02), (0.3, 0.04)])

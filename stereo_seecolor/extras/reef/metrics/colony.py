@@ -2,7 +2,7 @@
 and volume above the ground around it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,9 +13,9 @@ from stereo_seecolor.extras.reef.measuring.measures import inside as within
 from stereo_seecolor.extras.reef.measuring.measures import planar_area, polygon_area
 from stereo_seecolor.extras.reef.measuring.terrain import Ground
 from stereo_seecolor.extras.reef.metrics.outlines import Outline
-from stereo_seecolor.extras.reef.metrics.structure import spread_of
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh
 from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.noise import REDRAW_SETTINGS, added_by_noise, spread_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,8 +35,8 @@ class Measured:
 
     planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
     surface_m2: of planes through 3x3 cells, as the page and ``measure`` state it. mesh_m2: of the
-    mesh, noise and overhangs included. volume_l: above the plane through the rim. rugosity: surface
-    over planar area.
+    mesh, noise and overhangs included. height_m, volume_l: above the plane through the rim,
+    without what noise adds. rugosity: surface over planar area.
     """
 
     planar_m2: float
@@ -95,8 +95,7 @@ def measure_outlines(
         terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, height_std_m
     )
     values, errs = (
-        v.reshape(len(seen), -1)
-        for v in (by_terrain(terrain.height_m), spread_of(by_terrain, terrain, errors))
+        each.reshape(len(seen), -1) for each in _without_noise(by_terrain, terrain, errors)
     )
     colonies: list[Colony | None] = [None] * len(outlines)
     for i, value, error in zip(seen, values, errs, strict=True):
@@ -122,6 +121,18 @@ def measure_outlines(
             outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted
         )
     return colonies
+
+
+def _without_noise(
+    by_terrain: Callable[[Array], Array], terrain: Terrain, errors: TerrainErrors
+) -> tuple[Array, Array]:
+    """What a terrain measures without what noise adds to it, and the standard errors of that."""
+    alike_cells = errors.correlation_m / terrain.grid.cell_m
+    added = added_by_noise(by_terrain, terrain.height_m, errors.noise_m, alike_cells)
+    by_draws = spread_of(by_terrain, terrain.height_m, errors.std_m, alike_cells)
+    return by_terrain(terrain.height_m) - added, np.hypot(
+        by_draws, REDRAW_SETTINGS.of_noise * added
+    )
 
 
 def _areas(

@@ -10,6 +10,7 @@ from stereo_seecolor.errors import FrameError
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh
 from stereo_seecolor.geometry import inverse, transformed
 from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.noise import averaged
 from stereo_seecolor.mapping.raster.preview import rasterize
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -61,20 +62,6 @@ class Terrain:
         height, width = self.grid.shape
         inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
         return row[inside], column[inside], mesh.triangle_areas_m2[inside]
-
-
-def averaged(heights: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
-    """Means of blocks of cells x cells of heights (H, W), NaN where less than half of one is
-    known.
-    """
-    if cells == 1:
-        return heights
-    rows, columns = (n // cells for n in heights.shape)
-    blocks = heights[: rows * cells, : columns * cells].reshape(rows, cells, columns, cells)
-    known = np.isfinite(blocks)
-    count = known.sum(axis=(1, 3))
-    total = np.where(known, blocks, 0).sum(axis=(1, 3))
-    return np.where(count >= 0.5 * cells**2, total / np.maximum(count, 1), np.nan)
 
 
 def grid_of(mesh: SiteMesh, cell_m: float) -> Grid:

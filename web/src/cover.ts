@@ -1,0 +1,126 @@
+// Cover by random points on the map: each is labelled, and counts give fractions of what was seen with binomial intervals.
+
+import type { Dive, Text } from "./dive";
+import { button, element, readable, select } from "./elements";
+import type { Heights } from "./heights";
+import { labelList, LABELS } from "./labels";
+import { quoted, save } from "./measures";
+
+const MOST_POINTS = 2000;
+const TRIES = 200; // a point on a map of which a two hundredth is known
+const Z95 = 1.96;
+
+interface Point {
+  spot_m: [number, number];
+  label: string;
+}
+
+/** Wilson's interval of 95 % for a fraction (Wilson 1927, J. American Statistical Association 22). */
+export function wilson(count: number, of: number): [number, number] {
+  const p = count / of;
+  const center = (p + Z95 ** 2 / (2 * of)) / (1 + Z95 ** 2 / of);
+  const half = (Z95 * Math.sqrt((p * (1 - p)) / of + Z95 ** 2 / (4 * of ** 2))) / (1 + Z95 ** 2 / of);
+  return [Math.max(center - half, 0), Math.min(center + half, 1)];
+}
+
+export class Cover {
+  readonly root = element("div", { class: "cover" });
+  private readonly rows = element("tbody");
+  private readonly said = element("output", { class: "readout" });
+  private readonly label: HTMLInputElement;
+  private points: Point[] = [];
+
+  constructor(
+    private readonly dive: Dive,
+    private readonly text: Text,
+    private readonly heights: Heights,
+    private readonly changed: (spot_m: [number, number] | null) => void,
+  ) {
+    try {
+      this.points = JSON.parse(localStorage.getItem(this.key) ?? "[]") as Point[];
+    } catch {
+      this.points = []; // a browser that keeps nothing for files
+    }
+    const count = element("input", { type: "number", min: 10, max: MOST_POINTS, value: 100, "aria-label": text("cover.count") });
+    this.label = element("input", { type: "text", list: "cover-labels", "aria-label": text("cover.label"), placeholder: text("cover.label") });
+    this.label.addEventListener("keydown", (event) => event.key === "Enter" && this.give(this.label.value.trim()));
+    const names = labelList("cover-labels", LABELS.CATAMI);
+    const sets = Object.keys(LABELS).map((name): [string, string] => [name, name]);
+    const set = select(text("cover.set"), sets, (name) => names.replaceChildren(...labelList("", LABELS[name]).children));
+    const heads = ["label", "points", "cover", "interval"].map((key) => element("th", { scope: "col" }, text(`cover.${key}_head`)));
+    this.root.append(
+      element("h2", {}, text("cover.title")),
+      element("p", { class: "hint" }, text("cover.hint")),
+      element("div", { class: "toolbar" }, count, button(text("cover.throw"), () => void this.scatter(Number(count.value))), set, this.label, names, button(text("measure.undo"), () => this.back(), { "aria-label": text("cover.back") }), this.said),
+      element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...heads)), this.rows)),
+      element("div", { class: "toolbar" }, button(text("cover.csv"), () => save("cover_points.csv", this.csv()))),
+    );
+    this.draw(false);
+  }
+
+  private get key(): string {
+    return `stereo-seecolor/cover/${this.dive.id}`;
+  }
+
+  /** The point that is to be labelled. */
+  get current(): [number, number] | null {
+    return this.points.find((each) => !each.label)?.spot_m ?? null;
+  }
+
+  /** Points that are evenly distributed over what the map shows. */
+  private async scatter(count: number): Promise<void> {
+    const { width, height } = this.heights.place;
+    const points: Point[] = [];
+    const wanted = Math.min(Math.max(Math.round(count) || 0, 1), MOST_POINTS);
+    for (let tries = 0; points.length < wanted && tries < TRIES * wanted; tries++) {
+      const cell: [number, number] = [Math.floor(Math.random() * width), Math.floor(Math.random() * height)];
+      const spot_m = this.heights.center(...cell);
+      await this.heights.load([spot_m]);
+      if (!Number.isNaN(this.heights.at(...cell))) points.push({ spot_m, label: "" });
+    }
+    this.points = points;
+    this.draw(true);
+  }
+
+  private give(label: string): void {
+    const next = this.points.find((each) => !each.label);
+    if (!next || !label) return;
+    next.label = label;
+    this.label.value = "";
+    this.draw(true);
+  }
+
+  private back(): void {
+    const last = this.points.filter((each) => each.label).pop();
+    if (last) last.label = "";
+    this.draw(true);
+  }
+
+  private draw(moved: boolean): void {
+    const given = this.points.filter((each) => each.label);
+    const counts = new Map<string, number>();
+    for (const { label } of given) counts.set(label, (counts.get(label) ?? 0) + 1);
+    const percent = (value: number) => readable(100 * value);
+    this.rows.replaceChildren(
+      ...[...counts].sort((a, b) => b[1] - a[1]).map(([label, count]) => {
+        const [low, high] = wilson(count, given.length);
+        const again = button(label, () => this.give(label), { "aria-label": this.text("cover.again", { label }) });
+        const cells = [again, `${count}`, `${percent(count / given.length)} %`, this.text("cover.interval", { low: percent(low), high: percent(high) })];
+        return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
+      }),
+    );
+    this.said.textContent = this.points.length ? this.text("cover.done", { done: given.length, total: this.points.length }) : "";
+    if (!moved) return;
+    this.changed(this.current);
+    try {
+      localStorage.setItem(this.key, JSON.stringify(this.points));
+    } catch {
+      // nothing can be kept: the file still can be saved
+    }
+  }
+
+  private csv(): string {
+    const rows = this.points.map(({ spot_m, label }, i) => [i + 1, ...spot_m.map((value, axis) => (value + this.dive.offset_m[axis]).toFixed(4)), label]);
+    return [["point", "x_m", "y_m", "label"], ...rows].map((row) => row.map(quoted).join(",") + "\r\n").join("");
+  }
+}
