@@ -54,7 +54,8 @@ def squares_of(
     Args:
         table: content of reef_metrics.csv, the metrics as mapped.
         heights_m: (H, W) the terrain, NaN where unknown.
-        cell_m: edge of its cells. edge_m: of the squares.
+        cell_m: edge of its cells.
+        edge_m: edge of the squares.
         noise_m: standard error of a height by noise, all views of it together.
         pixel_m: edge of a pixel on the bottom.
 
