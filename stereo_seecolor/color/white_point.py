@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import PerChannel, Water
 
-DOUBTED_DEG = 3.0
-"""Standard error of the color of gray, as displayed, beyond which a white point is in doubt: some
-4 CIEDE2000 of a middle gray, a cast that is plainly seen.
+DOUBTED = 0.08
+"""Standard error of red or blue over green beyond which a white point is in doubt: gray is then off
+by more than a degree.
 """
 DISPLAY_POWER = 2.2
 """Of linear light over displayed values, about that of sRGB."""
@@ -42,11 +42,11 @@ def white_doubt(water: Water) -> str:
     """A line that says how uncertain the white point is, and what settles it; "" where it is
     certain, or its error not known.
     """
-    gray_deg, (red, blue) = gray_error_deg(water), white_errors(water)
-    if not gray_deg > DOUBTED_DEG:
+    red, blue = errors = white_errors(water)
+    if not (errors > DOUBTED).any():
         return ""
     return (
-        f"{DOUBT}gray may have a cast of {gray_deg:.1f} degrees (red over green is known to "
+        f"{DOUBT}gray may have a cast of {gray_error_deg(water):.1f} degrees (red over green is known to "
         f"{red:.0%}, blue over green to {blue:.0%}), and all colors with it; what settles it "
         "is a color chart or white card in a frame (water OUT --chart), or a spot that is white, "
         "or sand (water OUT --white "

@@ -52,12 +52,12 @@ def test_errors_of_ratios_follow_from_those_of_colors() -> None:
     ("error", "doubted"),
     [
         ((0.3, 0.15, 0.2), True),
-        ((0.13, 0.1, 0.13), True),
-        ((0.1, 0.1, 0.1), False),
+        ((0.1, 0.1, 0.1), True),
+        ((0.03, 0.03, 0.03), False),
         ((np.nan,) * 3, False),
     ],
 )
-def test_a_white_point_is_doubted_where_gray_has_a_cast_of_three_degrees(
+def test_a_white_point_known_to_worse_than_8_percent_is_doubted(
     error: tuple[float, float, float], doubted: bool
 ) -> None:
     line = white_doubt(some_water(error))
