@@ -6,7 +6,8 @@ beside it, and every result that was edited. After each step, each of them is wh
 OUT/set_aside, to the byte. A command ends well or with an error of the program's own, and one that
 says that nothing was touched has touched nothing.
 
-STEREO_SEECOLOR_ATTACK_MINUTES=30 attacks for so long; by default for some seconds.
+STEREO_SEECOLOR_ATTACK_MINUTES=30 attacks for so long; by default for some seconds. The seed and
+the number of steps are printed; STEREO_SEECOLOR_ATTACK_SEED gives the seed of the first round.
 """
 
 import json
@@ -20,7 +21,7 @@ from tempfile import mkdtemp
 
 import pytest
 from conftest import AtPair, Dive
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, seed, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -46,6 +47,7 @@ from stereo_seecolor.extras.reef.commands.compare import metrics
 from stereo_seecolor.run_folder.layout import Stamp
 
 MINUTES = float(os.environ.get("STEREO_SEECOLOR_ATTACK_MINUTES", "0"))
+SEED = int(os.environ.get("STEREO_SEECOLOR_ATTACK_SEED", "1"))
 OWN = (
     *(
         "rig.yaml",
@@ -117,6 +119,8 @@ def files(folder: Path) -> dict[Path, bytes]:
 def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rules share the dives
     class Attack(RuleBasedStateMachine):
         """One OUT, two dives, a campaign, and a user who puts and edits files everywhere."""
+
+        steps = 0
 
         @initialize()
         def begin(self) -> None:
@@ -343,6 +347,7 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
 
         @invariant()
         def nothing_of_the_users_is_lost(self) -> None:
+            Attack.steps += 1
             for path, content in getattr(self, "mine", ()):
                 assert self.is_kept(path, content), f"lost: {path}"
 
@@ -363,11 +368,14 @@ def test_no_sequence_of_commands_and_accidents_loses_a_file_of_the_users(
     slow = settings(
         deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
     )
-    end_s = time.monotonic() + 60 * MINUTES
+    end_s, round_seed = time.monotonic() + 60 * MINUTES, SEED
     while time.monotonic() < end_s:
+        print(f"seed {round_seed}, {attack.steps} steps done", flush=True)
         run_state_machine_as_test(
-            attack, settings=settings(slow, max_examples=10, stateful_step_count=20, database=None)
+            seed(round_seed)(attack),
+            settings=settings(slow, max_examples=10, stateful_step_count=20, database=None),
         )
+        round_seed += 1
     if not MINUTES:
         run_state_machine_as_test(
             attack,
