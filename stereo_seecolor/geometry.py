@@ -134,6 +134,25 @@ def rigid_alignment(points: Array, targets: Array) -> Array:
     return pose(R, target - R @ center)
 
 
+def similarity_alignment(points: Array, targets: Array) -> Array:
+    """The similarity (4, 4), its first three columns scale times rotation, that takes points (N, 3)
+    nearest to their targets (N, 3).
+
+    The scale is symmetric in both, so that errors of neither shorten it: Horn 1987, Closed-form
+    solution of absolute orientation using unit quaternions, JOSA A 4(4), section 2.E.
+    """
+    T = rigid_alignment(points, targets)
+    center, target = points.mean(axis=0), targets.mean(axis=0)
+    T[:3, :3] *= np.linalg.norm(targets - target) / max(np.linalg.norm(points - center), 1e-12)
+    T[:3, 3] = target - T[:3, :3] @ center
+    return T
+
+
+def scale_of(T: Array) -> float:
+    """The scale of a similarity (4, 4)."""
+    return float(np.cbrt(np.linalg.det(T[:3, :3])))
+
+
 def nearest_rotation(M: Array) -> Array:
     """The rotation (3, 3) nearest to any matrix (3, 3), by its singular value decomposition."""
     U, _, Vt = np.linalg.svd(M)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.geometry import quaternion
 from stereo_seecolor.records import Image, Map, Trajectory
@@ -18,6 +19,8 @@ VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1",
 """A vertex of a map."""
 FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 """A triangle of a map."""
+HEADER_BYTES, FARTHEST_M = 1 << 16, 1e7
+"""A longer header, and a vertex farther from the map's origin, are damage."""
 
 _PROPERTIES = {
     **{"xyz": ("float x", "float y", "float z"), "position": ("float x", "float y", "float z")},
@@ -43,33 +46,69 @@ def header(comment: str, vertex: np.dtype[np.void], points: int, triangles: int 
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:
-    """The vertices of a map's cloud or mesh, as VERTEX, read from disk where they are used."""
+    """The vertices of a map's cloud or mesh, as VERTEX, read from disk where they are used.
+
+    Raises InputError where the file is gone, damaged, or holds a place that is none.
+    """
     head = _read_header(path)
-    return _records(path, VERTEX, len(head), _count(head, b"vertex"))
+    found = _records(path, VERTEX, len(head), _count(path, head, b"vertex"))
+    if not bool((np.abs(found["position"]) < FARTHEST_M).all()):
+        raise _damaged(path, "a vertex is nowhere")
+    return found
 
 
 def read_triangles(path: Path) -> NDArray[np.void]:
-    """The triangles of a map's mesh, as FACE, read from disk where they are used."""
+    """The triangles of a map's mesh, as FACE, read from disk where they are used.
+
+    Raises InputError where the file is gone, damaged, or a triangle has a vertex that is not there.
+    """
     head = _read_header(path)
-    return _records(
-        path, FACE, len(head) + _count(head, b"vertex") * VERTEX.itemsize, _count(head, b"face")
+    vertices = _count(path, head, b"vertex")
+    offset = len(head) + vertices * VERTEX.itemsize
+    found = _records(path, FACE, offset, _count(path, head, b"face"))
+    corners = found["indices"]
+    if len(found) and not (
+        (found["count"] == 3).all() and corners.min() >= 0 and corners.max() < vertices
+    ):
+        raise _damaged(path, "a triangle has a vertex that is not there")
+    return found
+
+
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(
+        f"{path}: is damaged, or was not written by this program ({why}): make the map again with "
+        "stereo-seecolor fuse"
     )
 
 
 def _read_header(path: Path) -> bytes:
-    head = b""
-    with path.open("rb") as file:
-        while not head.endswith(b"end_header\n"):
-            head += file.readline()
-    return head
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEADER_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    content, end, _ = head.partition(b"end_header\n")
+    if not content.startswith(b"ply\nformat binary_little_endian 1.0\n") or not end:
+        raise _damaged(path, "no header of a binary PLY")
+    properties = b"".join(
+        f"property {p}\n".encode() for name in VERTEX.names or () for p in _PROPERTIES[name]
+    )
+    if properties not in content:
+        raise _damaged(path, "its vertices have other properties")
+    return content + end
 
 
-def _count(head: bytes, element: bytes) -> int:
-    _, found, rest = head.partition(b"element " + element + b" ")
-    return int(rest.split()[0]) if found else 0
+def _count(path: Path, head: bytes, element: bytes) -> int:
+    _, found, rest = head.partition(b"\nelement " + element + b" ")
+    number = rest.partition(b"\n")[0]
+    if found and not (number.isdigit() and len(number) < 12):
+        raise _damaged(path, f"no number of elements {element.decode()}")
+    return int(number) if found else 0
 
 
 def _records(path: Path, record: np.dtype[np.void], offset: int, count: int) -> NDArray[np.void]:
+    if path.stat().st_size < offset + count * record.itemsize:
+        raise _damaged(path, "it is cut short")
     return np.memmap(path, record, "r", offset, (count,)) if count else np.zeros(0, record)
 
 

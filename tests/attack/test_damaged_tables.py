@@ -18,8 +18,13 @@ from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
+from stereo_seecolor.extras.evaluation.truth import evaluate_spread
+from stereo_seecolor.extras.evaluation.water import measure_water
 from stereo_seecolor.extras.export.command import export
+from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.status import status
+from stereo_seecolor.extras.reef.commands.compare import compare, metrics
+from stereo_seecolor.extras.reef.commands.markers import Known, markers
 from stereo_seecolor.extras.reef.commands.measure import measure
 from stereo_seecolor.files import csv_table
 from stereo_seecolor.inputs.capture import ExposureTable
@@ -111,6 +116,21 @@ def commands(out: Path, folder: Path) -> dict[str, Callable[[], object]]:
     }
 
 
+def slow_commands(out: Path, folder: Path) -> dict[str, Callable[[], object]]:
+    """Those that read pixels and surfaces."""
+    poses = folder.parent / "poses.tum"
+    return {
+        "metrics": lambda: metrics(out),
+        "compare": lambda: compare(folder.parent / "good", out),
+        "markers": lambda: markers(out, Known(size_m=0.2)),
+        "evaluate": lambda: evaluate_spread(out),
+        "water": lambda: measure_water(out, poses),
+        "fuse": lambda: fuse(out, poses),
+        "merge": lambda: merge([out], folder / "merged", RunOptions(workers=1)),
+        "colmap": lambda: export(out, "colmap", folder / "colmap"),
+    }
+
+
 @pytest.fixture
 def fused(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
     """A fused run of three frames."""
@@ -150,6 +170,52 @@ def test_a_damaged_table_or_record_is_one_line(file: str, fused: Path, tmp_path:
                 refused += 1
                 assert "\n" not in str(error), f"{damage}, {name}"
     assert refused, "no command reads this file"
+
+
+READ = {
+    "map/mesh.ply": ("metrics", "compare"),
+    "map/cloud.ply": ("colmap",),
+    "map/map.json": ("metrics", "markers", "evaluate", "water", "colmap"),
+    "map/poses.csv": ("metrics", "markers"),
+    "map/trajectory.tum": ("metrics", "markers", "colmap"),
+    "run.json": ("metrics", "markers", "water", "merge", "fuse", "evaluate"),
+    "rig.yaml": ("metrics", "markers", "water", "merge", "fuse"),
+    "water.json": ("merge", "fuse", "water", "evaluate"),
+    "range/0001.tiff": ("metrics", "water", "fuse", "evaluate", "merge"),
+    "confidence/0001.png": ("metrics", "water", "fuse"),
+    "corrected/0001.png": ("compare", "evaluate", "fuse"),
+    "range_std/0001.tiff": ("metrics", "fuse"),
+    ".state/frames/0001.json": ("metrics", "merge", "water"),
+    ".state/manifest.json": ("metrics", "merge", "water"),
+    ".state/tables/0001.table": ("merge",),
+    ".state/fit.json": ("merge",),
+    ".state/light.json": ("merge",),
+}
+"""File of OUT -> commands that read it."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("file", READ)
+def test_damage_of_a_file_that_a_command_reads_is_one_line(
+    file: str, fused: Path, tmp_path: Path
+) -> None:
+    good = tmp_path / "good"
+    shutil.copytree(fused, good)
+    content = (good / file).read_bytes()
+    kinds = ANY | (IN_TABLES if file.endswith(".csv") else {})
+    kinds |= IN_RECORDS if file.endswith(".json") else {}
+    for number, (damage, damaged) in enumerate(kinds.items()):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for name in READ[file]:
+            shutil.rmtree(fused)
+            shutil.copytree(good, fused)
+            (fused / file).write_bytes(damaged(content))
+            try:
+                slow_commands(fused, folder)[name]()
+            except (SeeColorError, CalibrationError) as error:
+                assert "\n" not in str(error), f"{damage}, {name}"
 
 
 def test_a_cell_of_any_length_is_one_line(tmp_path: Path) -> None:

@@ -219,6 +219,7 @@ SHAPES: dict[str, Shape] = {
         "registration": {
             **{"T_first_second": [[float]], "covariance": [[float]], "center_m": [float]},
             **keys(int, "features_alike features_agreeing"),
+            **keys(float, "scale scale_std"),
             **keys(float, "feature_rms_m stable_fraction surface_spread_m features_to_surfaces_m"),
         },
         **keys(float, "overlap_m2 cell_m median_lod_m error_inflation beyond_lod"),

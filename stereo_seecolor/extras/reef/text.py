@@ -66,6 +66,8 @@ def comparison_text(found: "Comparison") -> str:
         f"registered: {at.agreeing} of {at.matches} features agree, within "
         f"{1000 * at.feature_rms_m:.1f} mm; {fits}",
         f"{change.overlap_m2:.2f} m2 in both; {beyond}",
+        f"scale: lengths of the first are {at.scale:.4f} +- {at.scale_std:.4f} of the second's",
+        *([f"note: {at.scale_note}"] if at.scale_note else []),
         "growth {:.3f} +- {:.3f} l".format(*change.growth_l)
         + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
     ]

@@ -151,6 +151,8 @@ def description(change: SiteChange) -> dict[str, Any]:
         "format": FORMAT,
         "registration": {
             "T_first_second": at.T_a_b.tolist(),
+            "scale": at.scale,
+            "scale_std": at.scale_std,
             "covariance": at.covariance.tolist(),
             "center_m": at.center_m.tolist(),
             "features_alike": at.matches,
@@ -275,6 +277,8 @@ def _reasons(change: SiteChange) -> list[str]:
             f"{beyond:.0%} of the cells outside all patches lie beyond the level of detection, "
             "where 5 % would: a map may be bent."
         )
+    if note := change.registration.scale_note:
+        reasons.append(note)
     if change.registration.stable < 1 - UNSTABLE:
         reasons.append(
             f"Only {change.registration.stable:.0%} of the ground fits: much has changed, or a "
@@ -292,6 +296,7 @@ def _evidence(change: SiteChange) -> list[tuple[str, str]]:
             f"{at.matches}, {at.agreeing}, within {1000 * at.feature_rms_m:.1f} mm",
         ),
         ("Ground that fits, and its spread", f"{at.stable:.0%}, {1000 * at.spread_m:.1f} mm"),
+        ("Lengths in the first, of those in the second", f"{at.scale:.4f} +- {at.scale_std:.4f}"),
         ("Between features and surfaces", f"{1000 * at.apart_m:.1f} mm"),
         (
             "Standard error of the registration: east, north, up",

@@ -1,7 +1,7 @@
 """Joint optimization of both surveys' tracks: matches between frames of both dives remove the
 bending of the second track.
 
-A registration is one rigid motion; two tracks without loops bend against each other by millimeters
+A registration is one motion; two tracks without loops bend against each other by millimeters
 over tens of meters. The first survey stays as it is mapped. The second must be fused again by the
 track that is found here.
 """
@@ -63,6 +63,7 @@ def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) 
     frames of the other; DeviceError without GTSAM.
     """
     T_b, count = registration.T_a_b @ b.posed.T_map_camera, len(a.posed.frames)
+    T_b[:, :3, :3] /= registration.scale
     frames, T = (
         ReadableFrames(_BothDives(a.posed, b.posed)),
         np.concatenate([a.posed.T_map_camera, T_b]),

@@ -13,7 +13,7 @@ from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surfac
 from stereo_seecolor.extras.reef.site.mesh import Site
 from stereo_seecolor.extras.reef.site.orthophoto import Orthophoto, orthophoto
 from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
-from stereo_seecolor.geometry import rigid_alignment, transformed
+from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
 from stereo_seecolor.mapping.track.features import local_contrast
 from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
 
@@ -102,11 +102,12 @@ def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
     return a.points_m[index_a], b.points_m[index_b]
 
 
-# The rigid motion that most matched points agree on: RANSAC on triples, then least squares on the
+# The motion that most matched points agree on: RANSAC on triples, then least squares on the
 # inliers.
 #
-# Both surveys are metric, so there is no scale to find, and a triple whose sides differ is no
-# match: most wrong ones end there. Fischler and Bolles 1981; Umeyama 1991.
+# Both surveys are metric, so a triple whose sides differ is no match: most wrong ones end there.
+# A scale is left to the least squares: each calibration is wrong by some thousandths or hundredths.
+# Fischler and Bolles 1981; Umeyama 1991; Horn 1987.
 
 
 @dataclass(frozen=True)
@@ -115,24 +116,28 @@ class RansacSettings:
 
     triples: int = 200_000  # drawn; at one right match in twenty, 25 of them are right
     tried: int = 2_000  # of those whose sides agree
-    refinements: int = 5  # of least squares on what agrees, which changes what agrees
+    refinements: int = 20  # of least squares on what agrees, which changes what agrees
+    blocks: int = 6  # of ground, a side: left out one at a time for the scale's standard error
 
 
-RIGID_SETTINGS = RansacSettings()
+RANSAC_SETTINGS = RansacSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class RigidFit:
-    """T: (4, 4) from b to a. inliers: (n,) bool. rms_m: of the inliers' distances."""
+class SimilarityFit:
+    """T: (4, 4) from b to a, scale times rotation and a shift. inliers: (n,) bool. rms_m: of the
+    inliers' distances. scale_std: standard error of the scale.
+    """
 
     T: Array
     inliers: NDArray[np.bool_]
     rms_m: float
+    scale_std: float
 
 
-def rigid_fit(a: Array, b: Array, tolerance_m: float) -> RigidFit | None:
-    """Fit the rigid motion of matched points (n, 3), of which those within tolerance_m agree; None
-    where no three do.
+def similarity_fit(a: Array, b: Array, tolerance_m: float) -> SimilarityFit | None:
+    """Fit the motion and scale of matched points (n, 3), of which those within tolerance_m agree;
+    None where no three do.
     """
     best: tuple[int, Array] | None = None
     for triple in _alike_triples(a, b, tolerance_m):
@@ -143,18 +148,34 @@ def rigid_fit(a: Array, b: Array, tolerance_m: float) -> RigidFit | None:
     if best is None:
         return None
     T = best[1]
-    for _ in range(RIGID_SETTINGS.refinements):
+    for _ in range(RANSAC_SETTINGS.refinements):
         inliers = _distances(T, a, b) < tolerance_m
         if inliers.sum() < 3:
             return None
-        T = rigid_alignment(b[inliers], a[inliers])
+        T = similarity_alignment(b[inliers], a[inliers])
+        if np.array_equal(_distances(T, a, b) < tolerance_m, inliers):
+            break
     distances = _distances(T, a, b)
     inliers = distances < tolerance_m
-    return (
-        RigidFit(T, inliers, float(np.sqrt((distances[inliers] ** 2).mean())))
-        if inliers.sum() >= 3
-        else None
-    )
+    if inliers.sum() < 3:
+        return None
+    rms_m = float(np.sqrt((distances[inliers] ** 2).mean()))
+    return SimilarityFit(T, inliers, rms_m, _scale_std(a[inliers], b[inliers]))
+
+
+def _scale_std(a: Array, b: Array) -> float:
+    """The standard error of the scale between points (n, 3) of a and b, by leaving out one block of
+    ground at a time: errors of neighbors are alike.
+    """
+    low, most = a[:, :2].min(axis=0), RANSAC_SETTINGS.blocks
+    span = np.maximum(np.ptp(a[:, :2], axis=0), 1e-9)
+    place = np.minimum((a[:, :2] - low) / span * most, most - 1).astype(int)
+    block = place[:, 0] * most + place[:, 1]
+    others = [block != number for number in np.unique(block)]
+    scales = np.array([scale_of(similarity_alignment(b[k], a[k])) for k in others if k.sum() >= 3])
+    if len(scales) < 2:
+        return float("inf")
+    return float(np.sqrt((len(scales) - 1) * scales.var()))
 
 
 def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
@@ -162,7 +183,7 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
     if len(a) < 3:
         return np.zeros((0, 3), np.int64)
     rng = np.random.default_rng(0)
-    triples = rng.integers(0, len(a), (RIGID_SETTINGS.triples, 3))
+    triples = rng.integers(0, len(a), (RANSAC_SETTINGS.triples, 3))
     alike = np.ones(len(triples), bool)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         side_a, side_b = (
@@ -170,7 +191,7 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
             for points in (a, b)
         )
         alike &= (np.abs(side_a - side_b) < tolerance_m) & (side_a > 10 * tolerance_m)
-    return np.asarray(triples[alike][: RIGID_SETTINGS.tried])
+    return np.asarray(triples[alike][: RANSAC_SETTINGS.tried])
 
 
 def _distances(T: Array, a: Array, b: Array) -> Array:
@@ -189,6 +210,7 @@ class RegistrationSettings:
     apart_cells: float = 5.0  # most that registrations by features and by surfaces may differ
     # of the ground over both must fit: what moved cannot be told from what did not otherwise
     stable: float = 0.5
+    scale_sigmas: float = 4.0  # beyond which the scale of the two surveys is said to differ
 
 
 REGISTRATION_SETTINGS = RegistrationSettings()
@@ -196,8 +218,8 @@ REGISTRATION_SETTINGS = RegistrationSettings()
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """T_a_b: (4, 4) from b's coordinates to a's. covariance: (6, 6) of (turn in rad, shift in m)
-    about center_m.
+    """T_a_b: (4, 4) from b's coordinates to a's: scale times rotation, and a shift. covariance:
+    (6, 6) of (turn in rad, shift in m) about center_m. scale_std: standard error of the scale.
 
     matches, agreeing: features, and those that agree on the motion, within feature_rms_m. stable:
     fraction of the ground over both that fits. spread_m: robust standard deviation of the distances
@@ -213,6 +235,25 @@ class Registration:
     stable: float
     spread_m: float
     apart_m: float
+    scale_std: float
+
+    @property
+    def scale(self) -> float:
+        """How many times as long as in b lengths are in a."""
+        return scale_of(self.T_a_b)
+
+    @property
+    def scale_note(self) -> str:
+        """What it means that the two surveys certainly have different meters; else empty."""
+        off = self.scale - 1
+        if abs(off) <= REGISTRATION_SETTINGS.scale_sigmas * self.scale_std:
+            return ""
+        return (
+            f"lengths of the second survey are {abs(off):.2%} +- {self.scale_std:.2%} too "
+            f"{'short' if off > 0 else 'long'} for the first: a calibration or navigation of one "
+            "of them is off; the second was scaled to the first: if the first is the wrong one, "
+            f"all areas are off by {abs(2 * off):.1%} and all liters by {abs(3 * off):.1%}"
+        )
 
     def std_m(self, points_m: Array, slopes: Array) -> Array:
         """(...,) standard error of the height over a place, through the registration alone, of
@@ -224,7 +265,10 @@ class Registration:
         arm, (east, north) = points_m - self.center_m, slopes
         normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
         J = np.concatenate([np.cross(arm, normal), normal], axis=-1)
-        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J)))
+        longer = self.scale_std * (arm * normal).sum(axis=-1)
+        return np.asarray(
+            np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J) + longer**2)
+        )
 
 
 def register(a: Site, b: Site, cell_m: float) -> Registration:
@@ -233,7 +277,7 @@ def register(a: Site, b: Site, cell_m: float) -> Registration:
     """
     found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
-    coarse = rigid_fit(*found, REGISTRATION_SETTINGS.tolerance_cells * cell_m)
+    coarse = similarity_fit(*found, REGISTRATION_SETTINGS.tolerance_cells * cell_m)
     agreeing = int(coarse.inliers.sum()) if coarse else 0
     needed = max(REGISTRATION_SETTINGS.fewest, round(REGISTRATION_SETTINGS.fraction * count))
     if coarse is None or agreeing < needed:
@@ -253,7 +297,7 @@ def _landmarks(site: Site, cell_m: float) -> Landmarks:
 
 
 def _checked(
-    coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float
+    coarse: SimilarityFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float
 ) -> Registration:
     """The registration by features and surfaces together, if they agree."""
     if fine is None:
@@ -284,4 +328,5 @@ def _checked(
         fine.stable,
         fine.spread_m,
         apart_m,
+        coarse.scale_std,
     )

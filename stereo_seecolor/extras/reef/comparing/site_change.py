@@ -1,6 +1,6 @@
 """The change of a site between two surveys."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +77,7 @@ def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
     grid = _shared_grid(a.mesh, moved, cell_m)
     before, after = terrain_of(a.mesh, grid), terrain_of(moved, grid)
     a_errors = terrain_errors(a.posed, before)
-    b_errors = terrain_errors(b.posed, after, registration.T_a_b)
+    b_errors = _errors_of_moved(b, after, registration)
     found = difference(before, after, a_errors, b_errors, registration)
     if np.isfinite(found.dz_m).sum() < LEAST_OVERLAP_CELLS:
         raise ComparingError(
@@ -110,6 +110,22 @@ def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
         labels=_labels(grid, masks),
         growth_l=_total(patches, "growth"),
         loss_l=_total(patches, "loss"),
+    )
+
+
+def _errors_of_moved(b: Site, after: Terrain, at: Registration) -> TerrainErrors:
+    """The standard errors of b's terrain in a's coordinates, found in b's own meters: those of its
+    ranges.
+    """
+    grid, T = after.grid, at.T_a_b / at.scale
+    T[3, 3] = 1.0
+    own = Grid(grid.west_m / at.scale, grid.north_m / at.scale, grid.cell_m / at.scale, grid.shape)
+    errors = terrain_errors(b.posed, Terrain(own, after.height_m / at.scale, after.color), T)
+    return replace(
+        errors,
+        std_m=at.scale * errors.std_m,
+        noise_m=at.scale * errors.noise_m,
+        correlation_m=at.scale * errors.correlation_m,
     )
 
 

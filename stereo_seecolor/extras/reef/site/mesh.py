@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import scale_of, transformed
 from stereo_seecolor.run_folder.layout import MAP, MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
@@ -27,9 +27,10 @@ class SiteMesh:
     triangles: NDArray[np.int32]
 
     def moved(self, T: Array) -> "SiteMesh":
-        """The mesh through a rigid transform (4, 4)."""
+        """The mesh through a similarity (4, 4)."""
+        R = T[:3, :3] / scale_of(T)
         return SiteMesh(
-            transformed(T, self.points_m), self.normals @ T[:3, :3].T, self.color, self.triangles
+            transformed(T, self.points_m), self.normals @ R.T, self.color, self.triangles
         )
 
     @property
