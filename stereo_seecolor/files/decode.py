@@ -2,6 +2,7 @@
 
 import struct
 import sys
+import zlib
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
@@ -111,17 +112,10 @@ def _png(content: bytes) -> NDArray[np.uint8] | None:
 
 def _tiff(content: bytes) -> NDArray[np.float32] | None:
     """One strip of float32, as it is, or deflated with the predictor of floating point."""
-    (at,) = struct.unpack_from("<I", content, 4)
-    (count,) = struct.unpack_from("<H", content, at)
-    entries = (struct.unpack_from("<HHII", content, at + 2 + 12 * i) for i in range(count))
-    tags = {
-        tag: value & 0xFFFF if kind == SHORT else value
-        for tag, kind, length, value in entries
-        if length == 1
-    }
+    tags = _tiff_tags(content)
     if any(tags[tag] != value for tag, value in FLOAT_GRAY.items()):
         return None
-    strip = memoryview(content)[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
+    strip = _strip(content, tags)
     height, width = tags[HEIGHT], tags[WIDTH]
     if tags[COMPRESSION] == UNCOMPRESSED:
         return np.frombuffer(strip, "<f4").reshape(height, width).astype(np.float32)
@@ -131,6 +125,22 @@ def _tiff(content: bytes) -> NDArray[np.float32] | None:
     values = np.empty((height, width, 4), np.uint8)
     _add_differences(rows, values)
     return values.view("<f4")[..., 0].astype(np.float32, copy=False)
+
+
+def _tiff_tags(content: bytes) -> dict[int, int]:
+    """Those that hold one number."""
+    (at,) = struct.unpack_from("<I", content, 4)
+    (count,) = struct.unpack_from("<H", content, at)
+    entries = (struct.unpack_from("<HHII", content, at + 2 + 12 * i) for i in range(count))
+    return {
+        tag: value & 0xFFFF if kind == SHORT else value
+        for tag, kind, length, value in entries
+        if length == 1
+    }
+
+
+def _strip(content: bytes, tags: dict[int, int]) -> memoryview:
+    return memoryview(content)[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
 
 
 @compiled
@@ -180,6 +190,8 @@ def _add_differences(rows, values):  # type: ignore[no-untyped-def]
 
 
 JPEG_END = b"\xff\xd9"
+MOST_PER_BYTE = 10_000
+"""Pixels; deflate makes a byte of 1032 at the most, each of 8 pixels."""
 FEW_FILES = 16
 """So many OpenCV decodes while numba is imported, a quarter of a second; more are decoded in half
 the time by our own kernels.
@@ -204,12 +216,40 @@ def read_array(path: Path) -> NDArray[Any]:
         quick := quickly_decoded(content)
     ) is not None:
         return quick
-    pixels: NDArray[Any] | None = (
-        cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
-    )
+    pixels: NDArray[Any] | None = None
+    if content and _is_whole(content):
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise InputError(f"{path}: is damaged")
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels
+
+
+def _is_whole(content: bytes) -> bool:
+    """False for a PNG or a TIFF of the program's own with a damaged byte, or with more pixels
+    than its bytes can hold: OpenCV decodes it to a picture that is partly black.
+    """
+    try:
+        if content.startswith(SIGNATURE):
+            chunks = list(_chunks(content))
+            sums = (struct.unpack_from(">I", content, end)[0] for _, _, end in chunks)
+            if any(
+                zlib.crc32(content[start - 4 : end]) != total
+                for (_, start, end), total in zip(chunks, sums, strict=True)
+            ):
+                return False
+            width, height = struct.unpack_from(">2I", content, 16)
+            return chunks[-1][0] == b"IEND" and width * height < MOST_PER_BYTE * len(content)
+        if not content.startswith(b"II*\0"):
+            return True
+        tags = _tiff_tags(content)
+        height, width = tags[HEIGHT], tags[WIDTH]
+        if tags[COMPRESSION] == UNCOMPRESSED and STRIP in tags and tags[258] == 32:
+            return len(_strip(content, tags)) == 4 * width * height
+        if tags[COMPRESSION] == DEFLATED and tags.get(PREDICTOR) == FLOATING_POINT:
+            inflated(_strip(content, tags), 4 * width * height)
+        return width * height < MOST_PER_BYTE * len(content)
+    except (ValueError, KeyError, struct.error):
+        return False
 
 
 def eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -27,6 +27,8 @@ from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifes
 
 RUN_FORMAT, RUN_VERSION = "stereo-seecolor/run", 2
 YEAR_2000 = 946_684_800
+FARTHEST_M = 1e4
+"""Of a range: more is damage, as 0 is; what is unknown is NaN."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +79,16 @@ class FinishedFrame:
                 f"{self.name}: the run wrote no {product}: run again with it turned on"
             )
         try:
-            return read_array(path)
+            pixels = read_array(path)
         except InputError as error:
             raise InputError(
                 f"{path}: is gone or damaged: run again, which makes it again"
             ) from error
+        if product == "range" and ((pixels <= 0) | (pixels > FARTHEST_M)).any():
+            raise InputError(
+                f"{path}: is damaged (holds ranges that are none): run again, which makes it again"
+            )
+        return pixels
 
     def measured_range_m(self) -> Map:
         """Read the measured ranges, without filled-in ones.

@@ -197,6 +197,21 @@ def spaced(numbers: Iterable[float], digits: int = 12) -> str:
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
+def _poses(path: Path) -> NDArray[np.float64]:
+    """The rows (N, 8) of a TUM file of the program's own. Raises OSError; ValueError for damage."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    rows = np.array([line.split() for line in lines if not line.startswith("#")], np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 8 or not np.isfinite(rows).all():
+        raise ValueError("trajectory.tum holds no poses, or rows that are none")
+    if (np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > QUATERNION_TOLERANCE).any():
+        raise ValueError("trajectory.tum holds a quaternion that is no turn")
+    return rows
+
+
+QUATERNION_TOLERANCE = 1e-6
+"""Of the length of a quaternion that was written with nine digits."""
+
+
 def open_posed_run(out: Path) -> PosedRun:
     """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that
     is damaged.
@@ -209,7 +224,7 @@ def open_posed_run(out: Path) -> PosedRun:
             f"stereo-seecolor fuse {out}"
         )
     try:
-        rows = np.loadtxt(folder / "trajectory.tum", ndmin=2)
+        rows = _poses(folder / "trajectory.tum")
         T = pose(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - np.array(made.offset_m))
     except (OSError, ValueError, IndexError) as error:
         raise InputError(
