@@ -72,8 +72,15 @@ ALL_RESULTS = Replaces(
 FUSED = ("corrected/", "original/corrected/", FRAMES_TABLE, f"{MAP}/", INDEX, f"{PAGE}/", OF_STATE)
 
 REPLACES: dict[str, Replaces] = {
-    **dict.fromkeys(("run", "range", "correct", "rectify", "merge"), ALL_RESULTS),
-    "campaign": Replaces(ALL_RESULTS.results, "the same in the folder of each dive"),
+    "run": Replaces(
+        ALL_RESULTS.results, f"{ALL_RESULTS.what}, and an earlier recording at `--out-mcap`"
+    ),
+    **dict.fromkeys(("range", "correct", "rectify", "merge"), ALL_RESULTS),
+    "campaign": Replaces(
+        ALL_RESULTS.results,
+        "the same as `range` in the folder of each dive; beside them `campaign.csv`, "
+        "`campaign.json`, `records/` and `waters/`, as it wrote them",
+    ),
     "demo": Replaces(ALL_RESULTS.results, "all results of an earlier demo"),
     "fuse": Replaces(
         FUSED, f"`{MAP}/`, `{FRAMES_TABLE}`, the page, the position in the EXIF of corrected images"
