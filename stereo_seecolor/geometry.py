@@ -143,7 +143,8 @@ def similarity_alignment(points: Array, targets: Array) -> Array:
     """
     T = rigid_alignment(points, targets)
     center, target = points.mean(axis=0), targets.mean(axis=0)
-    T[:3, :3] *= np.linalg.norm(targets - target) / max(np.linalg.norm(points - center), 1e-12)
+    sizes = float(np.linalg.norm(targets - target)), float(np.linalg.norm(points - center))
+    T[:3, :3] *= sizes[0] / max(sizes[1], 1e-12)
     T[:3, 3] = target - T[:3, :3] @ center
     return T
 
