@@ -372,6 +372,8 @@ class Trajectory:
             are those of the camera as it was calibrated and mounted, which rectification turns.
         fixes: True for positions alone, such as a buoy's: heights and attitudes mean nothing.
         absolute: Fixes beside poses, which place them on Earth; None where there are none.
+        position_step_m: What the file rounds positions to; 0 where that is too fine to matter.
+        notes: What a person should know of how the file was read.
     """
 
     names: tuple[str, ...]
@@ -382,6 +384,8 @@ class Trajectory:
     camera: Literal["raw", "rectified"] = "rectified"
     fixes: bool = False
     absolute: "Trajectory | None" = None
+    position_step_m: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
         """The poses of the rectified left camera.

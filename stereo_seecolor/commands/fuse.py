@@ -18,7 +18,7 @@ from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.files.encode import EXIF_PREFIX, with_exif
 from stereo_seecolor.inputs.headers import exif_block
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_file
+from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_files
 from stereo_seecolor.progress import Both, Listener, Silence
 from stereo_seecolor.records import FrameRow, GeoOrigin
 from stereo_seecolor.records import Image as RecordsImage
@@ -124,7 +124,12 @@ def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
     check(config.mapping, given_trajectory(poses, config.mapping, np.eye(4)))
     return (
         *config.files,
-        *(trajectory_file(path) for path in (poses, config.mapping.fixes) if path),
+        *(
+            file
+            for path in (poses, config.mapping.fixes)
+            if path
+            for file in trajectory_files(path)
+        ),
     )
 
 

@@ -3,6 +3,7 @@ sample pairs.
 """
 
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -79,12 +80,20 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
     """
     paths = _all_candidates(places)
     found = [one for path in paths if (one := _try_load(path, size))]
-    folders = sorted({path.parent for path in paths} - {one.path.parent for one in found})
+    folders = sorted(_folders(places, paths) - {one.path.parent for one in found})
     found += [one for folder in folders if (one := _try_load(folder, size))]
     if not found:  # a camera in each of two folders, as EuRoC has them
         above = sorted({folder.parent for folder in folders if folder not in places})
         found = [one for folder in above if (one := _try_load(folder, size))]
     return tuple(sorted(found, key=lambda one: one.rig.left.image_size != size))
+
+
+def _folders(places: Sequence[Path], paths: Sequence[Path]) -> set[Path]:
+    """Folders that may hold the files of a rig: those of a single file that was given by name hold
+    anything else.
+    """
+    given = Counter(place.parent for place in places if place in paths)
+    return {path.parent for path in paths if path not in places or given[path.parent] > 1}
 
 
 def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple[str, ...]:
@@ -276,6 +285,8 @@ def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Imag
 INSPECT_POSES_EXTENSIONS = frozenset(
     {".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json", ".gpx", ".nmea", ".kml"}
 )
+TABLE = "table of navigation"
+"""What the format of a table is called."""
 INSPECT_POSES_LARGEST_BYTES = 100_000_000
 """A day of navigation at 10 Hz has some 80 MB."""
 
@@ -301,17 +312,34 @@ def find_poses(
 
     others: files that are known to be something else.
     """
-    found, unread = [], []
+    found: list[FoundPoses] = []
+    unread: list[str] = []
+    parts: list[Path] = []
     for path in sorted(
         candidates(places, INSPECT_POSES_EXTENSIONS, INSPECT_POSES_LARGEST_BYTES) - set(others)
     ):
         with suppress(InputError):
             if (kind := trajectory_format(path)) is not None:
                 try:
-                    found.append(_facts(path, kind, read_trajectory(path), pairs))
+                    trajectory = read_trajectory(path)
+                    found.append(_facts(path, kind, trajectory, pairs))
+                    unread += [f"poses: {note}" for note in trajectory.notes]
                 except InputError as error:
                     unread.append(f"poses: {error}")
+                    parts.append(path)
+    parts += [one.path for one in found if parts and one.format == TABLE]
+    if len(parts) > 1 and (together := _together(parts, pairs)):
+        found.append(together)
     return tuple(found), tuple(unread)
+
+
+def _together(parts: Sequence[Path], pairs: Sequence[Pair]) -> FoundPoses | None:
+    """Tables that each lack something, such as positions, attitudes and depths, read as one."""
+    path = Path(",".join(map(str, sorted(parts))))
+    try:
+        return _facts(path, "tables of navigation, joined by time", read_trajectory(path), pairs)
+    except InputError:
+        return None
 
 
 def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]) -> FoundPoses:

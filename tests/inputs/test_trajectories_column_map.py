@@ -8,7 +8,7 @@ from test_trajectories import EAST_UP, NORTH_UP, write
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_file
+from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_files
 
 NAV = "Stamp,Lat (deg),Lon (deg),D,Hdg,File\n1000.5,50,-10,5,0,a.png\n1001.5,50,-10,5,90,b.png\n"
 MAP = "time=Stamp,lat=Lat (deg),lon=Lon (deg),depth=D,heading=Hdg"
@@ -28,8 +28,8 @@ def test_a_table_by_its_columns(tmp_path: Path) -> None:
     )
     np.testing.assert_allclose(trajectory.T_world_camera[:, :3, 3], [[0, 0, -5]] * 2, atol=1e-9)
     assert trajectory.origin is not None
-    assert trajectory_file(spec(path, MAP)) == path
-    assert trajectory_file(path) == path
+    assert trajectory_files(spec(path, MAP)) == (path,)
+    assert trajectory_files(path) == (path,)
 
 
 def test_decimal_commas_between_semicolons(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ receivers' logs.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from test_trajectories import EAST_UP, NORTH_UP, write
 
 from stereo_seecolor.commands.inspect import unknown_files
+from stereo_seecolor.commands.inspect_rig import find_poses
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
 from stereo_seecolor.inputs.trajectories.table import AmbiguousDateError, TimeError, column_seconds
@@ -262,3 +264,100 @@ def test_inspect_names_a_file_of_which_it_knows_nothing(tmp_path: Path) -> None:
         "notes.txt: is neither images, nor a calibration or trajectory of a format that is known "
         "here"
     )
+
+
+def tables_apart(folder: Path) -> list[Path]:
+    """Positions, attitudes and depths as loggers of small vehicles write them, each at its times;
+    the heading passes north.
+    """
+    texts = {
+        "position.csv": "timestamp,lat,lon\n"
+        + "".join(f"{NOON + i},{50 + 1e-5 * i},-10\n" for i in range(4)),
+        "attitude.csv": "timestamp,roll,pitch,yaw\n"
+        + "".join(f"{NOON + i / 2 + 0.1},0,0,{(359 + i) % 360}\n" for i in range(6)),
+        "depth.csv": "timestamp,depth\n" + "".join(f"{NOON + i - 0.5},{5 + i}\n" for i in range(5)),
+    }
+    return [write(folder, text, name) for name, text in texts.items()]
+
+
+def test_tables_of_one_dive_are_joined_by_time(tmp_path: Path) -> None:
+    trajectory = read_trajectory(Path(",".join(map(str, tables_apart(tmp_path)))))
+    T = trajectory.T_world_camera
+    np.testing.assert_allclose(trajectory.timestamps_s - NOON, 0.1 + np.arange(6) / 2, atol=1e-6)
+    np.testing.assert_allclose(-T[:, 2, 3], 5.6 + np.arange(6) / 2, atol=1e-6)
+    steps_m = np.diff(T[:, 1, 3])
+    np.testing.assert_allclose(steps_m, steps_m[0], rtol=1e-3)
+    assert 0.5 < steps_m[0] < 0.6  # half of 1e-5 degrees
+    np.testing.assert_allclose(T[1, :3, :3], NORTH_UP, atol=1e-9)  # 0 is between 359 and 1
+    assert not trajectory.fixes
+
+
+def test_a_map_of_columns_holds_for_its_own_table(tmp_path: Path) -> None:
+    position, attitude, depth = tables_apart(tmp_path)
+    depth.write_text(depth.read_text().replace("timestamp,depth", "t,z"))
+    given = Path(f"{position},{attitude},{depth}:time=t,depth=z")
+    assert all(known(read_trajectory(given)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda parts: parts[:2], "hold no depth"),
+        (lambda parts: [parts[0], parts[0], parts[2]], "hold no heading"),
+    ],
+)
+def test_tables_that_lack_something_together_are_named(
+    change: Callable[[list[Path]], list[Path]], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=words):
+        read_trajectory(Path(",".join(map(str, change(tables_apart(tmp_path))))))
+
+
+def test_tables_of_two_dives_have_no_time_in_common(tmp_path: Path) -> None:
+    position, attitude, depth = tables_apart(tmp_path)
+    depth.write_text(depth.read_text().replace("179", "178"))
+    with pytest.raises(InputError, match="no time in common"):
+        read_trajectory(Path(f"{position},{attitude},{depth}"))
+
+
+def test_inspect_offers_tables_that_are_whole_together(tmp_path: Path) -> None:
+    parts = tables_apart(tmp_path)
+    found, _ = find_poses(parts, (), ())
+    assert found[-1].path == Path(",".join(sorted(map(str, parts))))
+    assert found[-1].poses == 6
+    assert not find_poses(parts[1:], (), ())[0]
+
+
+def sentence(text: str) -> str:
+    total = 0
+    for byte in text.encode():
+        total ^= byte
+    return f"${text}*{total:02X}\n"
+
+
+def test_headings_and_depths_of_nmea_are_offered_and_taken_where_named(tmp_path: Path) -> None:
+    text = "".join(
+        sentence(f"GPRMC,12000{i},A,5000.0000,N,01000.0000,W,0.5,0.0,161026,,,A")
+        + sentence(f"HEHDT,{90.0 * i},T")
+        + sentence(f"SDDPT,{5 + i}.0,0.0")
+        for i in range(2)
+    )
+    path = write(tmp_path, text, "dive.nmea")
+    fixes = read_trajectory(path)
+    assert fixes.fixes and "dive.nmea:heading=HDT,depth=DPT" in fixes.notes[0]
+    vehicle = read_trajectory(Path(f"{path}:heading=HDT,depth=DPT"))
+    np.testing.assert_allclose(vehicle.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
+    np.testing.assert_allclose(vehicle.T_world_camera[:, 2, 3], [-5, -6])
+    with pytest.raises(InputError, match="XDR is none of the sentences"):
+        read_trajectory(Path(f"{path}:heading=XDR,depth=DPT"))
+
+
+@pytest.mark.parametrize(
+    ("latitude", "step_m"), [("50.00001", 1.11), ("50 0.123", 1.85), ("50.0", 11_100), ("5e1", 0)]
+)
+def test_what_positions_are_rounded_to_is_known(
+    latitude: str, step_m: float, tmp_path: Path
+) -> None:
+    text = f"{HEADER}\n{NOON},{latitude},-10,5,0\n"
+    found = read_trajectory(write(tmp_path, text, "nav.csv"))
+    assert found.position_step_m == pytest.approx(step_m, rel=1e-3)

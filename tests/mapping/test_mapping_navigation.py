@@ -64,13 +64,16 @@ def placed(
     )
 
     def run(
-        change: Callable[[Poses], Poses], config: MappingConfig | None = None, later_s: float = 0.0
+        change: Callable[[Poses], Poses],
+        config: MappingConfig | None = None,
+        later_s: float = 0.0,
+        step_m: float = 0.0,
     ) -> Placed:
         true = reef.trajectory
         names = ("",) * len(true.names)
-        given = Trajectory(
-            names, true.timestamps_s + later_s, change(true.T_world_camera.copy()), origin=ORIGIN
-        )
+        T = change(true.T_world_camera.copy())
+        times_s = true.timestamps_s + later_s
+        given = Trajectory(names, times_s, T, origin=ORIGIN, position_step_m=step_m)
         return place_survey(survey, config or MappingConfig(), given)
 
     return run
@@ -94,6 +97,15 @@ def positions(change: Callable[[Poses], Poses]) -> Callable[[Poses], Poses]:
 def w_first(T: Poses) -> Poses:
     T[:, :3, :3] = Rotation.from_quat(np.roll(quaternion(T[:, :3, :3]), 1, axis=1)).as_matrix()
     return T
+
+
+def turned_back(T: Poses) -> Poses:
+    T[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
+    return T
+
+
+def rounded(step_m: float) -> Callable[[Poses], Poses]:
+    return positions(lambda p: np.column_stack([np.round(p[:, :2] / step_m) * step_m, p[:, 2]]))
 
 
 def north_east_down(T: Poses) -> Poses:
@@ -170,6 +182,22 @@ def test_noise_is_measured_and_averaged_out(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("step_m", [0.3, 1.1, 11.0])
+def test_rounded_positions_are_weighed_as_such_and_kept(
+    placed: Callable[..., Placed], reef: ReefFrames, step_m: float
+) -> None:
+    """Steps between the frames are shorter than that: each seems to be somewhere else."""
+    found = placed(rounded(step_m), step_m=step_m)
+    navigation = found.navigation
+    assert navigation is not None
+    assert navigation.fits
+    assert f"rounded to {step_m:.2g} m" in navigation.advice
+    assert navigation.attitude_std_deg < 1.0
+    assert found.origin == ORIGIN
+    assert off_m(found, reef) < 0.01
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "advice"),
     [
@@ -187,6 +215,8 @@ def test_noise_is_measured_and_averaged_out(
             "positions turned by -25 degrees",
         ),
         (lambda T: T[::-1], "the poses in the opposite order"),
+        (turned_back, "the rotations inverted"),
+        (lambda T: w_first(turned_back(T)), "w first and the rotations inverted"),
         (lambda T: w_first(noisy(T)), "the quaternion's w first"),
         (lambda T: inverse(noisy(T)), "world-to-camera poses"),
     ],

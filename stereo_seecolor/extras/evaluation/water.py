@@ -32,7 +32,7 @@ from stereo_seecolor.extras.evaluation.charts.chart_white import (
     survey_white,
 )
 from stereo_seecolor.extras.evaluation.charts.targets import Targets, read_targets, targets_of
-from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_file
+from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_files
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.assignment import place
 from stereo_seecolor.records import Water
@@ -104,7 +104,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
     observations = find_observations(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_observations(observations, scene.input_encoding), scene, observations)
-    with RunFolder.existing(out, "water", (trajectory_file(poses),)) as folder:
+    with RunFolder.existing(out, "water", trajectory_files(poses)) as folder:
         folder.dive.write(
             MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
         )

@@ -2,7 +2,7 @@
 format; each is a module.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,8 +59,9 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
 
     Args:
-        path: The file, a ROS bag, or a table with a map of its columns:
-            ``nav.csv:time=UTC,lat=Latitude,...`` (``column_map.ROLES``).
+        path: The file, a ROS bag, a table with a map of its columns:
+            ``nav.csv:time=UTC,lat=Latitude,...`` (``column_map.ROLES``), or several tables of one
+            dive with commas between: ``position.csv,attitude.csv,depth.csv``.
         mount: How the camera sits on the vehicle, for the formats that give the vehicle's attitude
             (oplab, ORCA, Matisse, bags).
 
@@ -75,9 +76,16 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
         reader = load("trajectory_formats", name)
         if reader.recognizes(path):
             return _of_left(reader.read(path, mount or MountConfig()))
-    file, columns = column_map.split_spec(path)
-    lines, mount = read_lines(file), mount or MountConfig()
-    trajectory = column_map.read(lines, columns, mount) if columns else _reader(lines)(lines, mount)
+    mount = mount or MountConfig()
+    parts = [column_map.split_spec(part) for part in column_map.split_files(path)]
+    if len(parts) > 1:
+        tables = [_table(read_lines(file), columns) for file, columns in parts]
+        trajectory = column_map.read_together(tables, mount)
+    elif parts[0][1]:
+        trajectory = column_map.read(*_table(read_lines(parts[0][0]), parts[0][1]), mount)
+    else:
+        lines = read_lines(parts[0][0])
+        trajectory = _reader(lines)(lines, mount)
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
     return _of_left(trajectory)
@@ -119,11 +127,30 @@ def given_trajectory(
     return replace(track, absolute=fixes) if track and fixes else track or fixes
 
 
-def trajectory_file(path: Path) -> Path:
-    """The file that is read for ``path``, which may have a map of columns after it. Raises
-    InputError for a bad map.
+def trajectory_files(path: Path) -> tuple[Path, ...]:
+    """The files that are read for a trajectory.
+
+    Args:
+        path: As given to ``read_trajectory``, with maps of columns or without.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: For a bad map.
     """
-    return column_map.split_spec(path)[0]
+    return tuple(column_map.split_spec(part)[0] for part in column_map.split_files(path))
+
+
+def _table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, Mapping[str, str]]:
+    """A table with the map of its columns: as given, or by their names. A receiver's log is one."""
+    if receivers.recognizes(lines):
+        return receivers.table(lines, columns)
+    if not columns and not column_map.recognizes(lines):
+        raise InputError(
+            f"{lines.path}: is no table of navigation with times: only such are joined with others"
+        )
+    return lines, columns or column_map.guessed(lines)
 
 
 def _of_left(trajectory: Trajectory) -> Trajectory:

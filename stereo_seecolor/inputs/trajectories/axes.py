@@ -1,5 +1,7 @@
 """Axes of navigation and of the map, and the camera's poses from the vehicle's."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +57,7 @@ class VehicleTrack:
     names: of the images, "" where none is named. timestamps_s: (N,) seconds since 1970.
     north_east_m: (N, 2) from the origin.
     depth_m: (N,) below the surface. attitude_deg: (N, 3) roll, pitch, heading. origin: None for a
-    local map.
+    local map. position_step_m: what positions are rounded to.
     """
 
     names: tuple[str, ...]
@@ -64,6 +66,7 @@ class VehicleTrack:
     depth_m: Column
     attitude_deg: NDArray[np.float64]
     origin: GeoOrigin | None = None
+    position_step_m: float = 0.0
 
     def camera(self, mount: MountConfig) -> Trajectory:
         """The raw camera's poses in east-north-up, z zero at the water's surface."""
@@ -72,7 +75,34 @@ class VehicleTrack:
             [self.north_east_m, self.depth_m]
         ) + R_ned_vehicle @ mount_offset_m(mount)
         T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
-        return Trajectory(self.names, self.timestamps_s, T, origin=self.origin, camera="raw")
+        return Trajectory(
+            self.names,
+            self.timestamps_s,
+            T,
+            origin=self.origin,
+            camera="raw",
+            position_step_m=self.position_step_m,
+        )
+
+
+METERS_PER_DEGREE = 111_000.0
+"""Of latitude."""
+
+
+def step_of(latitudes: Sequence[str]) -> float:
+    """What degrees are rounded to: one of the last digit that any of them has.
+
+    Args:
+        latitudes: As written: ``14.685`` or ``14 41.10``.
+
+    Returns:
+        The step, meters; 0 without numbers.
+    """
+    parts = [re.findall(r"\d+(?:\.\d+)?", text) for text in latitudes if "e" not in text.lower()]
+    digits = [(len(p), len(p[-1].partition(".")[2])) for p in parts if p]
+    if not digits:
+        return 0.0
+    return float(METERS_PER_DEGREE * min(60.0 ** (1 - n) * 10.0**-d for n, d in digits))
 
 
 def from_degrees(

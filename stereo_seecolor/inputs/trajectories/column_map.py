@@ -4,7 +4,7 @@
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories.axes import Column, VehicleTrack, from_degrees
+from stereo_seecolor.inputs.trajectories.axes import Column, VehicleTrack, from_degrees, step_of
 from stereo_seecolor.inputs.trajectories.table import (
     AmbiguousDateError,
     Lines,
@@ -23,7 +23,7 @@ from stereo_seecolor.inputs.trajectories.table import (
     is_number,
     is_unknown,
 )
-from stereo_seecolor.records import GeoOrigin, Trajectory
+from stereo_seecolor.records import Trajectory
 
 ROLES = {
     "name": "the image's file name",
@@ -85,6 +85,26 @@ _DEGREES = re.compile(
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _SEPARATORS = (",", ";", "\t")
+MAX_GAP_S = 10.0
+"""Acoustic positions come every few seconds; further apart, what lies between is not known."""
+
+
+def split_files(spec: Path) -> list[Path]:
+    """Split the files of ``position.csv,attitude.csv``.
+
+    Args:
+        spec: One file or several with commas between, with maps of columns or without.
+
+    Returns:
+        The files, each with its map of columns where it has one.
+    """
+    files: list[str] = []
+    for part in [str(spec)] if spec.exists() else str(spec).split(","):
+        if files and ("=" in part.partition(":")[0] or "." not in part):
+            files[-1] += f",{part}"
+        else:
+            files.append(part.strip())
+    return [Path(file) for file in files]
 
 
 def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
@@ -110,7 +130,7 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
 
 def recognizes(lines: Lines) -> bool:
     """A header whose names tell a time or an image, and a place, a depth or an attitude."""
-    columns = _guessed(lines)
+    columns = guessed(lines)
     of_navigation = (
         columns.keys() - _FIXES or {"lat", "lon", "north", "east", "valid"} & columns.keys()
     )
@@ -119,7 +139,7 @@ def recognizes(lines: Lines) -> bool:
 
 def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     """Read a table as ``read`` does, by the usual names of columns."""
-    columns = _guessed(lines)
+    columns = guessed(lines)
     if missing := _missing(columns):
         names = ", ".join(_header(lines)[1])
         raise InputError(
@@ -129,7 +149,7 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     return read(lines, columns, mount, by_names=True)
 
 
-def _guessed(lines: Lines) -> dict[str, str]:
+def guessed(lines: Lines) -> dict[str, str]:
     """Role -> the first column of a usual name for it. A date beside a time that holds one is left
     out.
     """
@@ -169,29 +189,126 @@ def read(
             f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}"
         )
     table = _table(lines, columns)
-    origin: GeoOrigin | None = None
-    north_east_m = np.column_stack(
-        [_numbers(table, columns, "north"), _numbers(table, columns, "east")]
-    )
-    north_east_m[_not_valid(table, columns)] = np.nan
-    if "lat" in columns:
-        north_east_m, origin = _from_degrees(table, columns)
-    depth_m = (
-        _numbers(table, columns, "depth") if "depth" in columns else -_numbers(table, columns, "up")
-    )
-    if (depth_m <= 0).any() and not (depth_m > 0).any():
-        depth_m = -depth_m
-    mount = MountConfig() if columns.keys() <= _FIXES else mount
-    attitude_deg = np.column_stack(
-        [_numbers(table, columns, role) for role in ("roll", "pitch", "heading")]
-    )
     names = tuple(
         table.text(columns["name"].lower()) if "name" in columns else [""] * len(table.rows)
     )
+    times_s, values = _times(table, columns, by_names), _values(table, columns)
+    return _camera(names, times_s, values, columns.keys(), mount, _step_m(table, columns))
+
+
+def read_together(
+    tables: Sequence[tuple[Lines, Mapping[str, str]]], mount: MountConfig
+) -> Trajectory:
+    """Join several tables of one dive by their times: positions, attitudes, depths.
+
+    What each holds is interpolated to the times of the table with the most rows; NaN in gaps of
+    over MAX_GAP_S.
+
+    Args:
+        tables: The lines of each, and role -> column.
+        mount: How the camera sits on the vehicle.
+
+    Returns:
+        The camera's poses.
+
+    Raises:
+        InputError: For what is missing, and for tables without a time in common.
+    """
+    together = ",".join(str(lines.path) for lines, _ in tables)
+    roles = {role for _, columns in tables for role in columns} - {"name"}
+    if missing := _missing(dict.fromkeys(roles, "")):
+        raise InputError(f"{together}: hold no {', '.join(missing)}")
+    read_tables = [(_table(lines, columns), columns) for lines, columns in tables]
+    times = []
+    for table, columns in read_tables:
+        if "time" not in columns:
+            raise InputError(f"{table.lines.path}: holds no times, by which tables are joined")
+        times.append(_times(table, columns, by_names=True))
+    base = max(times, key=len)
+    values: dict[str, Column] = {}
+    for (table, columns), own in zip(read_tables, times, strict=True):
+        for role, column in _values(table, columns).items():
+            joined = _at_times(base, own, column, role in _ANGLES)
+            if np.isfinite(column).any() and not np.isfinite(joined).any():
+                raise InputError(f"{together}: have no time in common")
+            values.setdefault(role, joined)
+    step_m = max(_step_m(table, columns) for table, columns in read_tables)
+    return _camera(("",) * len(base), base, values, roles, mount, step_m)
+
+
+def _step_m(table: Table, columns: Mapping[str, str]) -> float:
+    return step_of(table.text(columns["lat"].lower())) if "lat" in columns else 0.0
+
+
+def _at_times(times_s: Column, own_s: Column, values: Column, is_angle: bool) -> Column:
+    """A column (N,) at other times (M,), linear in between."""
+    known = np.isfinite(own_s) & np.isfinite(values)
+    own, first = np.unique(own_s[known], return_index=True)
+    if len(own) < 2:
+        return np.full(len(times_s), np.nan)
+    given = values[known][first]
+    found = np.interp(
+        times_s, own, np.unwrap(given, period=360.0) if is_angle else given, np.nan, np.nan
+    )
+    after = np.clip(np.searchsorted(own, times_s), 1, len(own) - 1)
+    found[own[after] - own[after - 1] > MAX_GAP_S] = np.nan
+    return np.asarray(found)
+
+
+def _values(table: Table, columns: Mapping[str, str]) -> dict[str, Column]:
+    """The numbers of a table by role: positions where they are valid, degrees, depths that count
+    down.
+    """
+    values = {
+        role: _numbers(table, columns, role)
+        for role in ("north", "east", "heading", "pitch", "roll", "lat", "lon")
+        if role in columns
+    }
+    for role in ("north", "east", "lat", "lon"):
+        if role in values:
+            values[role][_not_valid(table, columns)] = np.nan
+    if "lat" in values:
+        _check_degrees(table, values)
+    if "depth" in columns or "up" in columns:
+        depth_m = (
+            _numbers(table, columns, "depth")
+            if "depth" in columns
+            else -_numbers(table, columns, "up")
+        )
+        reversed_ = (depth_m <= 0).any() and not (depth_m > 0).any()
+        values["depth"] = -depth_m if reversed_ else depth_m
+    return values
+
+
+def _camera(
+    names: tuple[str, ...],
+    times_s: Column,
+    values: Mapping[str, Column],
+    roles: Set[str],
+    mount: MountConfig,
+    position_step_m: float,
+) -> Trajectory:
+    """The camera's poses by the vehicle's numbers; what is absent is zero."""
+    zeros = np.zeros(len(times_s))
+    north_east_m, origin = (
+        from_degrees(values["lat"], values["lon"])
+        if "lat" in values
+        else (np.column_stack([values.get("north", zeros), values.get("east", zeros)]), None)
+    )
+    fixes = roles <= _FIXES
+    attitude_deg = np.column_stack(
+        [values.get(role, zeros) for role in ("roll", "pitch", "heading")]
+    )
     track = VehicleTrack(
-        names, _times(table, columns, by_names), north_east_m, depth_m, attitude_deg, origin
-    ).camera(mount)
-    return replace(track, fixes=columns.keys() <= _FIXES)
+        names,
+        times_s,
+        north_east_m,
+        values.get("depth", zeros),
+        attitude_deg,
+        origin,
+        position_step_m,
+    ).camera(MountConfig() if fixes else mount)
+    return replace(track, fixes=fixes)
 
 
 def _missing(columns: Mapping[str, str]) -> list[str]:
@@ -206,25 +323,23 @@ def _missing(columns: Mapping[str, str]) -> list[str]:
     )
 
 
-def _from_degrees(
-    table: Table, columns: Mapping[str, str]
-) -> tuple[NDArray[np.float64], GeoOrigin]:
-    latitude_deg, longitude_deg = _numbers(table, columns, "lat"), _numbers(table, columns, "lon")
+def _check_degrees(table: Table, values: Mapping[str, Column]) -> None:
+    """Take out the place 0, 0. Raises InputError for latitudes that cannot be."""
+    latitude_deg, longitude_deg = values["lat"], values["lon"]
     if (np.abs(latitude_deg) > 90).any():
         most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
         raise InputError(
             f"{table.lines.path}: {most}: are latitude and longitude exchanged, or meters or "
             "minutes in that column?"
         )
-    latitude_deg[_not_valid(table, columns) | ((latitude_deg == 0) & (longitude_deg == 0))] = np.nan
-    return from_degrees(latitude_deg, longitude_deg)
+    latitude_deg[(latitude_deg == 0) & (longitude_deg == 0)] = np.nan
 
 
 def _not_valid(table: Table, columns: Mapping[str, str]) -> NDArray[np.bool_]:
     """Rows that say of their position that it is not known, also in a column that the map does not
     name.
     """
-    column = columns.get("valid") or _guessed(table.lines).get("valid", "")
+    column = columns.get("valid") or guessed(table.lines).get("valid", "")
     return np.array([text.lower() in _NOT_VALID for text in table.text(column.lower())], dtype=bool)
 
 
@@ -247,11 +362,7 @@ def _header(lines: Lines) -> tuple[str, list[str]]:
 
 
 def _numbers(table: Table, columns: Mapping[str, str], role: str) -> Column:
-    """A role's column, of angles in degrees, also where its name says radians; zeros where the map
-    does not name one.
-    """
-    if role not in columns:
-        return np.zeros(len(table.rows))
+    """A role's column, of angles in degrees, also where its name says radians."""
     column = columns[role].lower()
     if role in ("lat", "lon"):
         values = np.array([_degrees(table, number, row[column]) for number, row in table.rows])

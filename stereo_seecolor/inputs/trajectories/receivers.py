@@ -3,7 +3,10 @@ with ZDA), GPX, KML tracks.
 """
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
@@ -11,7 +14,18 @@ from stereo_seecolor.inputs.trajectories.column_map import read as read_columns
 from stereo_seecolor.inputs.trajectories.table import Lines
 from stereo_seecolor.records import Trajectory
 
-_SENTENCE = re.compile(r"\$(\w{2}(RMC|GGA|ZDA),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?")
+SENTENCES = {
+    "HDT": ("heading", 1),
+    "THS": ("heading", 1),
+    "HDG": ("heading", 1),
+    "HDM": ("heading", 1),
+    "DPT": ("depth", 1),
+    "DBS": ("depth", 3),
+}
+"""Sentence beside positions -> what it tells, and in which of its fields: degrees or meters."""
+_SENTENCE = re.compile(
+    r"\$(\w{2}(RMC|GGA|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
+)
 _GPX = re.compile(r"<(?:\w+:)?(?:trkpt|wpt)\b([^>]*)>(.*?)</(?:\w+:)?(?:trkpt|wpt)>", re.DOTALL)
 _TIME = re.compile(r"<(?:\w+:)?time>\s*([^<]+?)\s*</")
 _KML = re.compile(r"<when>\s*([^<]+?)\s*</when>|<gx:coord>\s*(\S+)\s+(\S+)[^<]*</gx:coord>")
@@ -31,22 +45,49 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     """Fixes of the receiver: positions without depth or attitude, with their times. Raises
     InputError where none has both.
     """
+    fixes = read_columns(*table(lines, {}), mount)
+    others = {SENTENCES[match[2]][0]: match[2] for _, match in _sentences(lines, *SENTENCES)}
+    if not others:
+        return fixes
+    spec = ",".join(f"{role}={name}" for role, name in others.items())
+    note = (
+        f"{lines.path.name}: {' and '.join(others)} ({', '.join(others.values())}) are not used, "
+        "which may be of a ship's compass or echo sounder: where they are those of the camera's "
+        f"vehicle, give --poses {lines.path.name}:{spec}"
+    )
+    return replace(fixes, notes=(note,))
+
+
+def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, str]]:
+    """Positions with their times as a table of navigation.
+
+    Args:
+        lines: Of the log.
+        columns: Role -> sentence of NMEA whose value stands beside each position:
+            ``heading=HDT,depth=DPT``.
+
+    Returns:
+        The table, and the map of its columns.
+
+    Raises:
+        InputError: Where no position has a time, and for sentences that are not read.
+    """
     text = "\n".join(lines.all)
+    names = list(columns.values())
     if "<gpx" in text[:4000]:
         rows = [_gpx_row(point[1], point[2]) for point in _GPX.finditer(text)]
     elif "<kml" in text[:4000]:
         rows = _kml_rows(text)
     else:
-        rows = _nmea_rows(lines)
+        rows = _nmea_rows(lines, names)
     known = [row for row in rows if row]
     if not known:
         raise InputError(
             f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA with ZDA)"
         )
-    table = replace(
-        lines, all=("time,lat,lon",), content=((1, "time,lat,lon"), *enumerate(known, start=2))
-    )
-    return read_columns(table, {"time": "time", "lat": "lat", "lon": "lon"}, mount)
+    header = ",".join(["time", "lat", "lon", *names])
+    made = replace(lines, all=(header,), content=((1, header), *enumerate(known, start=2)))
+    return made, {"time": "time", "lat": "lat", "lon": "lon", **columns}
 
 
 def _gpx_row(attributes: str, inner: str) -> str:
@@ -66,26 +107,26 @@ def _kml_rows(text: str) -> list[str]:
     return [f"{time},{place[3]},{place[2]}" for time, place in zip(times, places, strict=False)]
 
 
-def _nmea_rows(lines: Lines) -> list[str]:
+def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
     """Those of RMC, which has the date; of GGA where there is no RMC, with the date of the last
-    ZDA.
+    ZDA. Each with the value of the sentence of each of the names that belongs to it.
     """
-    found = [
-        match
-        for line in lines.all
-        for match in _SENTENCE.finditer(line)
-        if _is_whole(match[1], match[3])
-    ]
-    has_rmc = any(match[2] == "RMC" for match in found)
-    rows, day = [], ""
-    for match in found:
+    if unknown := [name for name in names if name not in SENTENCES]:
+        raise InputError(
+            f"{lines.path}: {unknown[0]} is none of the sentences that are read: "
+            f"{', '.join(SENTENCES)}"
+        )
+    found = _sentences(lines, "RMC", "GGA", "ZDA")
+    has_rmc = any(match[2] == "RMC" for _, match in found)
+    rows: list[tuple[int, str]] = []
+    day = ""
+    for number, match in found:
         fields = match[1].split(",")
         if match[2] == "ZDA" and len(fields) > 4:
             day = f"{fields[4]}-{fields[3]}-{fields[2]}"
         elif match[2] == "RMC" and len(fields) > 9 and fields[2] == "A" and len(fields[9]) == 6:
-            rows.append(
-                _row(f"20{fields[9][4:]}-{fields[9][2:4]}-{fields[9][:2]}", fields[1], fields[3:7])
-            )
+            date = f"20{fields[9][4:]}-{fields[9][2:4]}-{fields[9][:2]}"
+            rows.append((number, _row(date, fields[1], fields[3:7])))
         elif (
             match[2] == "GGA"
             and not has_rmc
@@ -93,8 +134,37 @@ def _nmea_rows(lines: Lines) -> list[str]:
             and len(fields) > 6
             and fields[6] not in ("", "0")
         ):
-            rows.append(_row(day, fields[1], fields[2:6]))
-    return rows
+            rows.append((number, _row(day, fields[1], fields[2:6])))
+    rows = [(number, row) for number, row in rows if row]
+    beside = [_beside(lines, name, [number for number, _ in rows]) for name in names]
+    return [",".join((row, *others)) for (_, row), *others in zip(rows, *beside, strict=True)]
+
+
+def _sentences(lines: Lines, *names: str) -> list[tuple[int, re.Match[str]]]:
+    """The whole sentences of some names, each with the number of its line."""
+    return [
+        (number, match)
+        for number, line in enumerate(lines.all)
+        for match in _SENTENCE.finditer(line)
+        if match[2] in names and _is_whole(match[1], match[3])
+    ]
+
+
+def _beside(lines: Lines, name: str, places: Sequence[int]) -> list[str]:
+    """The value of the sentence of a name that belongs to each line: the next one where they begin
+    after the first of the lines, else the last one; "" without one.
+    """
+    found = _sentences(lines, name)
+    if not found or not places:
+        return [""] * len(places)
+    numbers = [number for number, _ in found]
+    nearest = np.searchsorted(numbers, places) - (numbers[0] < places[0])
+    fields = [match[1].split(",") for _, match in found]
+    _, field = SENTENCES[name]
+    return [
+        fields[i][field] if i < len(fields) and len(fields[i]) > field else ""
+        for i in nearest.tolist()
+    ]
 
 
 def _row(day: str, time: str, place: list[str]) -> str:

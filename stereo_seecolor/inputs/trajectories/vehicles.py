@@ -13,6 +13,7 @@ from stereo_seecolor.inputs.trajectories.axes import (
     mount_rotation,
     poses_from_ned,
     rotation_from_euler,
+    step_of,
 )
 from stereo_seecolor.inputs.trajectories.table import (
     Lines,
@@ -152,9 +153,10 @@ def read_orca(lines: Lines, mount: MountConfig) -> Trajectory:
     )
     times = np.array([_seconds_or_nan(text) for text in table.text("timestamp_utc")])
     depth_m = np.where(depth_m > 0, depth_m, np.nan)
-    return VehicleTrack(
-        tuple(table.text("image_name")), times, north_east_m, depth_m, attitude_deg, origin
-    ).camera(mount)
+    names, step_m = tuple(table.text("image_name")), step_of(table.text("latitude"))
+    return VehicleTrack(names, times, north_east_m, depth_m, attitude_deg, origin, step_m).camera(
+        mount
+    )
 
 
 def _seconds_or_nan(text: str) -> float:
@@ -191,9 +193,9 @@ def read_matisse(lines: Lines, mount: MountConfig) -> Trajectory:
     )
     attitude_deg = np.stack([roll, pitch, heading], axis=-1)
     north_east_m, origin = from_degrees(latitude, longitude)
-    names = tuple(table.text("filename"))
+    names, step_m = tuple(table.text("filename")), step_of(table.text("latitude"))
     return VehicleTrack(
-        names, np.array(times), north_east_m, np.abs(depth_m), attitude_deg, origin
+        names, np.array(times), north_east_m, np.abs(depth_m), attitude_deg, origin, step_m
     ).camera(mount)
 
 

@@ -41,6 +41,10 @@ MOVES_M, STILL = 0.05, 0.01
 """Where the pictures move by so much across the vertical, positions that move by so small a
 fraction are none: a degree of latitude is 111 km.
 """
+ROUNDING = 1.0
+"""Of the step that positions are rounded to: two rounded positions differ by up to 1.4 of it from
+what they were, by half of it in the median, and no other reading is asked for.
+"""
 STILL_RAD = 1e-6
 """Attitudes that differ by less are one number."""
 ALIKE = (
@@ -141,16 +145,18 @@ def examine(
     plain = misfit(T, posed)
     if not np.isfinite(plain):
         return verdict
-    if still := _still(T, posed, motions):
+    step_m = trajectory.position_step_m
+    if still := _still(T, posed, motions, step_m):
         return replace(verdict, navigation=replace(navigation, fits=False, advice=still))
     turn = constant_turn(motions)
     turned = T.copy()
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
     left = misfit(turned, posed)
     helps = turn.believed and left < TURN_HELPS * plain
-    reading = better_interpretation(
-        left if helps else plain, posed, interpretations(T, posed, survey.index, trajectory, config)
-    )
+    rounded = navigation.position_residual_m < ROUNDING * step_m
+    best = left if helps else plain
+    others = interpretations(T, posed, survey.index, trajectory, config)
+    reading = None if rounded else better_interpretation(best, posed, others)
     if reading:
         advice = f"the given poses contradict the pictures; they would fit with {reading}"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
@@ -165,7 +171,12 @@ def examine(
     if arm_m is not None:
         straight = straight @ pose(np.eye(3), -arm_m)
         advice_lines.append(_lever_advice(arm_m))
-    advice_lines += deviations(straight, posed, survey.index)
+    advice_lines += deviations(straight, posed, survey.index) if not rounded else []
+    if rounded and step_m > LEAST_STD[0]:
+        advice_lines.append(
+            f"the given positions are rounded to {step_m:.2g} m, and weigh as little as that: "
+            "write more digits"
+        )
     used = replace(given, T_world_camera=straight)
     return replace(
         verdict, navigation=replace(navigation, advice="; ".join(advice_lines)), placement=used
@@ -249,16 +260,18 @@ def _median(values: Array) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _still(T_world_camera: Array, edges: Sequence[Edge], motions: Motions) -> str:
+def _still(
+    T_world_camera: Array, edges: Sequence[Edge], motions: Motions, position_step_m: float
+) -> str:
     """What to say of poses that stay while the pictures move: numbers that are no positions, or no
-    attitudes; "" for others.
+    attitudes; "" for others, and for positions rounded to more than the pictures move.
     """
     start = T_world_camera[[e.i for e in edges], :3, :3]
     given_m, measured_m = (
         _median(np.linalg.norm(np.einsum("nij,nj->ni", start, shift[:, :3, 3])[:, :2], axis=1))
         for shift in (motions.given, motions.measured)
     )
-    if measured_m > MOVES_M and given_m < STILL * measured_m:
+    if measured_m > max(MOVES_M, position_step_m) and given_m < STILL * measured_m:
         return (
             "the given positions hardly move while the pictures do: are they latitudes and "
             "longitudes, taken for meters?"

@@ -90,8 +90,11 @@ def interpretations(
                     " and ".join(text for text in (turned, name) if text),
                     _with_positions(start, positions),
                 )
-        names = [text for text in (turned, "world-to-camera poses") if text]
-        yield " and ".join(names), inverse(start)
+        for name, other in (
+            ("world-to-camera poses", inverse(start)),
+            ("the rotations inverted, as from world to camera", _turned_back(start)),
+        ):
+            yield " and ".join(text for text in (turned, name) if text), other
     yield from _on_other_frames(T, index)
     yield from (
         reading
@@ -108,6 +111,13 @@ def w_first(T: Array) -> Array:
     result[known, :3, :3] = Rotation.from_quat(
         np.roll(quaternion(T[known, :3, :3]), -1, axis=1)
     ).as_matrix()
+    return result
+
+
+def _turned_back(T: Array) -> Array:
+    """Poses whose rotations lead from world to camera, beside positions of the camera."""
+    result = T.copy()
+    result[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
     return result
 
 

@@ -91,7 +91,8 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     warnings = (
         placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
     )
-    return replace(placed, placement=placed.placement.with_warnings(*warnings))
+    notes = trajectory.notes if trajectory else ()
+    return replace(placed, placement=placed.placement.with_warnings(*warnings, *notes))
 
 
 def _on_earth(
