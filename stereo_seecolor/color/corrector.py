@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_model import Light, lit_by
+from stereo_seecolor.color.photometry.light_model import Light, lit_by, settings_under
 from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.carried import carry_ranges, within_measured
@@ -151,16 +151,18 @@ class Corrector:
             The fitter, to which the moment tables of the frames are added in order.
         """
 
-        def fit(table: MomentTable, start: Water | None) -> Water:
-            return lit_by(self.fit(table, start), light)
+        config = settings_under(self.config, light)
 
-        if self.config.lock == "frame":
+        def fit(table: MomentTable, start: Water | None) -> Water:
+            return lit_by(Corrector(config).fit(table, start), light)
+
+        if config.lock == "frame":
             return FrameFitter(fit, linked)
         from stereo_seecolor.color.photometry.segments import AutoFitter  # loads numba
 
-        if self.config.lock == "auto":
-            return AutoFitter(self.config, fit, linked)
-        return (SurveyFitter if self.config.lock == "survey" else SlidingFitter)(self.config, fit)
+        if config.lock == "auto":
+            return AutoFitter(config, fit, linked)
+        return (SurveyFitter if config.lock == "survey" else SlidingFitter)(config, fit)
 
     def apply(
         self,

@@ -184,16 +184,7 @@ def test_daylight_is_left_alone(by_day: LitDive) -> None:
     assert not by_day.used
 
 
-FAINTER = "the prior of reef spectra makes the dive by day better: night is 1.11 times as far off"
-
-
-@pytest.mark.parametrize(
-    "light",
-    [
-        "lamps by day",
-        pytest.param("night", marks=pytest.mark.xfail(reason=FAINTER, strict=True)),
-    ],
-)
+@pytest.mark.parametrize("light", ["lamps by day", "night"])
 def test_lamps_vignette_strobes_and_caustics_are_taken_out(
     light: str, by_day: LitDive, lit: Callable[[str], LitDive]
 ) -> None:

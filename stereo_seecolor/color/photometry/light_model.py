@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.compute.sequences import Names, SomeNames
+from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.records import Water
@@ -321,6 +322,22 @@ MEAN_SQUARES = np.array(
     [[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c, d in POWERS] for a, b in POWERS]
 )
 """(PATTERN, PATTERN) mean over the picture of the products of the pattern's terms."""
+
+
+LAMPS_FADE = 1.5
+"""Power of the range from which on lamps on the rig give most of the light, water and lamps
+together: lamps alone have 1.5 to 2.2 on drawn dives by night, 2.4 on a real dive with strobes.
+"""
+
+
+def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
+    """The settings with which the water is fitted: where lamps give most of the light, it has come
+    through no water above the reef, and its white point is the lamps', not that of a depth.
+    """
+    if light is None or light.fade < LAMPS_FADE or config.robust.water_depth_m is not None:
+        return config
+    robust = config.robust.model_copy(update={"water_depth_m": 0.0})
+    return config.model_copy(update={"robust": robust})
 
 
 def lit_by(water: Water, light: Light | None) -> Water:
