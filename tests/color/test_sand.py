@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry.light_model import TERMS, Light
+from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import encode_srgb
 
 SAND = np.array([0.45, 0.40, 0.33])
@@ -28,3 +30,23 @@ def test_sand_alone_gets_no_red_cast(depths_m: tuple[float, float]) -> None:
     red, green, blue = corrector.apply(image, range_m, water).image.reshape(-1, 3).mean(axis=0)
     assert image[..., 0].mean() < 0.5 * image[..., 1].mean()  # what the camera saw
     assert 0.85 * green < red < 1.12 * green and blue < 1.05 * green
+
+
+@pytest.mark.parametrize("depth_m", [None, 5.0])
+def test_the_white_of_lamps_is_not_that_of_a_depth(depth_m: float | None) -> None:
+    """Lamps have a prior of their own, unless a depth is set."""
+    rng = np.random.default_rng(2)
+    range_m = np.full((120, 160), 1.5, np.float32) + np.linspace(0, 0.5, 160, dtype=np.float32)
+    seen = SAND * np.exp(-2 * BEAM * range_m[..., None] + 0.3 * rng.normal(0, 1, (120, 160, 1)))
+    image = np.round(255 * encode_srgb(np.clip(2 * seen, 0, 1))).astype(np.uint8)
+    config = ColorConfig.model_validate({"lock": "survey", "robust": {"water_depth_m": depth_m}})
+    by_day, by_lamps = (
+        Light(np.zeros((TERMS, 3)), 1.7, (1.0, 2.0), {}, fade=fade) for fade in (0.5, 2.0)
+    )
+    whites = []
+    for light in (by_day, by_lamps):
+        fitter = Corrector(config).survey_fitter(light)
+        fitter.add("1", Corrector(config).measure(image, range_m))
+        whites.append(fitter.waters()["1"].white)
+    off = [np.ptp(np.log(white)) for white in whites]  # of gray, as these lamps are
+    assert off[1] == off[0] if depth_m else off[1] < 0.8 * off[0]
