@@ -20,6 +20,7 @@ from stereo_seecolor.inputs.file_form import (
     compression_notes,
     encoding_notes,
     form_notes,
+    framing_notes,
     stored_facts,
     stored_notes,
 )
@@ -155,7 +156,11 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
     """
     facts = stored_facts(config.input, evenly_spaced(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
-    form = (*compression_notes(pairs), *form_notes(pairs, config.color))
+    form = (
+        *framing_notes(pairs),
+        *compression_notes(pairs),
+        *form_notes(pairs, config.color),
+    )
     notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *form)
     return config.model_copy(update={"input": images}), notes
 

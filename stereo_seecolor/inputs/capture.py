@@ -3,8 +3,10 @@ image keeps.
 """
 
 import csv
+import re
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
@@ -59,6 +61,46 @@ def read_capture(content: bytes) -> Capture:
         Exception
     ):  # Pillow raises errors of many kinds for damaged blocks; the pixels are judged elsewhere
         return Capture()
+
+
+MOST_ZOOM = 100.0
+"""Digital zooms beyond this are damage."""
+_CROPPED = re.compile(rb"crs:HasCrop\s*(=\s*[\"']|>)\s*True", re.IGNORECASE)
+"""What Adobe's converters write into XMP of a picture that was cut out."""
+ASPECT = 0.02
+"""Least change of the ratio of width to height that is no rounding."""
+
+
+def framing(content: bytes, size: tuple[int, int]) -> str:
+    """Tell how a picture was cut out of the sensor's, as far as its metadata say.
+
+    Args:
+        content: Of the file.
+        size: Width and height of its image, pixels.
+
+    Returns:
+        Words such as "has a digital zoom of 1.5"; "" where nothing is said.
+    """
+    tags: _Tags = {}
+    if block := exif_block(content):
+        with suppress(Exception), warnings.catch_warnings():  # as in read_capture
+            warnings.simplefilter("ignore")
+            exif = Image.Exif()
+            exif.load(EXIF_PREFIX + block)
+            tags = exif.get_ifd(ExifTags.IFD.Exif)
+    zoom = _positive_capture(tags.get(ExifTags.Base.DigitalZoomRatio)) or 1.0
+    if 1.0 < zoom < MOST_ZOOM:
+        return f"has a digital zoom of {zoom:g}"
+    if _CROPPED.search(content):
+        return "was cut out by a converter (XMP: HasCrop)"
+    width, height = (
+        _positive_capture(tags.get(key))
+        for key in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)
+    )
+    if not width or not height:
+        return ""
+    was, now = (max(pair) / min(pair) for pair in ((width, height), size))
+    return f"was {width:g}x{height:g} px in the camera" if abs(was / now - 1) > ASPECT else ""
 
 
 def _capture(exif: Image.Exif) -> Capture:

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import ColorConfig, InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.capture import framing
 from stereo_seecolor.inputs.decoding import decode_raw
 from stereo_seecolor.inputs.headers import (
     JPEG_SIGNATURE,
     PNG_SIGNATURE,
     TIFF_SIGNATURES,
+    image_size,
     is_finished_color,
     jpeg_segments,
     png_chunk,
@@ -355,3 +357,28 @@ def encoding_notes(config: ColorConfig, facts: Mapping[Path, ImageFacts]) -> tup
         f"{doubt}: if it holds linear light, as from a raw converter: --set "
         "color.input_encoding=linear",
     )
+
+
+# Pictures that are a part of the sensor's, enlarged or not: a calibration of the whole does not
+# hold for them.
+
+
+def framing_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
+    """Warn where metadata of the first or the middle pair say that pictures were cut out or zoomed.
+
+    Args:
+        pairs: Of the dive; images that cannot be read are left out, which the run names.
+
+    Returns:
+        One line, or nothing.
+    """
+    for pair in dict.fromkeys((*pairs[:1], *pairs[len(pairs) // 2 :][:1])):
+        for path in (pair.left, pair.right):
+            with suppress(InputError):
+                content = read_image_bytes(path)
+                if how := framing(content, image_size(content)):
+                    return (
+                        f"input: {path.name} {how}: ranges are right only with a calibration "
+                        "from pictures cut out and zoomed alike",
+                    )
+    return ()

@@ -17,7 +17,8 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.encode import ImageFormat, encode_image
-from stereo_seecolor.inputs.capture import ExposureTable, read_capture
+from stereo_seecolor.inputs.capture import ExposureTable, framing, read_capture
+from stereo_seecolor.inputs.file_form import framing_notes
 from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.records import Capture, is_monochrome
@@ -235,3 +236,40 @@ def test_a_run_carries_what_the_camera_recorded(make_dive, tmp_path: Path, lock:
     facts = summary.rows[0].facts
     recorded = facts["camera_exposure_s"], facts["camera_gain"], facts["camera_aperture"]
     assert recorded == (pytest.approx(0.004), 4, pytest.approx(2.8))
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
+@pytest.mark.parametrize(
+    ("details", "words"),
+    [
+        ({0xA404: 1.5}, "has a digital zoom of 1.5"),
+        ({0xA404: 1.0}, ""),
+        ({0xA404: 0.0}, ""),
+        ({0xA002: 4000, 0xA003: 2250}, "was 4000x2250 px in the camera"),
+        ({0xA002: 4000, 0xA003: 3000}, ""),  # made smaller
+        ({0xA002: 24, 0xA003: 32}, ""),  # turned
+        ({0xA002: 0, 0xA003: 32}, ""),
+        ({}, ""),
+    ],
+)
+def test_a_zoom_or_cut_that_the_camera_wrote_is_known(
+    kind: str, details: dict[int, Any], words: str
+) -> None:
+    assert framing(encoded(kind, details), (32, 24)) == words
+
+
+def test_a_cut_by_a_converter_is_known() -> None:
+    cut = encoded("JPEG", {}) + b'<rdf:Description crs:HasCrop="True"/>'
+    assert "HasCrop" in framing(cut, (32, 24))
+    assert not framing(cut.replace(b"True", b"False"), (32, 24))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_zoom_of_either_camera_is_named(side: str, tmp_path: Path) -> None:
+    for one in ("left", "right"):
+        (tmp_path / one).mkdir()
+        zoom = {0xA404: 2.0} if one == side else {}
+        (tmp_path / one / "1.jpg").write_bytes(encoded("JPEG", zoom))
+    pairs = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
+    (note,) = framing_notes(pairs)
+    assert "1.jpg has a digital zoom of 2" in note and "calibration" in note

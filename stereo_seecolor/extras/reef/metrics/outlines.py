@@ -168,7 +168,8 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
     """From the file's coordinates to the map's own: by its crs member, else degrees where they fall
     on the map, else meters.
     """
-    named = ((content.get("crs") or {}).get("properties") or {}).get("name")
+    member = content.get("crs") or {}
+    named = member if isinstance(member, str) else (member.get("properties") or {}).get("name")
     if posed.origin is None:
         return lambda ring: ring - posed.offset_m[:2]
     import pyproj
