@@ -24,6 +24,7 @@ html_css_files = ["pages.css"]
 smartquotes_action = "qe"  # a double hyphen belongs to an option
 exclude_patterns = ["_build", "_generated"]  # the second is left over in checkouts of 0.1.0
 autodoc_member_order = "bysource"
+napoleon_use_ivar = True  # fields are explained in the docstring of their class
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 100
