@@ -45,6 +45,14 @@ def test_a_local_system_is_the_maps_own(name: str | None, tmp_path: Path) -> Non
     np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
 
 
+def test_a_system_that_is_no_member_but_a_name_is_read(tmp_path: Path) -> None:
+    path = geojson(tmp_path / "p.geojson", RING, "local")
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"crs": "local"}))
+    (outline,) = read_outlines(path, POSED)
+    np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
+
+
 @pytest.mark.parametrize("name", ["urn:ogc:def:crs:EPSG::99999", "EPSG:wrong", "my system"])
 def test_a_system_that_is_not_known_is_named(name: str, tmp_path: Path) -> None:
     with pytest.raises(
