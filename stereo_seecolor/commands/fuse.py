@@ -122,15 +122,8 @@ def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
     from stereo_seecolor.mapping.survey_map import check
 
     check(config.mapping, given_trajectory(poses, config.mapping, np.eye(4)))
-    return (
-        *config.files,
-        *(
-            file
-            for path in (poses, config.mapping.fixes)
-            if path
-            for file in trajectory_files(path)
-        ),
-    )
+    tracks = [path for path in (poses, config.mapping.fixes) if path]
+    return (*config.files, *(file for path in tracks for file in trajectory_files(path)))
 
 
 def fuse(
@@ -186,16 +179,12 @@ def fuse(
                 frames, frames.geometry, building, config.mapping, trajectory, workspace
             )
         describe_frames(folder)
-    aside = tuple(
-        f"{path}: was in the earlier map and is not of this program; it is kept here"
-        for path in folder.owned.set_aside
+    warnings = (
+        *summary.warnings,
+        *_stall_warning(run.stalled),
+        *_kept_aside(folder),
+        *_stopped(run),
     )
-    stopped = (
-        ()
-        if run.state == "complete"
-        else ("the run was stopped: pairs that it did not come to are not in the map",)
-    )
-    warnings = (*summary.warnings, *_stall_warning(run.stalled), *aside, *stopped)
     return replace(summary.moved(building, out / MAP), warnings=warnings)
 
 
@@ -238,3 +227,16 @@ class RawImages:
         """
         raw = read_image(self._run.frame(name).left, self._run.config.input)
         return self._rectification.upright(self._rectification.apply_left(raw))
+
+
+def _kept_aside(folder: RunFolder) -> tuple[str, ...]:
+    return tuple(
+        f"{path}: was in the earlier map and is not of this program; it is kept here"
+        for path in folder.owned.set_aside
+    )
+
+
+def _stopped(run: FinishedRun) -> tuple[str, ...]:
+    if run.state == "complete":
+        return ()
+    return ("the run was stopped: pairs that it did not come to are not in the map",)
