@@ -7,6 +7,7 @@ import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import calibration
 from stereo_seecolor.version import __version__
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.dive.run_options import RunOptions
     from stereo_seecolor.errors import SeeColorError
     from stereo_seecolor.matching.matcher import Matcher
-    from stereo_seecolor.pipeline import Pipeline
+    from stereo_seecolor.pipeline import Pipeline, Stream
     from stereo_seecolor.records import Correction, FrameResult, RangeMap, StereoFrame, Water
     from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 
@@ -34,6 +35,7 @@ _PLACES = {
     "RunOptions": "dive.run_options",
     "SeeColorError": "errors",
     "StereoFrame": "records",
+    "Stream": "pipeline",
     "Water": "records",
     "correct": "commands.run",
     "fuse": "commands.fuse",
@@ -59,6 +61,7 @@ __all__ = [
     "RunOptions",
     "SeeColorError",
     "StereoFrame",
+    "Stream",
     "Water",
     "__version__",
     "correct",
@@ -69,6 +72,12 @@ __all__ = [
     "rectify",
     "run",
 ]
+
+if "StereoRig" not in getattr(calibration, "__all__", ()):
+    raise ImportError(
+        f"another package called calibration ({getattr(calibration, '__file__', '')}) hides that "
+        "of stereo-seecolor: take its folder off PYTHONPATH, or start python elsewhere"
+    )
 
 logging.getLogger(__name__).addHandler(
     logging.NullHandler()

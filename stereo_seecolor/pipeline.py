@@ -6,6 +6,7 @@ fitted to its colors over range, and removed (``correct``). ``process`` does the
 for two arrays.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -14,14 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, RectifiedPair, StereoRig
+from calibration.formats import load_rig
 from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
+from stereo_seecolor.errors import ColorError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.containers import open_around
-from stereo_seecolor.inputs.images import FrameReader, read_image
+from stereo_seecolor.inputs.images import FrameReader, as_image, read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.diagnostics import PairCheck
 from stereo_seecolor.matching.reduced import DetailMatcher
@@ -73,8 +78,8 @@ class Pipeline:
 
     makes_ranges = True
 
-    def __init__(self, rig: StereoRig, config: RunConfig | None = None) -> None:
-        self.rig = rig
+    def __init__(self, rig: StereoRig | str | Path, config: RunConfig | None = None) -> None:
+        self.rig = rig = rig if isinstance(rig, StereoRig) else load_rig(rig)
         self.config = config or RunConfig()
         self.rectification = Rectification.from_rig(rig)
         self.geometry: RectifiedPair | None = self.rectification.pair
@@ -268,6 +273,11 @@ class Pipeline:
             ColorError: If no water can be fitted.
         """
         clock = Clock()
+        left, right = (
+            as_image(image, f"{frame.name or 'frame'}: the {side} image")
+            for side, image in (("left", frame.left), ("right", frame.right))
+        )
+        frame = replace(frame, left=left, right=right)
         rectified, range_map = self._ranged(lambda: frame, clock, match or self.matcher.match)
         with clock("color"):
             if callable(water):
@@ -276,6 +286,64 @@ class Pipeline:
             ranges = ranges_for_color(self.corrector, rectified.left, range_map, water, self.seen)
             correction = correct(self.corrector, self.config, rectified.left, ranges, water)
         return FrameResult(rectified, range_map, correction, clock.seconds)
+
+
+class Stream:
+    """Corrects the pairs of a stream with one water and one exposure, of the last
+    ``color.sliding_frames`` frames together, so that what is shown does not flicker.
+
+    Args:
+        pipeline: Used by this stream alone.
+    """
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self.pipeline, self.fitted_s = pipeline, 0.0
+        self._fitter = SlidingFitter(pipeline.config.color, self._fit)
+        self._until_s: float | None = None
+
+    def process(
+        self, frame: StereoFrame, shrink: int = 1, until_s: float | None = None
+    ) -> FrameResult:
+        """Take the next unrectified pair through all stages.
+
+        Args:
+            frame: The pair.
+            shrink: Match at 1/shrink of the size: 1, 2 or 4.
+            until_s: When the steps of the fit end, as ``time.perf_counter`` counts; None for no
+                limit.
+
+        Returns:
+            As ``Pipeline.process``.
+
+        Raises:
+            ColorError: Where no pixel of the stream had a known range yet.
+            MatchingError, CalibrationError, InputError: As in ``Pipeline.process``.
+        """
+        self._until_s = until_s
+
+        def match(rectified: StereoFrame) -> RangeMap:
+            own = self.pipeline
+            return own.match(rectified) if shrink == 1 else own.matcher.at(shrink).match(rectified)
+
+        def water(image: Image, range_map: RangeMap) -> Water:
+            # of a pair matched at reduced size every second or fourth row and column counts
+            every = slice(None, None, shrink)
+            table = self.pipeline.corrector.measure(
+                image[every, every].copy(), range_map.measured_m[every, every].copy()
+            )
+            found = self._fitter.water(table)
+            if found is None:
+                raise ColorError(
+                    "no pixel with a known range yet: there is nothing to fit a water to"
+                )
+            return found
+
+        return self.pipeline.process(frame, water, match)
+
+    def _fit(self, table: MomentTable, start: Water | None) -> Water:
+        water = self.pipeline.corrector.fit(table, start, self._until_s)
+        self.fitted_s = time.perf_counter()
+        return water
 
 
 def correct(

@@ -127,8 +127,8 @@ def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
 
 
 def fuse(
-    out: Path,
-    poses: Path | None = None,
+    out: str | Path,
+    poses: str | Path | None = None,
     config: RunConfig | None = None,
     listener: Listener | None = None,
     compute: Compute | None = None,
@@ -158,6 +158,7 @@ def fuse(
     """
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
+    out, poses = Path(out), None if poses is None else Path(poses)
     run = open_run(out)
     config, compute = config or run.config, compute or Threads(cores())
     read = check_fusion(poses, config)

@@ -43,10 +43,10 @@ from stereo_seecolor.run_folder.ownership import Owner
 
 
 def run(
-    left: Path,
-    right: Path,
+    left: str | Path,
+    right: str | Path,
     calib: str | Path,
-    out: Path,
+    out: str | Path,
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
@@ -69,6 +69,7 @@ def run(
         SeeColorError: For what concerns the whole dive.
         CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
+    left, right, out = Path(left), Path(right), Path(out)
     return run_inputs(StereoInputs(left, right, calib), out, config, options)
 
 
@@ -133,10 +134,10 @@ def _count_shard(
 
 
 def range_maps(
-    left: Path,
-    right: Path,
+    left: str | Path,
+    right: str | Path,
     calib: str | Path,
-    out: Path,
+    out: str | Path,
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
@@ -157,6 +158,7 @@ def range_maps(
         SeeColorError: For what concerns the whole dive.
         CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
+    left, right, out = Path(left), Path(right), Path(out)
     inputs = StereoInputs(left, right, calib)
     with stereo_run(
         inputs, out, config or RunConfig(), options or RunOptions(), "range", ("ranges",)
@@ -166,9 +168,9 @@ def range_maps(
 
 
 def correct(
-    images: Path,
-    ranges: Path,
-    out: Path,
+    images: str | Path,
+    ranges: str | Path,
+    out: str | Path,
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
@@ -189,6 +191,7 @@ def correct(
     Raises:
         SeeColorError: For what concerns the whole folder.
     """
+    images, ranges, out = Path(images), Path(ranges), Path(out)
     config, options = config or RunConfig(), options or RunOptions()
     if config.color.lock == "auto":
         config = config.model_copy(
@@ -219,10 +222,10 @@ def correct(
 
 
 def rectify(
-    left: Path,
-    right: Path,
+    left: str | Path,
+    right: str | Path,
     calib: str | Path,
-    out: Path,
+    out: str | Path,
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
@@ -245,6 +248,7 @@ def rectify(
         SeeColorError: For what concerns the whole dive.
         CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
+    left, right, out = Path(left), Path(right), Path(out)
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)
     before = inputs.open_first(config)

@@ -79,7 +79,7 @@ ENGINES = {
 """Section -> the group in which packages add its engines, and the program's own."""
 
 
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
+def load_config(path: str | Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
     """Merge the defaults, a file, and ``section.key=value`` overrides, of which the last wins.
 
     Args:
@@ -94,7 +94,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunC
         ConfigError: For an unreadable file, a key that does not exist (the nearest known one is
             suggested), or a bad value.
     """
-    return _validated(_layers(path, overrides))
+    return _validated(_layers(None if path is None else Path(path), overrides))
 
 
 def load_settings(path: Path | None = None, overrides: Sequence[str] = ()) -> tuple[Setting, ...]:

@@ -26,14 +26,43 @@ BAYER_CODES = {
 }
 
 
-def read_image(path: Path, config: InputConfig | None = None) -> Image:
+def read_image(path: str | Path, config: InputConfig | None = None) -> Image:
     """Read a PNG, TIFF, JPEG, BMP, PGM or PPM of 8 or 16 bits as (H, W, 3) RGB; gray is repeated,
     alpha dropped, EXIF applied.
 
     Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or
     16-bit picture.
     """
+    path = Path(path)
     return decode_image(read_image_bytes(path), path, config or InputConfig())
+
+
+def as_image(values: Any, what: str) -> Image:
+    """An array, or lists of numbers, as (H, W, 3) RGB of 8 or 16 bits.
+
+    Gray is repeated, alpha dropped. Floating point is a fraction of full scale, 0..1, and becomes
+    16 bits; other integers become 8 bits where all are below 256, else 16. what: names the image in
+    errors. Raises InputError.
+    """
+    array = np.asarray(values)
+    if array.ndim == 2 or (array.ndim == 3 and array.shape[2] == 1):
+        array = np.repeat(array.reshape(*array.shape[:2], 1), 3, axis=2)
+    if array.ndim != 3 or array.shape[2] not in (3, 4) or not array.size:
+        raise InputError(f"{what}: is an array of shape {array.shape}: needs (H, W, 3) RGB")
+    array = array[..., :3]
+    if array.dtype in (np.uint8, np.uint16):
+        return np.ascontiguousarray(array)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{what}: holds {array.dtype}: needs numbers, 8 or 16 bits or 0..1")
+    most = 1.0 if array.dtype.kind == "f" else 65535
+    if not (array.min() >= 0 and array.max() <= most):  # NaN is neither
+        raise InputError(
+            f"{what}: holds {array.dtype} from {array.min():g} to {array.max():g}: needs 0..1 for "
+            "floating point, 0..255 or 0..65535 for integers"
+        )
+    if array.dtype.kind == "f":
+        return np.rint(array * 65535).astype(np.uint16)
+    return array.astype(np.uint8 if array.max() < 256 else np.uint16)
 
 
 def read_image_bytes(path: Path) -> bytes:
@@ -75,7 +104,7 @@ def _ordered(rgb: NDArray[Any], config: InputConfig) -> NDArray[Any]:
     return np.ascontiguousarray(rgb[..., ::-1]) if config.channels == "bgr" else rgb
 
 
-def read_range_map(path: Path, units_per_m: float | None = None) -> Map:
+def read_range_map(path: str | Path, units_per_m: float | None = None) -> Map:
     """Read a range map in meters along the ray, (H, W) float32: TIFF, PNG, PGM, PFM, OpenEXR,
     NumPy's or MATLAB's arrays.
 
@@ -83,6 +112,7 @@ def read_range_map(path: Path, units_per_m: float | None = None) -> Map:
     Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such
     map.
     """
+    path = Path(path)
     return decode_range_map(read_image_bytes(path), path, units_per_m)
 
 

@@ -226,7 +226,7 @@ def settings_file(out: Path) -> Path:
     return out / RUN
 
 
-def open_run(out: Path) -> FinishedRun:
+def open_run(out: str | Path) -> FinishedRun:
     """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
 
     Args:
@@ -240,6 +240,7 @@ def open_run(out: Path) -> FinishedRun:
             before it could describe what it made.
         OutputError: If its records or links lead out of it.
     """
+    out = Path(out)
     refuse_links_out(out)
     manifest = Manifest(out)
     content = _run_content(out)

@@ -90,6 +90,10 @@ class Water:
     typical_range_m: float | None = None
 
     def __post_init__(self) -> None:
+        for name in (*PARAMETERS, "white", "matrix"):
+            value = getattr(self, name)
+            if isinstance(value, list | tuple):
+                object.__setattr__(self, name, np.array(value, np.float64))
         if problem := problem_of(vars(self)):
             raise ColorError(f"water: {problem}")
 

@@ -241,23 +241,27 @@ class OtherResults:
     folders: dict[str, dict[str, Path]]
 
     @classmethod
-    def of(cls, folders: Sequence[Path]) -> "OtherResults":
-        """The images in these folders; a method has the name of its folder.
+    def of(cls, folders: Sequence[str | Path]) -> "OtherResults":
+        """The images in these folders; a method has the name of its folder, or the one before it:
+        ``name=folder``.
 
         Raises InputError where two methods have the same name, or a folder holds no image, or two
         of the same name.
         """
         found: dict[str, dict[str, Path]] = {}
-        for folder in folders:
-            name = folder.resolve().name
+        for given in folders:
+            named, _, place = str(given).rpartition("=")
+            folder = Path(given) if not named or Path(given).exists() else Path(place)
+            name = named if folder != Path(given) else folder.resolve().name
             if name in (*METHODS, PAPER, OURS):
                 raise InputError(
-                    f"{folder}: a method that is scored anyway is called {name!r} too: rename the "
-                    "folder"
+                    f"{folder}: a method that is scored anyway is called {name!r} too: give "
+                    "another name, name=folder"
                 )
             if name in found:
                 raise InputError(
-                    f"{folder}: another folder of results is called {name!r} too: rename one"
+                    f"{folder}: another folder of results is called {name!r} too: give a name, "
+                    "name=folder"
                 )
             found[name] = _by_stem(list_images(folder, "corrected images").files)
         return cls(found)

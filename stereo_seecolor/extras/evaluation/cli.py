@@ -52,12 +52,12 @@ Targets = Annotated[
     ),
 ]
 Others = Annotated[
-    list[Path] | None,
+    list[str] | None,
     opt.option(
         "--others",
-        "FOLDER",
+        "[NAME=]FOLDER",
         "Results of another tool: a folder of images with the same names (for --spread of the "
-        "rectified ones). May be repeated.",
+        "rectified ones), called NAME. May be repeated.",
         CHARTS,
     ),
 ]

@@ -249,7 +249,7 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
     )
 
 
-def evaluate_spread(out: Path, others: Sequence[Path] = ()) -> SpreadReport:
+def evaluate_spread(out: Path, others: Sequence[str | Path] = ()) -> SpreadReport:
     """How much the colors of the same spots of the reef differ between the frames of the run in
     ``out``; needs the dive's images.
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration import CalibrationError
+from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import Bag, open_bag
@@ -41,11 +42,14 @@ class BagFacts:
     notes: tuple[str, ...]
 
 
-def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) -> BagFacts:
-    """Examine a bag; nothing is written. topics: ``left=NAME,right=NAME``, "" to find them.
+def bag_info(
+    path: Path, topics: str = "", config: InputConfig | None = None, calib: str = ""
+) -> BagFacts:
+    """Examine a bag; nothing is written. topics: ``left=NAME,right=NAME``, "" to find them. calib:
+    the calibration of the rig, "" for that of the bag.
 
     Raises InputError if it is not a bag, or holds nothing that can be read; DeviceError if a
-    library is missing.
+    library is missing; CalibrationError for calib.
     """
     try:
         dive = open_dive(path, topics, config or InputConfig())
@@ -54,6 +58,9 @@ def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) ->
         if topics:
             raise
         return _facts(bag, None, None, (*bag.problems, str(error)))
+    if calib:
+        notes = dive.pairing.notes
+        return _facts(dive.bag, dive, load_rig(calib).baseline_m, notes)
     baseline_m, problem = _baseline_m(dive)
     return _facts(
         dive.bag, dive, baseline_m, (*dive.pairing.notes, *dive.static_baseline[1], *problem)

@@ -182,6 +182,12 @@ BagArgument = Annotated[
 ]
 
 
+BagRig = Annotated[
+    str | None,
+    opt.option("--calib", "FILE", "Calibration of the rig, in place of the bag's camera_info."),
+]
+
+
 LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
 
 
@@ -204,18 +210,22 @@ RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the 
     "bag-info dive.mcap",
     "bag-info BAG --topics left=/fwd/image,right=/aft/image",
 )
-def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
+def bag_info(
+    bag: BagArgument, topics: opt.Topics = "", calib: BagRig = None, *, report: LoggedReport
+) -> None:
     """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there
     are none.
     """
     from stereo_seecolor.extras.streams.bag_info import bag_info as look
 
     with report.working():
-        found = look(bag, topics)
-    report.end(vars(found), bag_text(found), EXIT_DONE if found.pairs else EXIT_SOME_FAILED)
+        found = look(bag, topics, calib=calib or "")
+    report.end(
+        vars(found), bag_text(found, calib or ""), EXIT_DONE if found.pairs else EXIT_SOME_FAILED
+    )
 
 
-def bag_text(found: "BagFacts") -> str:
+def bag_text(found: "BagFacts", calib: str = "") -> str:
     """The topics of a bag, then its pairs, and last the run command."""
     width = max(len(topic.name) for topic in found.topics)
     output = [
@@ -230,7 +240,7 @@ def bag_text(found: "BagFacts") -> str:
         )
     if found.pairs:
         rig = (
-            f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info"
+            f"baseline {1000 * found.baseline_m:.1f} mm, from {calib or 'camera_info'}"
             if found.baseline_m
             else "no calibration in it"
         )
@@ -240,8 +250,9 @@ def bag_text(found: "BagFacts") -> str:
         )
     output += [f"note: {note}" for note in found.notes]
     if found.pairs:
-        calib = "" if found.baseline_m else " --calib cam.yaml"
-        output += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
+        named = calib or ("" if found.baseline_m else "cam.yaml")
+        option = f" --calib {named}" if named else ""
+        output += ["", f"stereo-seecolor run --bag {found.bag}{option} --out out"]
     return lines(*output)
 
 

@@ -92,7 +92,7 @@ def evaluate_charts(
     targets: Path | None = None,
     config: RunConfig | None = None,
     sheet: Path | None = None,
-    others: Sequence[Path] = (),
+    others: Sequence[str | Path] = (),
 ) -> ChartReport:
     """Score every method on every target in a folder of images with range maps of the same stems.
 

@@ -9,11 +9,9 @@ from statistics import median
 import numpy as np
 
 from stereo_seecolor.color.photometry.survey import SlidingFitter
-from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.errors import ColorError
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
-from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, Water
+from stereo_seecolor.pipeline import Pipeline, Stream, correct, ranges_for_color
+from stereo_seecolor.records import FrameResult, RangeMap, StereoFrame
 
 # Keeps the time for a pair within a budget: images are matched at full, half or a quarter of
 # their size.
@@ -122,53 +120,21 @@ class LiveProcessor:
     def __init__(
         self, pipeline: Pipeline, read: Callable[[Pair], StereoFrame], budget: Budget | None = None
     ) -> None:
-        self._pipeline, self._read = pipeline, read
+        self._stream, self._read = Stream(pipeline), read
         self._budget = budget or Budget(None)
-        self._fitter = SlidingFitter(pipeline.config.color, self._fit)
-        self._until_s: float | None = None  # when the steps of this pair's fit end
-        self._fitted_s, self._after_fit_s = (
-            0.0,
-            0.0,
-        )  # when the fit ended, and how long the rest of the last pair took
+        self._after_fit_s = 0.0  # how long the rest of the last pair took, after its fit
 
     def process(self, pair: Pair) -> LiveFrame:
         """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError,
         ColorError as in a run.
         """
         began_s, reduced = time.perf_counter(), self._budget.text
-        self._until_s = self._budget.until_s(began_s, self._after_fit_s)
-        frame = self._read(pair)
-        result = self._pipeline.process(frame, self._water, self._match)
+        until_s = self._budget.until_s(began_s, self._after_fit_s)
+        result = self._stream.process(self._read(pair), self._budget.shrink, until_s)
         ended_s = time.perf_counter()
-        seconds, self._after_fit_s = ended_s - began_s, ended_s - self._fitted_s
+        seconds, self._after_fit_s = ended_s - began_s, ended_s - self._stream.fitted_s
         self._budget.took(seconds)
         return LiveFrame(pair, result, seconds, reduced)
-
-    def _match(self, frame: StereoFrame) -> RangeMap:
-        shrink = self._budget.shrink
-        return (
-            self._pipeline.match(frame)
-            if shrink == 1
-            else self._pipeline.matcher.at(shrink).match(frame)
-        )
-
-    def _fit(self, table: MomentTable, start: Water | None) -> Water:
-        water = self._pipeline.corrector.fit(table, start, self._until_s)
-        self._fitted_s = time.perf_counter()
-        return water
-
-    def _water(self, image: Image, range_map: RangeMap) -> Water:
-        """The water with this pair's colors. Of a pair matched at reduced size every second or
-        fourth row and column counts.
-        """
-        every = slice(None, None, self._budget.shrink)
-        pixels: Image = image[every, every].copy()
-        water = self._fitter.water(
-            self._pipeline.corrector.measure(pixels, range_map.measured_m[every, every].copy())
-        )
-        if water is None:
-            raise ColorError("no pixel with a known range yet: there is nothing to fit a water to")
-        return water
 
 
 def warm_up(pipeline: Pipeline) -> None:

@@ -1,0 +1,40 @@
+"""A node of ROS 2 that corrects a stereo pair in its own process: python seecolor_node.py cam.yaml.
+
+For a vehicle without code of its own, ``stereo-seecolor live --left ros2:/TOPIC`` does the same.
+"""
+
+import sys
+
+import message_filters
+import numpy as np
+import rclpy
+from sensor_msgs.msg import Image
+
+from stereo_seecolor import Pipeline, SeeColorError, StereoFrame, Stream
+
+
+def main(calib: str) -> None:
+    """Subscribe to /stereo/left and /stereo/right (rgb8), publish /seecolor/image."""
+    rclpy.init()
+    node, stream = rclpy.create_node("seecolor"), Stream(Pipeline(calib))
+    publisher = node.create_publisher(Image, "/seecolor/image", 1)
+
+    def corrected(left: Image, right: Image) -> None:
+        pixels = [np.frombuffer(m.data, np.uint8).reshape(m.height, -1, 3) for m in (left, right)]
+        try:
+            image = stream.process(StereoFrame("live", *pixels)).correction.image
+        except SeeColorError as error:  # this pair alone
+            node.get_logger().warning(str(error))
+            return
+        size = {"height": image.shape[0], "width": image.shape[1], "step": 3 * image.shape[1]}
+        publisher.publish(Image(header=left.header, encoding="rgb8", data=image.tobytes(), **size))
+
+    sides = [
+        message_filters.Subscriber(node, Image, f"/stereo/{side}") for side in ("left", "right")
+    ]
+    message_filters.ApproximateTimeSynchronizer(sides, 5, 0.02).registerCallback(corrected)
+    rclpy.spin(node)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,82 @@
+"""Images that programs hand over as arrays, and paths that they give as text."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stereo_seecolor
+from stereo_seecolor import Water, load_config
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.synthetic.demo import DemoResult
+from stereo_seecolor.inputs.images import as_image, read_image
+
+RGB = np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8)
+GRAY = RGB[..., 0]
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (RGB, RGB),
+        (RGB.tolist(), RGB),
+        (RGB.astype(np.int64), RGB),
+        (RGB.astype(np.uint16) * 257, RGB.astype(np.uint16) * 257),
+        (RGB.astype(np.int32) * 257, RGB.astype(np.uint16) * 257),
+        (RGB / 255, RGB.astype(np.uint16) * 257),
+        ((RGB / 255).astype(np.float32), RGB.astype(np.uint16) * 257),
+        (GRAY, np.dstack([GRAY] * 3)),
+        (GRAY[..., None], np.dstack([GRAY] * 3)),
+        (np.dstack([RGB, GRAY]), RGB),
+    ],
+)
+def test_arrays_of_many_kinds_are_images(given: Any, expected: np.ndarray) -> None:
+    found = as_image(given, "x")
+    assert found.dtype == expected.dtype
+    assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (RGB.astype(float), "holds float64 from"),
+        (RGB.astype(int) - 300, "holds int64 from -"),
+        (np.full((4, 5, 3), np.nan), "needs 0..1"),
+        (RGB > 9, "holds bool"),
+        (np.zeros((4, 5, 2)), "shape"),
+        (np.zeros((0, 5, 3)), "shape"),
+        ("picture", "shape"),
+    ],
+)
+def test_what_is_no_image_is_named_in_a_line(given: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        as_image(given, "f1: the left image")
+    assert str(caught.value).startswith("f1: the left image: ") and "\n" not in str(caught.value)
+
+
+def test_paths_may_be_text(finished_demo: DemoResult) -> None:
+    out = finished_demo.out
+    frame = stereo_seecolor.open_run(str(out)).frames[0]
+    corrected = frame.products["corrected"]
+    assert np.array_equal(read_image(str(corrected)), read_image(corrected))
+    assert load_config(str(out / "run.json")) == load_config(out / "run.json")
+
+
+def test_a_water_takes_lists() -> None:
+    water = Water(*([0.1, 0.2, 0.3] for _ in range(8)))
+    assert water.beta.dtype == np.float64 and water.attenuation(np.array(1.0)).shape == (3,)
+
+
+def test_a_package_of_the_same_name_as_ours_is_named(tmp_path: Path) -> None:
+    import os
+    import subprocess
+    import sys
+
+    (tmp_path / "calibration.py").write_text("")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", "import stereo_seecolor"]
+    shown = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert shown.returncode
+    last = shown.stderr.splitlines()[-1]
+    assert f"another package called calibration ({tmp_path / 'calibration.py'})" in last
