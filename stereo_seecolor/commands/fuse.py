@@ -133,8 +133,7 @@ def fuse(
     listener: Listener | None = None,
     compute: Compute | None = None,
 ) -> "MapSummary":
-    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory, and what else the settings ask
-    for.
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory, and what the settings ask for.
 
     An earlier map is replaced when the new one is complete, and stays as it is otherwise.
 
@@ -147,8 +146,7 @@ def fuse(
         compute: Where the work runs; all cores of this machine if not given.
 
     Returns:
-        What was mapped, and the warnings. A frame that is gone or damaged is named there, and the
-        rest is fused.
+        What was mapped, and warnings; frames that are gone or damaged are named and left out.
 
     Raises:
         DeviceError: If a library is missing; before the first frame.
