@@ -135,7 +135,7 @@ def fuse(
 ) -> "MapSummary":
     """Fuse a finished run into ``out``/map: cloud, mesh, trajectory, and what the settings ask for.
 
-    An earlier map is replaced when the new one is complete, and stays as it is otherwise.
+    An earlier map is replaced when the new one is complete.
 
     Args:
         out: Folder of a finished run.
@@ -156,7 +156,7 @@ def fuse(
     """
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
-    out, poses = Path(out), None if poses is None else Path(poses)
+    out, poses = Path(out), Path(poses) if poses else None
     run = open_run(out)
     config, compute = config or run.config, compute or Threads(cores())
     read = check_fusion(poses, config)

@@ -44,14 +44,15 @@ def as_image(values: Any, what: str) -> Image:
     16 bits; other integers become 8 bits where all are below 256, else 16. what: names the image in
     errors. Raises InputError.
     """
-    array = np.asarray(values)
+    array: Any = np.asarray(values)
     if array.ndim == 2 or (array.ndim == 3 and array.shape[2] == 1):
         array = np.repeat(array.reshape(*array.shape[:2], 1), 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4) or not array.size:
         raise InputError(f"{what}: is an array of shape {array.shape}: needs (H, W, 3) RGB")
     array = array[..., :3]
     if array.dtype in (np.uint8, np.uint16):
-        return np.ascontiguousarray(array)
+        same: Image = np.ascontiguousarray(array)
+        return same
     if array.dtype.kind not in "iuf":
         raise InputError(f"{what}: holds {array.dtype}: needs numbers, 8 or 16 bits or 0..1")
     most = 1.0 if array.dtype.kind == "f" else 65535
@@ -60,9 +61,9 @@ def as_image(values: Any, what: str) -> Image:
             f"{what}: holds {array.dtype} from {array.min():g} to {array.max():g}: needs 0..1 for "
             "floating point, 0..255 or 0..65535 for integers"
         )
-    if array.dtype.kind == "f":
-        return np.rint(array * 65535).astype(np.uint16)
-    return array.astype(np.uint8 if array.max() < 256 else np.uint16)
+    depth: Any = np.uint8 if array.dtype.kind != "f" and array.max() < 256 else np.uint16
+    found: Image = np.rint(65535 * array if array.dtype.kind == "f" else array).astype(depth)
+    return found
 
 
 def read_image_bytes(path: Path) -> bytes:
