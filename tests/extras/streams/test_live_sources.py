@@ -26,7 +26,7 @@ from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.streams.live import cameras as live_cameras
 from stereo_seecolor.extras.streams.live.cameras import cameras
 from stereo_seecolor.extras.streams.live.sources import live_source
-from stereo_seecolor.extras.streams.live.streams import Arrived, Stream, StreamPairs
+from stereo_seecolor.extras.streams.live.streams import Arrived, ImageStream, StreamPairs
 
 
 @contextmanager
@@ -212,14 +212,14 @@ def test_sides_of_two_kinds_are_refused(tmp_path: Path) -> None:
             pass
 
 
-def send(stream: Stream, milliseconds: float) -> None:
+def send(stream: ImageStream, milliseconds: float) -> None:
     """An image that is its stamp."""
     value = np.full((1, 1, 3), milliseconds % 256, np.uint8)
     stream.add(Arrived(10**18 + round(milliseconds * 1e6), time.monotonic(), lambda: value))
 
 
 def test_images_of_one_time_become_pairs_and_the_newest_wins() -> None:
-    left, right = Stream("left"), Stream("right")
+    left, right = ImageStream("left"), ImageStream("right")
     source = StreamPairs(left, right, InputConfig())
     send(left, 0)
     assert source.newest() is None
@@ -250,7 +250,7 @@ def test_images_of_one_time_become_pairs_and_the_newest_wins() -> None:
 
 
 def test_two_free_running_cameras_half_an_image_apart_are_no_pair() -> None:
-    left, right = Stream("left"), Stream("right")
+    left, right = ImageStream("left"), ImageStream("right")
     for ms in (0, 100, 200, 300):
         send(left, ms)
         send(right, ms + 50)

@@ -17,7 +17,7 @@ from stereo_seecolor.compute.background import in_background
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.extras.streams.live.streams import Arrived, Stream
+from stereo_seecolor.extras.streams.live.streams import Arrived, ImageStream
 from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.listing import EXTENSIONS
@@ -58,7 +58,7 @@ class Camera:
 
     def __init__(self, address: str, sides: int = 1) -> None:
         self._address, self._is_stopped = address, False
-        self.sides = tuple(Stream(address) for _ in range(sides))
+        self.sides = tuple(ImageStream(address) for _ in range(sides))
 
     def run(self) -> None:
         """Read images until ``stop`` is called."""
@@ -87,7 +87,7 @@ class Camera:
 
 
 @contextmanager
-def cameras(left: str, right: str) -> Iterator[tuple[Stream, Stream]]:
+def cameras(left: str, right: str) -> Iterator[tuple[ImageStream, ImageStream]]:
     """Read two addresses while the block runs; for the same address twice, the left and right
     halves of its images.
 

@@ -17,7 +17,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE
 from stereo_seecolor.extras.streams.bags.messages import message_content, store
-from stereo_seecolor.extras.streams.live.streams import Arrived, Stream
+from stereo_seecolor.extras.streams.live.streams import Arrived, ImageStream
 from stereo_seecolor.inputs.images import decode_image
 from stereo_seecolor.records import Image
 
@@ -75,7 +75,7 @@ class Node:
         return Topic(self._participant, f"rt/{topic.lstrip('/')}", _idl_type(msgtype))
 
 
-class TopicImages(Stream):
+class TopicImages(ImageStream):
     """A stream of the images of one topic; ``.../compressed`` is sensor_msgs/CompressedImage, all
     others are sensor_msgs/Image.
     """

@@ -34,7 +34,7 @@ class Arrived(NamedTuple):
     image: Callable[[], Image]
 
 
-class Stream:
+class ImageStream:
     """The last images of one side; filled by one thread and read by another.
 
     waiting: the name while nothing arrives, else "". received: number of images so far.
@@ -67,7 +67,7 @@ class StreamPairs:
 
     ended = False
 
-    def __init__(self, left: Stream, right: Stream, config: InputConfig) -> None:
+    def __init__(self, left: ImageStream, right: ImageStream, config: InputConfig) -> None:
         self.dropped = 0
         self._left, self._right, self._tolerance_s = left, right, config.timestamp_tolerance_s
         self._offered: tuple[Arrived, Arrived] | None = None
