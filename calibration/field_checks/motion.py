@@ -218,7 +218,8 @@ class Motion:
 
     offset_px: to be added to all disparities; focal: the true focal length over the calibrated one,
     less 1, NaN where it is not seen. range_error: of ranges at the median disparity by both,
-    relative. std: their standard errors, with those of a lens model.
+    relative; at_m: the depth that this disparity gives as calibrated, meters. std: their standard
+    errors, with those of a lens model.
     pixel_error: what a pixel of offset changes a range by, relative, for each meter of range.
     """
 
@@ -230,6 +231,7 @@ class Motion:
     focal_std: float = np.inf
     range_error: float = 0.0
     range_std: float = np.inf
+    at_m: float = np.nan
     pixel_error: float = np.nan
 
     @property
@@ -278,7 +280,10 @@ class Motion:
             if np.isnan(self.focal)
             else f", a focal length {self.focal:+.0%} +- {self.focal_std:.0%} longer"
         )
-        return f"{offset}{focal}: ranges are off by {self.range_error:+.0%} +- {self.range_std:.0%}"
+        return (
+            f"{offset}{focal}: ranges are off by {self.range_error:+.0%} +- {self.range_std:.0%} "
+            f"where they come out as {self.at_m:.1f} m"
+        )
 
     @property
     def _unseen_focal(self) -> str:
@@ -332,6 +337,7 @@ def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
         focal_std=float(np.hypot(fitted.std[1], lens_focal)) if focal_is_known else np.inf,
         range_error=float((1 + offset_px / disparity_px) * np.exp(-log_focal) - 1),
         range_std=float(np.linalg.norm(parts)),
+        at_m=focal_px * geometry.baseline_m / disparity_px,
         pixel_error=pixel_error,
     )
 
