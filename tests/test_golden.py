@@ -4,6 +4,7 @@ real frames.
 Where a change of method moves them on purpose, see what moved and store the new numbers, naming the
 change in CHANGELOG.md:
 
+    export PYTHONPATH=.:tests/support
     python tests/test_golden.py           # prints what differs
     python tests/test_golden.py --write   # and stores it in tests/golden/
 """

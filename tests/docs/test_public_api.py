@@ -82,7 +82,7 @@ def test_what_programs_call_is_still_there() -> None:
     """Programs go on to work: names stay, and their parameters in order; what is new comes behind
     them and has a default.
 
-    ``python tests/docs/test_public_api.py`` writes the file, for a release.
+    ``PYTHONPATH=. python tests/docs/test_public_api.py`` writes the file, for a release.
     """
     now = public_signatures()
     for line in SIGNATURES.read_text(encoding="utf-8").splitlines():
