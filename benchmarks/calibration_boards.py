@@ -6,12 +6,12 @@ python benchmarks/calibration_boards.py FOLDER [chessboard:9x6:24.23mm] with lef
 """
 
 import platform
-import sys
 import time
 from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import words_of
 
 from calibration.boards.targets import Chessboard, View, detect_view, parse_target
 from calibration.calibrate import calibrate
@@ -37,8 +37,9 @@ def plain(views: list[View], board: Chessboard) -> tuple[float, float, float]:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
-    board = parse_target(sys.argv[2] if len(sys.argv) > 2 else "chessboard:9x6:24.23mm")
+    words = words_of(__doc__, "FOLDER [BOARD]")
+    folder = Path(words[0])
+    board = parse_target(words[1] if len(words) > 1 else "chessboard:9x6:24.23mm")
     assert isinstance(board, Chessboard)
     names = [path.stem.removeprefix("left") for path in sorted(folder.glob("left*"))]
     suffix = next(folder.glob("left*")).suffix

@@ -8,12 +8,12 @@ in seawater of 15 degrees; the working range is 1.5 m. Root mean square error of
 image.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import words_of
 
 from calibration import Camera, StereoRig
 from calibration.checks import port_error
@@ -48,6 +48,7 @@ def longer_focal(rig: StereoRig) -> StereoRig:
 
 
 def main() -> None:
+    words = words_of(__doc__, "DRAWING")
     rig = make_rig()
     modeled, ignored = port_error(rig, DEPTHS_M), port_error(rig, DEPTHS_M, replace(rig, port=None))
     zoomed = port_error(rig, DEPTHS_M, longer_focal(rig))
@@ -60,13 +61,13 @@ def main() -> None:
     for i, depth in enumerate(DEPTHS_M):
         columns = [f"{e.range_error[i]:.2%}" for e in (modeled, far, zoomed, ignored)]
         print(f"| {depth:g} | {' | '.join(columns)} | {ignored.row_error_px[i]:.1f} px |")
-    if len(sys.argv) > 1:
+    if words:
         curves = {
             "with the model": modeled,
             "focal length x index": zoomed,
             "port ignored": ignored,
         }
-        Path(sys.argv[1]).write_text(
+        Path(words[0]).write_text(
             _svg({name: error.range_error for name, error in curves.items()}), encoding="utf-8"
         )
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from arguments import words_of
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.compute.threads import Threads, cores
@@ -101,4 +102,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    words_of(__doc__)
     main()

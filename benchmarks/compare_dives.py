@@ -5,13 +5,13 @@ python benchmarks/compare_dives.py FOLDER renders, runs, fuses and compares; FOL
 table for docs/compare.md.
 """
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import words_of
 from numpy.typing import NDArray
 
 from calibration.formats import native
@@ -162,4 +162,4 @@ def grown(mask: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(words_of(__doc__, "FOLDER")[0]))

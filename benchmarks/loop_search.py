@@ -9,10 +9,10 @@ descriptors. Frames are half a meter apart on lines of 200 frames, which are one
 """
 
 import resource
-import sys
 import time
 
 import numpy as np
+from arguments import words_of
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.sequences import Lazy
@@ -84,4 +84,4 @@ def main(counts: list[int]) -> None:
 
 
 if __name__ == "__main__":
-    main([int(word) for word in sys.argv[1:]] or [500, 2000, 20_000])
+    main([int(word) for word in words_of(__doc__, "FRAMES")] or [500, 2000, 20_000])

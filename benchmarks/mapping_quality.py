@@ -8,7 +8,6 @@ all against the truth. Rendering takes a second or more a pair; FOLDER keeps wha
 matched and corrected, and the maps.
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -17,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rasterio
+from arguments import words_of
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -333,4 +333,5 @@ def main(folder: Path, pairs: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 160)
+    given = words_of(__doc__, "FOLDER [FRAMES]")
+    main(Path(given[0]), int(given[1]) if len(given) > 1 else 160)

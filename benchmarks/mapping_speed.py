@@ -19,8 +19,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from arguments import words_of
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from mapping_scene import ReefFrames, write_run
 
 from stereo_seecolor.compute.threads import Threads, cores
@@ -92,4 +93,4 @@ def main(numbers: Sequence[int], folder: Path) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
-        main([int(number) for number in sys.argv[1:]] or PAIRS, Path(temporary))
+        main([int(number) for number in words_of(__doc__, "PAIRS")] or PAIRS, Path(temporary))

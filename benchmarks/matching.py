@@ -5,7 +5,6 @@ benchmarks/matching.py [WIDTHxHEIGHT].
 import os
 import platform
 import resource
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ from statistics import median
 
 import cv2
 import numpy as np
+from arguments import words_of
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
@@ -105,7 +105,8 @@ def compare(
 
 
 def main() -> None:
-    size = tuple(int(n) for n in (sys.argv[1] if len(sys.argv) > 1 else "1280x1024").split("x"))
+    words = words_of(__doc__, "SIZE") or ["1280x1024"]
+    size = tuple(int(n) for n in words[0].split("x"))
     print(
         f"{platform.machine()}, {cv2.getNumberOfCPUs()} cores, OpenCV {cv2.__version__}, images "
         f"{size[0]}x{size[1]}"

@@ -29,7 +29,7 @@ from calibration import CalibrationError, Rectification
 from calibration.checks import vertical_disparity
 from calibration.formats import format_name, load_rig
 from stereo_seecolor.color.render.carried import carry_ranges
-from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, read_both, spread
+from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, evenly_spaced, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
@@ -111,7 +111,7 @@ def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
     yield "the same, refined", "each pair left out in turn", f"{found.after_px:.2f} px"
     images = InputConfig()
     pairs = pair_folders(dive.data / "left", dive.data / "right", images).pairs
-    others = [pair for pair in pairs if pair not in spread(pairs, REFINING_PAIRS)]
+    others = [pair for pair in pairs if pair not in evenly_spaced(pairs, REFINING_PAIRS)]
     check = vertical_disparity(run.rig, (read_both(pair, images) for pair in others))
     yield (
         "the same, refined",

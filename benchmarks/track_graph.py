@@ -9,10 +9,10 @@ between neighbors add up to.
 """
 
 import resource
-import sys
 import time
 
 import numpy as np
+from arguments import words_of
 from numpy.typing import NDArray
 
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
@@ -97,4 +97,4 @@ def main(counts: list[int]) -> None:
 
 
 if __name__ == "__main__":
-    main([int(word) for word in sys.argv[1:]] or [2000, 20_000, 30_000, 100_000])
+    main([int(word) for word in words_of(__doc__, "FRAMES")] or [2000, 20_000, 30_000, 100_000])
