@@ -374,7 +374,7 @@ def framing_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
     """
     for pair in dict.fromkeys((*pairs[:1], *pairs[len(pairs) // 2 :][:1])):
         for path in (pair.left, pair.right):
-            with suppress(InputError):
+            with suppress(InputError, ValueError):  # damaged
                 content = read_image_bytes(path)
                 if how := framing(content, image_size(content)):
                     return (
