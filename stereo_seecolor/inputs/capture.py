@@ -5,12 +5,12 @@ image keeps.
 import csv
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from PIL import ExifTags, Image
@@ -42,25 +42,28 @@ _UPRIGHT = 1
 _DATE = "%Y:%m:%d %H:%M:%S"
 _DATE_WITH_ZONE = f"{_DATE}%z"
 _Tags = dict[int, Any]
+_Found = TypeVar("_Found")
 
 
 def read_capture(content: bytes) -> Capture:
     """The EXIF of a JPEG, PNG or TIFF. What is missing or damaged is None: metadata never fail a
     frame.
     """
-    block = exif_block(content)
-    if not block:
-        return Capture()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of damaged tags
-            exif = Image.Exif()
-            exif.load(EXIF_PREFIX + block)
-            return _capture(exif)
-    except (
-        Exception
-    ):  # Pillow raises errors of many kinds for damaged blocks; the pixels are judged elsewhere
-        return Capture()
+    return _from_exif(content, _capture, Capture())
+
+
+def _from_exif(content: bytes, read: Callable[[Image.Exif], _Found], otherwise: _Found) -> _Found:
+    """What ``read`` finds in a file's EXIF; ``otherwise`` without EXIF, or where it is damaged:
+    Pillow raises errors of many kinds then, and the pixels are judged elsewhere.
+    """
+    if not (block := exif_block(content)):
+        return otherwise
+    with suppress(Exception), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+        exif = Image.Exif()
+        exif.load(EXIF_PREFIX + block)
+        return read(exif)
+    return otherwise
 
 
 MOST_ZOOM = 100.0
@@ -81,13 +84,8 @@ def framing(content: bytes, size: tuple[int, int]) -> str:
     Returns:
         Words such as "has a digital zoom of 1.5"; "" where nothing is said.
     """
-    tags: _Tags = {}
-    if block := exif_block(content):
-        with suppress(Exception), warnings.catch_warnings():  # as in read_capture
-            warnings.simplefilter("ignore")
-            exif = Image.Exif()
-            exif.load(EXIF_PREFIX + block)
-            tags = exif.get_ifd(ExifTags.IFD.Exif)
+    nothing: _Tags = {}
+    tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)
     zoom = _positive_capture(tags.get(ExifTags.Base.DigitalZoomRatio)) or 1.0
     if 1.0 < zoom < MOST_ZOOM:
         return f"has a digital zoom of {zoom:g}"
