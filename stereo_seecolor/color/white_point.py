@@ -47,9 +47,9 @@ def white_doubt(water: Water) -> str:
         return ""
     return (
         f"{DOUBT}gray may have a cast of {gray_error_deg(water):.1f} degrees (red over green is "
-        f"known to {red:.0%}, blue over green to {blue:.0%}), and all colors with it; what settles "
-        "it is a color chart or white card in a frame (water OUT --chart), or a spot that is "
-        "white, or sand (water OUT --white FRAME:x,y, or --sand)"
+        f"known to {red:.0%}, blue over green to {blue:.0%}), and all colors with it: settle it by "
+        "a color chart or white card in a frame (water OUT --chart), or by a spot that is white, "
+        "or sand (water OUT --white FRAME:x,y, or --sand)"
     )
 
 

@@ -31,6 +31,8 @@ CHUNK = 500
 """Rows that are written at once."""
 RESIDUALS = ("position_residual_m", "attitude_residual_deg")
 """Columns that a map with given poses adds."""
+BETWEEN = "; "
+"""Stands between the warnings of a frame; a warning's own becomes a comma."""
 _TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"})
 """Columns that hold no number of the frame's facts or seconds."""
 
@@ -61,7 +63,7 @@ def _cells(row: FrameRow, facts: Sequence[str], stages: Sequence[str]) -> list[o
         row.right,
         timestamp,
         row.error,
-        "; ".join(row.warnings),
+        BETWEEN.join(warning.replace(BETWEEN, ", ") for warning in row.warnings),
     ]
     numbers = [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
     seconds = [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
@@ -108,7 +110,7 @@ def _row(cells: dict[str, str]) -> FrameRow:
 def _with_numbers(row: FrameRow, cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
     numbers = {key: float(value) for key, value in cells.items() if key not in _TEXTS and value}
     seconds = {stage: numbers.pop(f"{stage}_s") for stage in stages if f"{stage}_s" in numbers}
-    warnings = tuple(text for text in cells["warnings"].split("; ") if text)
+    warnings = tuple(text for text in cells["warnings"].split(BETWEEN) if text)
     return replace(
         row, warnings=warnings, kept=cells["kept"] == "1", seconds=seconds, facts=numbers
     )

@@ -589,6 +589,15 @@ def test_the_tables_rows_are_read_back_as_they_were(out: Path) -> None:
     ] == [row.name for row in rows]
 
 
+def test_a_warning_with_a_semicolon_is_read_back_as_one(tmp_path: Path) -> None:
+    from stereo_seecolor.run_folder.frames_csv import frames_csv, read_frames
+
+    row = FrameRow("a", warnings=("a cast; settled by a chart", "dark"))
+    (tmp_path / "frames.csv").write_bytes(b"".join(frames_csv([row])))
+    (found,) = read_frames(tmp_path / "frames.csv", ())
+    assert found.warnings == ("a cast, settled by a chart", "dark")
+
+
 # The page's program
 
 
