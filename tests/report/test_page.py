@@ -461,7 +461,7 @@ def test_patches_of_the_published_colors_have_no_difference() -> None:
 def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
-    assert "White point: red over green is known to" in (tmp_path / "out/index.html").read_text(
+    assert "White point: gray may have a cast of" in (tmp_path / "out/index.html").read_text(
         "utf-8"
     )
     assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
