@@ -243,11 +243,15 @@ def _is_whole(content: bytes) -> bool:
             return True
         tags = _tiff_tags(content)
         height, width = tags[HEIGHT], tags[WIDTH]
-        if tags[COMPRESSION] == UNCOMPRESSED and STRIP in tags and tags[258] == 32:
+        if width * height >= MOST_PER_BYTE * len(content):
+            return False
+        if any(tags.get(tag) != value for tag, value in FLOAT_GRAY.items()):
+            return True
+        if tags[COMPRESSION] == UNCOMPRESSED:
             return len(_strip(content, tags)) == 4 * width * height
         if tags[COMPRESSION] == DEFLATED and tags.get(PREDICTOR) == FLOATING_POINT:
             inflated(_strip(content, tags), 4 * width * height)
-        return width * height < MOST_PER_BYTE * len(content)
+        return True
     except (ValueError, KeyError, struct.error):
         return False
 
