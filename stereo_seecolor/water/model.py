@@ -1,6 +1,7 @@
 """The water between camera and reef: the parameters of its model, and their JSON file."""
 
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -250,7 +251,9 @@ def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDA
     return [z, *(number.reshape(3, *(1,) * z.ndim) for number in numbers)]
 
 
-def _channels(values: Any) -> PerChannel:
-    return np.array(
-        [np.nan if value is None else float(value) for value in values], dtype=np.float64
-    )
+def _channels(values: Any) -> Any:
+    """(3,) float64, NaN for null; what is no list of numbers stays as it is, to be named by the
+    limits.
+    """
+    is_list = isinstance(values, list) and all(isinstance(v, Real | None) for v in values)
+    return np.array([np.nan if v is None else v for v in values], np.float64) if is_list else values
