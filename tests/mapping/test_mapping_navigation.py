@@ -20,11 +20,16 @@ from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.deviations import Motions, depth_difference_m, spot_check
-from stereo_seecolor.mapping.navigation.interpretations import constant_turn, lever_arm
+from stereo_seecolor.mapping.navigation.interpretations import (
+    constant_turn,
+    is_rather_inverted,
+    lever_arm,
+)
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 
 Poses = NDArray[np.float64]
@@ -217,6 +222,7 @@ def test_rounded_positions_are_weighed_as_such_and_kept(
         (lambda T: T[::-1], "the poses in the opposite order"),
         (turned_back, "the rotations inverted"),
         (lambda T: w_first(turned_back(T)), "w first and the rotations inverted"),
+        (lambda T: turned_back(noisy(T)), "the rotations inverted"),
         (lambda T: w_first(noisy(T)), "the quaternion's w first"),
         (lambda T: inverse(noisy(T)), "world-to-camera poses"),
     ],
@@ -433,6 +439,30 @@ def test_a_constant_turn_is_found_from_shifts_and_turns() -> None:
     assert np.degrees(np.linalg.norm(Rotation.from_matrix(turn.R @ X.T).as_rotvec())) < 0.01
     assert turn.believed
     assert not constant_turn(Motions(measured, measured)).believed
+
+
+def test_noisy_inverted_rotations_and_a_noisy_mount_are_told_apart() -> None:
+    """Of a camera that looks down both tilt the poses; a vehicle that turns tells which it is."""
+    rng = np.random.default_rng(7)
+    down = Rotation.from_euler("x", 180, degrees=True)
+    headings = np.repeat([0.0, 180.0], 12) + rng.normal(0, 5, 24)
+    tilts = np.array([7.0, 0.0]) + rng.normal(0, 3, (24, 2))
+    true = np.tile(np.eye(4), (24, 1, 1))
+    turns = Rotation.from_euler("zxy", np.column_stack([headings, tilts]), degrees=True) * down
+    true[:, :3, :3] = turns.as_matrix()
+    true[:, 0, 3] = 0.8 * np.concatenate([np.arange(12), np.arange(12)[::-1]])
+    true[12:, 1, 3] = 0.6
+    near = [(i, j) for i in range(24) for j in range(i + 1, 24) if j == i + 1 or i + j == 23]
+    edges = [Edge(i, j, inverse(true[i]) @ true[j], np.eye(6), 50) for i, j in near]
+    said = []
+    for change in (turned_back, turned(14.0)):
+        for seed in range(5):
+            T = change(noisy(true.copy(), seed))
+            turn = constant_turn(Motions.of(T, edges))
+            with_turn = T @ pose(turn.R, np.zeros(3))
+            said.append(is_rather_inverted(with_turn, turn, T, edges))
+    assert sum(said[:5]) >= 4
+    assert not any(said[5:])
 
 
 def test_depths_of_overlapping_frames_differ_by_what_a_pose_is_off() -> None:

@@ -17,10 +17,12 @@ from stereo_seecolor.mapping.navigation.deviations import (
     deviations,
 )
 from stereo_seecolor.mapping.navigation.interpretations import (
+    INVERTED,
     Turn,
     better_interpretation,
     constant_turn,
     interpretations,
+    is_rather_inverted,
     lever_arm,
     misfit,
     mount_with,
@@ -157,6 +159,8 @@ def examine(
     best = left if helps else plain
     others = interpretations(T, posed, survey.index, trajectory, config)
     reading = None if rounded else better_interpretation(best, posed, others)
+    if not reading and helps and is_rather_inverted(turned, turn, T, posed):
+        reading = INVERTED
     if reading:
         advice = f"the given poses contradict the pictures; they would fit with {reading}"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))

@@ -32,6 +32,7 @@ class ReadingSettings:
     edges: int = 200  # that a reading is judged by
     # steps that a scale or a turn estimated from the edges may leave: noise estimates them too
     estimated_misfit: float = 0.5
+    inverted_rad: float = 0.7  # rotations inverted turn a camera that looks down by twice its tilt
     same_unit: float = 0.05  # a scale this near to that of a unit is its
     least_scale: float = 1.25  # a calibration is nearer than that
     # magnetic declination and the convergence of grids are named as turns from 9 degrees on
@@ -41,21 +42,21 @@ class ReadingSettings:
 READINGS_SETTINGS = ReadingSettings()
 
 
-def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
-    """Compute how badly poses fit the edges: the median, shifts in steps and turns in
-    SETTINGS.attitude_rad; infinite for too few.
+def misfits(T_world_camera: Array, edges: Sequence[Edge]) -> Array:
+    """Compute how badly poses fit each edge between them: shifts in steps and turns in
+    SETTINGS.attitude_rad.
     """
     motions = Motions.of(T_world_camera, edges)
-    if len(motions.given) < READINGS_SETTINGS.min_edges:
-        return float("inf")
-    return float(
-        np.median(
-            np.hypot(
-                motions.position_m / motions.step_m,
-                motions.attitude_rad / READINGS_SETTINGS.attitude_rad,
-            )
-        )
+    return np.hypot(
+        motions.position_m / motions.step_m,
+        motions.attitude_rad / READINGS_SETTINGS.attitude_rad,
     )
+
+
+def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
+    """Compute how badly poses fit the edges: the median; infinite for too few."""
+    off = misfits(T_world_camera, edges)
+    return float(np.median(off)) if len(off) >= READINGS_SETTINGS.min_edges else float("inf")
 
 
 def better_interpretation(
@@ -92,7 +93,7 @@ def interpretations(
                 )
         for name, other in (
             ("world-to-camera poses", inverse(start)),
-            ("the rotations inverted, as from world to camera", _turned_back(start)),
+            (INVERTED, _turned_back(start)),
         ):
             yield " and ".join(text for text in (turned, name) if text), other
     yield from _on_other_frames(T, index)
@@ -119,6 +120,26 @@ def _turned_back(T: Array) -> Array:
     result = T.copy()
     result[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
     return result
+
+
+INVERTED = "the rotations inverted, as from world to camera"
+
+
+def is_rather_inverted(turned: Array, turn: "Turn", T: Array, edges: Sequence[Edge]) -> bool:
+    """Tell whether inverted rotations explain poses at least as well as a constant turn, whose
+    three angles were fitted: of a camera that looks down, both change the tilt alone, and differ
+    where it turns about the vertical.
+
+    turned: the poses ``T`` with the turn.
+    """
+    inverted = _turned_back(T)
+    if (
+        np.radians(turn.angle_deg) > READINGS_SETTINGS.inverted_rad
+        or misfit(inverted, edges) > READINGS_SETTINGS.estimated_misfit
+    ):
+        return False
+    costs = (np.log1p(misfits(poses, edges) ** 2).mean() for poses in (inverted, turned))
+    return bool(next(costs) < next(costs))
 
 
 _PER_METER = {"feet": 1 / 0.3048, "centimeters": 100.0, "millimeters": 1000.0}
