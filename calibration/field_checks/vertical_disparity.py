@@ -247,8 +247,10 @@ class RowCheck:
             return (self.refusal or self.mistake,)
         if self.swapped:
             return (
-                f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and "
-                "right folders are swapped",
+                f"{self.behind_fraction:.0%} of the points lie behind infinity: left and right are "
+                "exchanged, the transform between them is the inverse one, or the images are "
+                "turned by 180 degrees or mirrored against the calibration; a camera has moved "
+                "since, too, so that rows do not tell which",
             )
         advice = []
         if self.air_in_water:

@@ -2,6 +2,7 @@
 good one.
 """
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -215,7 +216,7 @@ def test_swapped_folders_are_told() -> None:
     matches = matches_of(rig, rig)
     check = judge_matches(rig, [Matches(matches.right, matches.left)])
     assert check.swapped and not check.acceptable
-    assert "folders are swapped" in check.advice[0]
+    assert re.search("exchanged.* turned by 180 degrees or mirrored", check.advice[0])
 
 
 def test_too_few_points_say_so() -> None:
