@@ -14,6 +14,7 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes, special_kind
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.channel_order import order_notes
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.file_form import (
     as_stored,
@@ -160,6 +161,7 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
         *framing_notes(pairs),
         *compression_notes(pairs),
         *form_notes(pairs, config.color),
+        *order_notes(pairs, images),
     )
     notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *form)
     return config.model_copy(update={"input": images}), notes

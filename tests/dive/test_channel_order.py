@@ -1,5 +1,6 @@
 """Images that hold blue in the place of red are named, and read as the settings say."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,9 @@ from color_waters import clear_water
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.checks import channel_order_notes
+from stereo_seecolor.inputs.channel_order import order_notes
 from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair
 
 VEILS = {
     "clear": ((0.003, 0.015, 0.034), (0.60, 0.21, 0.11)),
@@ -37,3 +40,20 @@ def test_channels_are_read_as_the_settings_say(tmp_path: Path, suffix: str) -> N
     np.testing.assert_array_equal(
         read_image(tmp_path / f"a{suffix}", InputConfig(channels="bgr")), image
     )
+
+
+@pytest.mark.parametrize("exchanged", [(), range(17, 40), range(8, 23)])
+def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
+    tmp_path: Path, exchanged: Sequence[int]
+) -> None:
+    """Of a dive of changing light, exposure and scene."""
+    rng, pairs = np.random.default_rng(2), []
+    for number in range(40):
+        scene = rng.uniform(0.3, 1.0, (24, 32, 1)) * [30 + number, 90, 120] * rng.uniform(0.7, 1.4)
+        image = np.clip(scene * rng.uniform(0.9, 1.1, (24, 32, 3)), 0, 255).astype(np.uint8)
+        path = tmp_path / f"{number:04d}.png"
+        cv2.imwrite(str(path), image if number in exchanged else image[..., ::-1])
+        pairs.append(Pair(path.stem, path, path))
+    notes = order_notes(pairs, InputConfig())
+    assert len(notes) == bool(exchanged)
+    assert all(f"{exchanged[0]:04d}.png and what follows" in line for line in notes)
