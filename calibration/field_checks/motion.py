@@ -251,13 +251,13 @@ class Motion:
             return (
                 "not seen: images shifted along the baseline (a pixel changes ranges by "
                 f"{self.pixel_error:.1%} for each meter of "
-                "range), and a focal length wrong in both cameras alike: rows do not show them, "
-                "and too few neighboring pairs show "
+                "range), a focal length wrong in both cameras alike, a wrong baseline: rows do not "
+                "show them, and too few neighboring pairs show "
                 "the same bottom: compare a known length by stereo-seecolor measure or markers"
             )
         return (
             f"motion between {counted(self.couples, 'couple')} of neighboring pairs: "
-            f"{self._figures}{self._unseen_focal}"
+            f"{self._figures}{self._unseen}"
         )
 
     @property
@@ -286,12 +286,9 @@ class Motion:
         )
 
     @property
-    def _unseen_focal(self) -> str:
-        return (
-            "; a focal length that is wrong in both cameras alike is not seen here"
-            if np.isnan(self.focal)
-            else ""
-        )
+    def _unseen(self) -> str:
+        focal = "a focal length wrong in both cameras alike, " if np.isnan(self.focal) else ""
+        return f"; not seen here: {focal}a wrong baseline"
 
 
 NO_MOTION = Motion()

@@ -77,7 +77,7 @@ def test_a_focal_length_is_said_to_be_unseen_where_the_camera_hardly_turns() -> 
     )
     assert (
         np.isnan(found.focal)
-        and "focal length that is wrong in both cameras alike is not seen" in found.line
+        and "not seen here: a focal length wrong in both cameras alike, a wrong baseline" in found.line
     )
     assert not found.is_found
 
