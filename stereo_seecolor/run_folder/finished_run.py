@@ -84,10 +84,8 @@ class FinishedFrame:
             raise InputError(
                 f"{path}: is gone or damaged: run again, which makes it again"
             ) from error
-        if product == "range" and ((pixels <= 0) | (pixels > FARTHEST_M)).any():
-            raise InputError(
-                f"{path}: is damaged (holds ranges that are none): run again, which makes it again"
-            )
+        if problem := _problem(product, pixels):
+            raise InputError(f"{path}: is damaged ({problem}): run again, which makes it again")
         return pixels
 
     def measured_range_m(self) -> Map:
@@ -99,7 +97,27 @@ class FinishedFrame:
         Raises:
             InputError: If the range map was not written, or is damaged.
         """
-        return np.where(self.read("confidence") > 0, self.read("range"), np.float32(np.nan))
+        confidence, range_m = self.read("confidence"), self.read("range")
+        if confidence.shape != range_m.shape:
+            raise InputError(
+                f"{self.products['range']}: is of another size than {self.products['confidence']}: "
+                "run again, which makes both again"
+            )
+        return np.where(confidence > 0, range_m, np.float32(np.nan))
+
+
+def _problem(product: str, pixels: NDArray[Any]) -> str:
+    """Why pixels are not those of a product: another image lies in its place; "" where they may
+    be.
+    """
+    what = product.rpartition("/")[2]
+    if what == "corrected":
+        return "" if pixels.ndim == 2 or pixels.shape[2] == 3 else "has another number of channels"
+    if pixels.ndim != 2 or (pixels.dtype.kind == "f") != what.startswith("range"):
+        return "holds another kind of image"
+    if what == "range" and ((pixels <= 0) | (pixels > FARTHEST_M)).any():
+        return "holds ranges that are none"
+    return ""
 
 
 @dataclass(frozen=True)

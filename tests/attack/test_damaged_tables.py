@@ -19,6 +19,7 @@ from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
+from stereo_seecolor.extras.evaluation.truth import evaluate_spread
 from stereo_seecolor.extras.evaluation.water import measure_water
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.merge import merge
@@ -31,6 +32,7 @@ from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map, encode_png
 from stereo_seecolor.inputs.capture import ExposureTable
 from stereo_seecolor.mapping.markers.tables import read_bars
+from stereo_seecolor.run_folder.finished_run import FinishedFrame
 
 TABLES = ("frames.csv", "map/poses.csv", "map/reef_metrics.csv")
 RECORDS = ("run.json", "map/map.json")
@@ -126,6 +128,7 @@ def slow_commands(out: Path, folder: Path) -> dict[str, Callable[[], object]]:
         "compare": lambda: compare(folder.parent / "good", out),
         "markers": lambda: markers(out, Known(0.2)),
         "water": lambda: measure_water(out, poses),
+        "evaluate": lambda: evaluate_spread(out),
         "fuse": lambda: fuse(out, poses),
         "merge": lambda: merge([out], folder / "merged", RunOptions(workers=1)),
         "colmap": lambda: export(out, "colmap", folder / "colmap"),
@@ -180,12 +183,12 @@ READ = {
     "map/poses.csv": ("metrics", "markers"),
     "map/trajectory.tum": ("metrics", "markers", "colmap"),
     "run.json": ("metrics", "markers", "water", "merge", "fuse"),
-    "rig.yaml": ("metrics", "markers", "water", "merge", "fuse"),
+    "rig.yaml": ("metrics", "markers", "water", "merge", "fuse", "evaluate"),
     "water.json": ("merge", "fuse", "water"),
     "range/0001.tiff": ("metrics", "water", "fuse", "merge"),
     "confidence/0001.png": ("metrics", "water", "fuse"),
-    "corrected/0001.png": ("compare", "fuse"),
-    "range_std/0001.tiff": ("metrics", "fuse"),
+    "corrected/0001.png": ("compare", "fuse", "evaluate"),
+    "range_std/0001.tiff": ("metrics", "fuse", "evaluate"),
     ".state/frames/0001.json": ("metrics", "merge", "water"),
     ".state/manifest.json": ("metrics", "merge", "water"),
     ".state/tables/0001.table": ("merge",),
@@ -217,6 +220,27 @@ def test_damage_of_a_file_that_a_command_reads_is_one_line(
                 slow_commands(fused, folder)[name]()
             except (SeeColorError, CalibrationError) as error:
                 assert "\n" not in str(error), f"{damage}, {name}"
+
+
+@pytest.mark.parametrize("product", ["range", "range_std", "confidence", "mask", "corrected"])
+def test_an_image_of_another_kind_in_the_place_of_a_product_is_named(
+    tmp_path: Path, product: str
+) -> None:
+    others = {
+        "color": np.zeros((6, 8, 3), np.uint8),
+        "gray": np.zeros((6, 8), np.uint8),
+        "range": np.ones((6, 8), np.float32),
+    }
+    fitting = {"range": ("range",), "range_std": ("range",), "corrected": tuple(others)}
+    for kind, pixels in others.items():
+        path = tmp_path / ("a.tiff" if kind == "range" else "a.png")
+        path.write_bytes(encode_map(pixels, None) if kind == "range" else encode_png(pixels))
+        frame = FinishedFrame("a", None, path, "", {product: path, "confidence": path})
+        if kind in fitting.get(product, ("gray",)):
+            assert frame.read(product).shape == pixels.shape
+        else:
+            with pytest.raises(InputError, match="another kind of image"):
+                frame.read(product)
 
 
 @pytest.mark.parametrize("form", ["png", "tiff", "deflated.tiff"])

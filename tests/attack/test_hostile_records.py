@@ -13,7 +13,10 @@ import pytest
 from conftest import Dive, command
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.errors import OutputError
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth, true_frames
+from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.files.encode import encode_map, encode_png
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest, StageRecord
 
@@ -212,3 +215,20 @@ def test_a_campaigns_states_name_no_folder_outside(tmp_path: Path) -> None:
     )
     code, said = command("status", tmp_path)
     assert (code, "which does not lie in" in said) == (1, True), said
+
+
+@pytest.mark.parametrize("file", ["range", "corrected", "mask"])
+def test_evaluate_names_a_result_of_another_size(
+    finished_demo: Any, tmp_path: Path, file: str
+) -> None:
+    """Where two sizes meet, arrays of one of them would be stretched, or end the program."""
+    dive = finished_demo.out.parent / "dive"
+    name = true_frames(dive / "truth")[0]
+    paths = {what: finished_demo.out / what / f"{name}.png" for what in ("corrected", "mask")}
+    paths["range"] = finished_demo.out / "range" / f"{name}.tiff"
+    small = read_array(paths[file])[:9, :7]
+    paths[file] = tmp_path / paths[file].name
+    paths[file].write_bytes(encode_map(small, None) if file == "range" else encode_png(small))
+    result = ResultFiles(paths["range"], paths["corrected"], paths["mask"])
+    with pytest.raises(InputError, match=f"{tmp_path}.*is 7x9 pixels, but its truth"):
+        evaluate_truth({name: result}, dive / "truth")

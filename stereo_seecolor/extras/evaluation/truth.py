@@ -6,9 +6,8 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import OtherResults
 from stereo_seecolor.extras.evaluation.measures import TruthScore, score_truth
 from stereo_seecolor.extras.evaluation.spread import ComparedFrame, SpreadReport, measure_spread
+from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
@@ -155,23 +155,23 @@ def _score_frame(
     result of another size.
     """
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
-    range_m = read_range_map(result.range_m)
-    if range_m.shape != true_m.shape:
-        raise InputError(
-            f"{result.range_m}: is {_size(range_m)} pixels, but its truth is {_size(true_m)}"
-        )
+    range_m = _of_size(read_range_map(result.range_m), result.range_m, true_m)
     measured = np.isfinite(range_m)
     if result.mask is not None:
-        measured &= ~np.isin(read_image(result.mask)[..., 0], NOT_MEASURED)
+        mask = _of_size(read_image(result.mask), result.mask, true_m)
+        measured &= ~np.isin(mask[..., 0], NOT_MEASURED)
     measured_m = np.where(measured, range_m, np.float32(np.nan))
-    visible = read_image(truth / "visible" / f"{name}.png")[..., 0] > 0
+    seen = truth / "visible" / f"{name}.png"
+    visible = _of_size(read_image(seen), seen, true_m)[..., 0] > 0
 
-    color = _displayed(truth / "color" / f"{name}.png", linear)
+    shown = truth / "color" / f"{name}.png"
+    color = _of_size(_displayed(shown, linear), shown, true_m)
     raw = rectification.upright(
         rectification.apply_left(read_image(truth.parent / "left" / f"{name}.png"))
     )
     scores = []
-    for image in (_displayed(result.corrected, linear=False), _as_displayed(raw, linear)):
+    corrected = _of_size(_displayed(result.corrected, linear=False), result.corrected, true_m)
+    for image in (corrected, _as_displayed(raw, linear)):
         known = np.where(measured[..., None], image, np.nan)
         scores.append(score_truth(known, color, true_m))
     return FrameScore(name, score_range(measured_m, true_m, visible, rectification.pair), *scores)
@@ -180,10 +180,7 @@ def _score_frame(
 def _displayed(path: Path, linear: bool) -> NDArray[np.float64]:
     """(H, W, 3) in sRGB as a fraction of full scale; float TIFFs are linear."""
     if path.suffix == ".tiff":
-        bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if bgr is None:
-            raise InputError(f"{path}: is damaged: run again")
-        return encode_srgb(np.clip(bgr[..., ::-1], 0, 1))
+        return encode_srgb(np.clip(read_array(path), 0, 1))
     return _as_displayed(read_image(path), linear)
 
 
@@ -212,7 +209,14 @@ def _mean(kind: type[Score], scores: list[Score]) -> Score:
     return kind(**dict(zip(names, means.tolist(), strict=True)))
 
 
-def _size(values: Map) -> str:
+def _of_size(pixels: NDArray[Any], path: Path, true_m: Map) -> NDArray[Any]:
+    """The pixels of a file. Raises InputError where their size is not that of the truth."""
+    if pixels.shape[:2] != true_m.shape:
+        raise InputError(f"{path}: is {_size(pixels)} pixels, but its truth is {_size(true_m)}")
+    return pixels
+
+
+def _size(values: NDArray[Any]) -> str:
     return f"{values.shape[1]}x{values.shape[0]}"
 
 

@@ -73,6 +73,31 @@ def test_what_is_no_coordinate_is_refused(
         read_outlines(geojson(tmp_path / "p.geojson", ring, name), POSED)
 
 
+@pytest.mark.parametrize(
+    ("ring", "message"),
+    [
+        ([[0, 0], [1, 1], [1, 0], [0, 1], [0, 0]], "polygon 1 crosses itself"),
+        ([[0, 0], [1, 1]], "polygon 1 has fewer than 3 corners"),
+        ([], "polygon 1 has fewer than 3 corners"),
+    ],
+)
+def test_what_is_no_outline_is_refused(
+    ring: list[list[float]], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        read_outlines(geojson(tmp_path / "p.geojson", ring), POSED)
+
+
+def test_a_polygon_without_a_feature_around_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "p.geojson"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [RING]}))
+    (outline,) = read_outlines(path, POSED)
+    np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
+    path.write_text(json.dumps([{"type": "Polygon", "coordinates": [RING]}]))
+    with pytest.raises(InputError, match="is a list"):
+        read_outlines(path, POSED)
+
+
 def test_polygons_of_another_place_are_far_off_or_refused_and_never_warn(tmp_path: Path) -> None:
     path = geojson(tmp_path / "p.geojson", RING, "ESRI:102100")
     try:

@@ -221,16 +221,14 @@ def inside(outline: Array, x_px: float, y_px: float) -> bool:
 def crosses_itself(outline: Array) -> bool:
     """Tell whether two sides of a polygon (N, 2) that share no corner cross."""
     ends = np.roll(outline, -1, axis=0)
-    for i in range(len(outline)):
-        for j in range(i + 2, len(outline) - (i == 0)):
-            if _cross(outline[i], ends[i], outline[j], ends[j]):
-                return True
+    for i, (a, b) in enumerate(zip(outline, ends, strict=True)):
+        c, d = (corners[i + 2 : len(outline) - (i == 0)] for corners in (outline, ends))
+        crosses = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
+        if crosses.any():
+            return True
     return False
 
 
-def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
-    return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
-
-
-def _side(a: Array, b: Array, point: Array) -> float:
-    return float((b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]))
+def _side(a: Array, b: Array, point: Array) -> Array:
+    (dx, dy), (x, y) = (b - a).T, (point - a).T
+    return np.asarray(dx * y - dy * x)

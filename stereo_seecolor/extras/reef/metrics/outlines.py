@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.files import load_json
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.measuring.measures import crosses_itself
 from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.mapping.raster.block_raster import Grid
@@ -77,6 +78,7 @@ DEGREES_NEAR = 0.5
 are never so there by chance.
 """
 
+LEAST_CORNERS = 3
 FARTHEST = 1e9
 """Meters and degrees are less: what is more is not a coordinate."""
 LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
@@ -126,7 +128,10 @@ _POLYGONS: dict[str, Callable[[Any], list[Any]]] = {
 
 
 def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
-    features = content["features"] if content["type"] == "FeatureCollection" else [content]
+    if not isinstance(content, dict):
+        raise InputError("is a list: save the polygons as a FeatureCollection")
+    bare = [{"geometry": content} if content["type"] in _POLYGONS else content]
+    features = content["features"] if content["type"] == "FeatureCollection" else bare
     turn = _turn(content, posed)
     found = []
     for number, feature in enumerate(features, 1):
@@ -134,28 +139,32 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
         parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(
             geometry.get("coordinates")
         )
-        rings = tuple(
-            _turned(np.array(ring, np.float64)[:, :2], turn, number)
-            for part in parts
-            for ring in part
-        )
+        rings = tuple(_ring(ring, turn, number) for part in parts for ring in part)
         if rings:
             name = _first(properties, NAME_KEYS) or str(feature.get("id", "")) or f"{number}"
             found.append(Outline(name, _first(properties, LABEL_KEYS), rings))
     return found
 
 
-def _turned(ring: NDArray[np.float64], turn: Turn, number: int) -> Ring:
-    """In the map's coordinates. Raises InputError for what is not a coordinate, in the file or in
-    the
-    map.
+def _ring(corners: Any, turn: Turn, number: int) -> Ring:
+    """In the map's coordinates. Raises InputError for what is no outline, or not a coordinate, in
+    the file or in the map.
     """
+    if len(corners) < LEAST_CORNERS:
+        raise InputError(f"polygon {number} has fewer than {LEAST_CORNERS} corners")
+    ring = np.array(corners, np.float64)[:, :2]
     for points in (ring, known := turn(ring) if (np.abs(ring) < FARTHEST).all() else ring):
         if not (np.abs(points) < FARTHEST).all():
             raise InputError(
                 f"polygon {number} has coordinates that are no numbers, or that its crs does not "
                 "take to the map"
             )
+    is_closed = bool((known[0] == known[-1]).all())
+    if crosses_itself(known[:-1] if is_closed else known):
+        raise InputError(
+            f"polygon {number} crosses itself, and so has no area: move its corners apart, or draw "
+            "two"
+        )
     return known
 
 
