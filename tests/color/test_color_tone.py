@@ -121,9 +121,10 @@ def test_what_the_camera_clipped_comes_out_neutral_and_marked(depth):
     water = replace(CLEAR, white=np.array([0.3, 0.9, 1.0]))  # little red arrives
     image = np.array([[[0.65, 1, 1], [1, 1, 1], [0.3, 0.5, 0.5], [0.65, 0.7, 1]]]) * full
     image = image.astype(np.uint8 if depth == 8 else np.uint16)
-    found = Corrector(CONFIG).apply(image, np.full((1, 4), 2.0, np.float32), water, exposure=0.6)
-    shown = linear(found.image)[0]
-    assert found.unrecoverable[0].tolist() == [True, True, False, True]
+    wide = np.repeat(image, 20, axis=1)
+    found = Corrector(CONFIG).apply(wide, np.full((1, 80), 2.0, np.float32), water, exposure=0.6)
+    shown = linear(found.image)[0, 10::20]
+    assert found.unrecoverable[0, 10::20].tolist() == [True, True, False, True]
     assert np.ptp(shown[0]) < 0.02, "green and blue are at least as bright as what red says"
     assert np.ptp(shown[1]) < 0.02
     assert shown[1].max() == pytest.approx(1)
@@ -131,6 +132,24 @@ def test_what_the_camera_clipped_comes_out_neutral_and_marked(depth):
     assert np.abs(shown[2] - light[2]).max() < 0.01, "what was not clipped is left alone"
     assert np.abs(shown[3, :2] - light[3, :2]).max() < 0.01
     assert shown[3, 2] == pytest.approx(max(light[3, 2], light[3, :2].mean()), abs=0.01)
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_clipped_texture_is_of_one_hue_and_what_is_not_clipped_stays(depth):
+    rng = np.random.default_rng(3)
+    light = np.array([1.3, 1.25, 0.95]) * np.exp(0.2 * rng.standard_normal((60, 200, 1)))
+    light[:, 150:] *= 0.5
+    image, range_m = encoded(light, depth), np.full((60, 200), 2.0, np.float32)
+    found = Corrector(CONFIG).apply(image, range_m, CLEAR, exposure=0.6).image
+
+    rock = found[:, :140].astype(float)
+    assert (image[:, :140].min(axis=2) == image.max()).mean() > 0.2, "many pixels are all white"
+    blue = rock[..., 2] / rock[..., 0]
+    assert 0.85 < blue.mean() < 0.97, "as warm as the pixels that still have a blue"
+    assert blue.max() < 0.99, "no white among the yellow"
+    plain = (image < 0.95 * image.max()).all(axis=2)
+    alone = Corrector(CONFIG).apply(image[plain][None], range_m[plain][None], CLEAR, exposure=0.6)
+    assert (found[plain] == alone.image[0]).all()
 
 
 def test_where_noise_stops_a_channel_the_others_stand_in():

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.render.blown import carry_hue
 from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.color.render.tone import Display, Gains, Tone, display, gains
 from stereo_seecolor.color.table.measure import check_pair
@@ -51,10 +52,11 @@ def corrected(
     clipped pixels.
     """
     unknown = shown.unknown
+    pixels = carry_hue(shown, image)
     if config.unknown_pixels == "raw":
-        shown.image[unknown] = image[unknown]
+        pixels[unknown] = image[unknown]
     return Correction(
-        image=shown.image,
+        image=pixels,
         unknown=unknown,
         unrecoverable=shown.unrecoverable,
         clipped_fraction=clipped,
