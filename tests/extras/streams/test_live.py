@@ -302,12 +302,11 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
         counts.images_s.append(0.25)
         assert b"<title>stereo-seecolor live" in urllib.request.urlopen(address).read()
         status = json.loads(urllib.request.urlopen(address + "status.json").read())
-        assert (status["name"], status["facts"]["latency, median"], status["facts"]["done"]) == (
-            "0000",
-            "0.25 s",
-            "1",
-        )
-        assert any(name.startswith("water: ") for name in status["facts"])
+        facts = status["facts"]
+        assert (status["name"], facts["Pairs corrected"]) == ("0000", "1")
+        assert facts["From arrival to picture"] == "0.25 s (95 % within 0.25 s)"
+        assert status["pair"]["Light left after 1 m, R G B"].endswith(" %")
+        assert b".verdict" in urllib.request.urlopen(address + "page.css").read()
         for picture in ("corrected.jpg", "range.jpg"):
             content = urllib.request.urlopen(f"{address}{picture}?0000").read()
             assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).shape == (

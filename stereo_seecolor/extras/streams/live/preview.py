@@ -19,6 +19,7 @@ from stereo_seecolor.errors import OutputError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.extras.streams.live.session import LiveCounts
 from stereo_seecolor.files.previews import PreviewSize, preview, range_picture
+from stereo_seecolor.report.texts import STATIC
 
 HOST = "127.0.0.1"
 LOCAL = (HOST, "localhost")
@@ -36,6 +37,10 @@ SIZE = PreviewSize(960, 85)
 SLOW_CLIENT_S = 5.0
 
 PAGE = Path(__file__).with_name("preview.html")
+STYLE = "page.css"
+"""The page of a run and this one look alike."""
+COUNTS = {"done": "Pairs corrected", "failed": "Failed", "dropped": "Skipped, to keep up"}
+DELAYS = {"latency": "From arrival to picture", "products": "Until all is written"}
 
 
 class _Shown:
@@ -61,17 +66,18 @@ class _Shown:
 
     @cached_property
     def status(self) -> dict[str, Any]:
-        water = {
-            f"water: {name}": ", ".join(f"{v:.3g}" for v in np.ravel(values))
-            for name, values in _parameters(self._frame).items()
-        }
         known = np.isfinite(self._frame.result.range_map.measured_m).mean()
+        water = self._frame.result.correction.water
+        near_m = np.array(1.0)
+        red, _, blue = water.white / water.white[1]
         facts = {
-            "seconds a pair": f"{self._frame.seconds:.2f}",
-            "range known": f"{known:.0%}",
-            **water,
+            "Range known": f"{known:.0%}",
+            "Time for the pair": f"{self._frame.seconds:.2f} s",
+            "Light left after 1 m, R G B": _percents(water.attenuation(near_m)),
+            "Backscatter over 1 m, R G B, of full scale": _percents(water.backscatter(near_m)),
+            "White light, red and blue over green": f"{red:.2f}, {blue:.2f}",
         }
-        return {"name": self._frame.pair.name, "range_span": self.ranges[1], "facts": facts}
+        return {"name": self._frame.pair.name, "range_span": self.ranges[1], "pair": facts}
 
 
 class Preview:
@@ -89,22 +95,23 @@ class Preview:
 
     def status(self) -> dict[str, Any]:
         """The status that the page's script reads."""
-        shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "facts": {}}
+        shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "pair": {}}
         counts = self._counts.facts()
-        facts = {name: str(counts[name]) for name in ("done", "failed", "dropped")}
-        for kind in ("median", "p95"):
-            for what in ("latency", "products"):
-                seconds = counts[f"{what}_{kind}_s"]
-                if seconds is not None:
-                    facts[f"{what}, {kind}"] = f"{seconds:.2f} s"
+        facts = {words: str(counts[name]) for name, words in COUNTS.items()}
+        for name, words in DELAYS.items():
+            median_s, p95_s = counts[f"{name}_median_s"], counts[f"{name}_p95_s"]
+            if median_s is not None:
+                facts[words] = f"{median_s:.2f} s (95 % within {p95_s:.2f} s)"
         notes = {name: counts[name] for name in ("waiting", "last_error", "reduced")}
-        return {**shown, "facts": {**facts, **shown["facts"]}, **notes}
+        return {**shown, "facts": facts, **notes}
 
     def content(self, path: str) -> tuple[str, bytes] | None:
         """(media type, content) of a path that a browser asks for; None for unknown ones."""
         name = path.split("?")[0].lstrip("/")
         if name == "":
             return "text/html; charset=utf-8", PAGE.read_bytes()
+        if name == STYLE:
+            return "text/css; charset=utf-8", (STATIC / STYLE).read_bytes()
         if name == "status.json":
             return "application/json", json.dumps(self.status()).encode()
         picture = self._shown.picture(name) if self._shown else None
@@ -162,10 +169,5 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
         yield f"http://{host}:{server.server_address[1]}/{token}"
 
 
-def _parameters(frame: LiveFrame) -> dict[str, Any]:
-    water = frame.result.correction.water
-    return {
-        name: value
-        for name, value in vars(water).items()
-        if isinstance(value, np.ndarray) and value.size == 3
-    }
+def _percents(fractions: NDArray[np.float64]) -> str:
+    return ", ".join(f"{100 * value:.2g}" for value in fractions.ravel()) + " %"
