@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.inspect_rig import CalibrationFacts, FoundPoses
     from stereo_seecolor.config.file import Setting
     from stereo_seecolor.inputs.file_form import ImageFacts
+    from stereo_seecolor.inputs.video_file import VideoFacts
 
 
 # The command inspect, which examines a dive before a run.
@@ -80,10 +81,15 @@ def inspection_text(found: "Inspection") -> str:
     )
 
 
-def _image_text(image: "ImageFacts | None") -> str:
-    if image is None:
-        return ""
+def _image_text(image: "ImageFacts | VideoFacts") -> str:
+    from stereo_seecolor.inputs.video_file import VideoFacts
+
     width, height = image.size
+    if isinstance(image, VideoFacts):
+        rate = f", {image.rate_hz:.6g} Hz" if image.rate_hz else ""
+        return (
+            f": {width}x{height} px{rate}, {counted(image.frames, 'frame')}, {image.seconds:.1f} s"
+        )
     used = f" ({image.used_bits} used)" if image.used_bits < image.bits else ""
     kind = {"mosaic": "raw, with a color filter pattern"}.get(image.kind, image.kind)
     return f": {width}x{height} px, {image.bits} bit{used}, {kind}"

@@ -30,14 +30,20 @@ from stereo_seecolor.commands.inspect_rig import (
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.dive_pairs import SIDES, half_of, pair_sides
+from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.file_form import ImageFacts, image_facts
 from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.listing import BAG, EXTENSIONS, folder_of, is_pattern, unread_hint
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.video_file import gray, is_video, video_file
+from stereo_seecolor.inputs.video_file import (
+    VideoFacts,
+    is_video,
+    recorded_at,
+    size_of_side,
+    video_facts,
+)
 
 # Files that were named to ``inspect`` and that it cannot use.
 
@@ -138,7 +144,8 @@ FLOAT_BITS = 32
 class Inspection:
     """The files of a dive, and what sample pairs of it show.
 
-    sides: folders or videos of both sides. left, right: facts of the first images, None for videos.
+    sides: folders or videos of both sides. left, right: facts of the first images, or
+    of the videos.
     pairs, unpaired: numbers of pairs and of images without a partner; 0 for videos, which ``run``
     pairs.
     interval_s: median time between pairs, None where names hold no time. exposure_recorded: EXIF
@@ -152,8 +159,8 @@ class Inspection:
     """
 
     sides: Sides
-    left: ImageFacts | None
-    right: ImageFacts | None
+    left: ImageFacts | VideoFacts
+    right: ImageFacts | VideoFacts
     pairs: int
     unpaired: int
     interval_s: float | None
@@ -328,8 +335,8 @@ def command_line(
 
 
 def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
-    """Inspect a dive of videos, of which only the size of a frame is read."""
-    size = _video_size(sides)
+    """Inspect a dive of videos, of which only the index and a frame are read."""
+    size = size_of_side(sides.left, sides.right)
     found = find_calibration(places, size)
     paths = tuple(one.path for one in found)
     poses, unread = find_poses(places, (), paths)
@@ -340,8 +347,8 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     )
     return Inspection(
         sides=sides,
-        left=None,
-        right=None,
+        left=video_facts(sides.left),
+        right=video_facts(sides.right),
         pairs=0,
         unpaired=0,
         interval_s=None,
@@ -354,18 +361,25 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         agrees=True,
         problems=(
             *problems,
+            *_clocks(sides),
             *unknown_files(places, {*paths, *(one.path for one in poses)}, problems),
         ),
         run_command=command_line(sides, found),
     )
 
 
-def _video_size(sides: Sides) -> tuple[int, int]:
-    image = gray(video_file(sides.left).frame(0))
-    height, width = (
-        half_of(image, SIDES[0], sides.left) if sides.left == sides.right else image
-    ).shape
-    return width, height
+def _clocks(sides: Sides) -> tuple[str, ...]:
+    """What is known of the offset of two videos."""
+    if sides.left == sides.right:
+        return ()
+    began = [recorded_at(path) for path in (sides.left, sides.right)]
+    command = shlex.join(["stereo-seecolor", "sync", str(sides.left), str(sides.right)])
+    if began[0] is None or began[1] is None:
+        return (f"'run' finds the offset of the two videos; '{command}' prints it",)
+    return (
+        f"by the cameras' own clocks the right video began {began[1] - began[0]:+.0f} s after the "
+        f"left one; 'run' finds the offset of their frames, and '{command}' prints it",
+    )
 
 
 def _interval_s(pairing: Pairing) -> float | None:

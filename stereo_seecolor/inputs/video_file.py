@@ -341,6 +341,38 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in EXTENSIONS and not path.is_dir()
 
 
+@dataclass(frozen=True)
+class VideoFacts:
+    """What a video holds. size: (width, height) of its frames, pixels. rate_hz: None for one
+    frame.
+    """
+
+    size: tuple[int, int]
+    frames: int
+    rate_hz: float | None
+    seconds: float
+
+
+def video_facts(path: Path) -> VideoFacts:
+    """Look at a video's index and first frame. Raises InputError, DeviceError."""
+    video = video_file(path)
+    height, width = gray(video.frame(0)).shape
+    number, frame_s = len(video.index.pts), video.index.frame_s
+    rate_hz = 1 / frame_s if np.isfinite(frame_s) else None
+    return VideoFacts((width, height), number, rate_hz, number / rate_hz if rate_hz else 0.0)
+
+
+def size_of_side(left: Path, right: Path) -> tuple[int, int]:
+    """(width, height) of the left camera's frames, pixels, of two videos, or of one that shows both
+    sides.
+
+    Raises InputError, DeviceError.
+    """
+    image = gray(video_file(left).frame(0))
+    height, width = (half_of(image, SIDES[0], left) if left == right else image).shape
+    return width, height
+
+
 def frame_path(video: Path, number: int, side: str = "") -> Path:
     """The path of a frame, or of one half of it."""
     return video / side / f"{number:06d}.tif"

@@ -16,6 +16,7 @@ from calibration import CalibrationError
 from calibration.formats import load_rig, write_rig
 from calibration.resizing import resized_rig
 from stereo_seecolor.cli import main
+from stereo_seecolor.cli.look_commands import inspection_text
 from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.commands.inspect_rig import refused_calibrations
 from stereo_seecolor.errors import InputError
@@ -288,6 +289,12 @@ def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:
     found = inspect([tmp_path])
     assert found.sides.left == found.sides.right == video
     assert f"--left {video} --right {video}" in found.run_command
+    assert (found.left.frames, found.left.size) == (2, smooth_frames(2)[0].shape[1::-1])
+    assert f"px, {found.left.rate_hz:.6g} Hz, 2 frames" in inspection_text(found)
+    write_video(tmp_path / "left.avi", smooth_frames(2))
+    write_video(tmp_path / "right.avi", smooth_frames(2))
+    two = inspect([tmp_path / "left.avi", tmp_path / "right.avi"])
+    assert "stereo-seecolor sync" in " ".join(two.problems)
 
 
 def test_a_place_that_is_missing_is_named(make_dive, tmp_path: Path) -> None:

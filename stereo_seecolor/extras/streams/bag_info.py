@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration import CalibrationError
-from calibration.formats import load_rig
+from stereo_seecolor.commands.dive_rig import load_rig_for
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import Bag, open_bag
@@ -51,16 +51,17 @@ def bag_info(
     Raises InputError if it is not a bag, or holds nothing that can be read; DeviceError if a
     library is missing; CalibrationError for calib.
     """
+    config = config or InputConfig()
     try:
-        dive = open_dive(path, topics, config or InputConfig())
+        dive = open_dive(path, topics, config)
     except InputError as error:
         bag = open_bag(path)
         if topics:
             raise
         return _facts(bag, None, None, (*bag.problems, str(error)))
     if calib:
-        notes = dive.pairing.notes
-        return _facts(dive.bag, dive, load_rig(calib).baseline_m, notes)
+        rig = load_rig_for(calib, dive.pairing.pairs, config)
+        return _facts(dive.bag, dive, rig.baseline_m, dive.pairing.notes)
     baseline_m, problem = _baseline_m(dive)
     return _facts(
         dive.bag, dive, baseline_m, (*dive.pairing.notes, *dive.static_baseline[1], *problem)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.formats import load_rig
+from calibration.formats import load_rig_of_images
 from stereo_seecolor.extras.streams.videos.synchronization import synchronize
+from stereo_seecolor.inputs.video_file import size_of_side
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
     Raises InputError where evidence for the offset is missing or disagrees, or the picture moves
     too fast; CalibrationError for the rig; DeviceError if PyAV is missing.
     """
-    found = synchronize(left, right, load_rig(calib) if calib else None)
+    rig = load_rig_of_images(calib, size_of_side(left, right)) if calib else None
+    found = synchronize(left, right, rig)
     lag = found.lag
     return SyncResult(
         left=left,

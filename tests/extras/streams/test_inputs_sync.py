@@ -203,8 +203,17 @@ def test_rows_tell_the_offset_to_a_fraction_of_a_frame(tmp_path: Path, offset_s:
 @pytest.mark.slow
 def test_a_calibration_is_used_as_evidence(tmp_path: Path, cli) -> None:
     left, right = write_pair(tmp_path, 0.31, seconds=6)
-    write_rig(rig(), tmp_path / "cam.yaml")
-    code, printed, said = cli("sync", left, right, "--calib", tmp_path / "cam.yaml")
+    sizeless = tmp_path / "cam.npz"  # it stores no size, as some of MATLAB's
+    np.savez(
+        sizeless,
+        K1=rig().left.K,
+        D1=np.zeros(5),
+        K2=rig().right.K,
+        D2=np.zeros(5),
+        R=rig().T_right_left[:3, :3],
+        T=rig().T_right_left[:3, 3],
+    )
+    code, printed, said = cli("sync", left, right, "--calib", sizeless)
     assert code == 0, said
     assert "by motion and rows" in printed
     other = replace(

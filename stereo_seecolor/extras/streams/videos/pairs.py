@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from calibration import CalibrationError, StereoRig
-from calibration.formats import load_rig, native
+from calibration.formats import load_rig_of_images, native
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.extras.streams.videos.choice import FrameChoice
 from stereo_seecolor.extras.streams.videos.video import Videos
@@ -17,6 +17,7 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.inputs.video_file import size_of_side
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import video_pairs_file
 from stereo_seecolor.version import __version__
@@ -39,7 +40,7 @@ def video_pairing(
     videos = Videos(left, right, images.right_half_first)
     rig: StereoRig | None = None
     with suppress(CalibrationError):  # said when the frames are opened
-        rig = load_rig(calib)
+        rig = load_rig_of_images(calib, size_of_side(left, right))
     asked = (
         images.video_every,
         images.video_overlap,
