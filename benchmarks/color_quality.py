@@ -1,11 +1,7 @@
-"""Every color method on known truth and on white cards in the sea: the tables of
-docs/color-quality.md and docs/lab/color.md.
+"""Every color method on known truth and on white cards in the sea: tables of docs/lab/color.md.
+color_table.py makes the one table of docs/color-quality.md.
 
     python benchmarks/color_quality.py [--cases 24] [--first-seed 100] [--data FOLDER]
-    python benchmarks/color_quality.py --table [--write]
-
---table makes the one table of docs/color-quality.md, with a row for each data set; --write puts it
-into the page.
 
 Seeds below 100 were looked at while the method was made; those from 100 on were not.
 """
@@ -14,9 +10,8 @@ import argparse
 import itertools
 import os
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -24,27 +19,16 @@ import numpy as np
 from color_cases import Case, make_case
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.commands.fuse import RawImages
-from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.extras.evaluation.baselines import METHODS, expose
 from stereo_seecolor.extras.evaluation.charts.scores import correct_by_all, score_target
-from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.targets import neutral, read_targets, targets_of
-from stereo_seecolor.extras.evaluation.measures import clipped, score_neutral, score_truth
-from stereo_seecolor.extras.evaluation.truth import evaluate_spread
-from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb, encode_srgb
-from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.extras.evaluation.measures import score_neutral, score_truth
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.finished_run import open_run
 
 Result = np.ndarray
 Method = Callable[[Case], Result]
-PAGE = Path(__file__).resolve().parents[1] / "docs/color-quality.md"
-TABLE_BEGIN, TABLE_END = (
-    "<!-- table: written by benchmarks/color_quality.py --table --write -->",
-    "<!-- end of table -->",
-)
 WATERS = ("blue-ocean", "coastal-green", "turbid")
 
 
@@ -127,15 +111,6 @@ METHODS_COMPARED: dict[str, Method] = {
     "the paper's objective": by_config(method="paper"),
     "stereo-seecolor": by_config(),
 }
-COLUMNS = {
-    "raw": "raw",
-    "gray world": "gray world",
-    "log-linear gray world": "darkest 1 % a bin, gray world log-linear",
-    "paper": "the paper's objective",
-    "Sea-thru": "sea-thru",
-    "stereo-seecolor": "stereo-seecolor",
-}
-"""Column of the one table -> method."""
 SWITCHES: dict[str, Method] = {
     "as shipped": by_config(),
     "input_encoding: as-is": by_config(input_encoding="as-is"),
@@ -294,197 +269,6 @@ def chart_table() -> None:
         )
 
 
-Row = tuple[str, str, str, list[str]]
-"""What was measured on, real or drawn, the measure, and a cell for each of COLUMNS."""
-
-
-def by_column(result_of: Callable[[Method], list[float]], style: str = ".1f") -> list[str]:
-    """A cell for each column, of the numbers of its method."""
-    numbers = [result_of(METHODS_COMPARED[method]) for method in COLUMNS.values()]
-    return [", ".join(format(number, style) for number in of_method) for of_method in numbers]
-
-
-def truth_row(data: str, cases: list[Case]) -> Row:
-    """Mean angle to the truth, and CIEDE2000."""
-    return (
-        data,
-        "drawn",
-        "angle, CIEDE2000",
-        by_column(lambda method: list(np.mean([score(c, method(c)) for c in cases], 0)[[0, 2]])),
-    )
-
-
-def water_rows() -> Iterator[Row]:
-    """Photographs with strong colors under waters of measured absorption and scattering."""
-    from independent_waters import KINDS
-    from photographs_in_water import OPTICAL_DEPTHS, cases_of, score
-    from skimage import data
-
-    names = ("coffee", "astronaut", "chelsea")
-    pictures = [
-        (name, decode_srgb(getattr(data, name)()[::2, ::2] / 255.0), None) for name in names
-    ]
-    for depth, kind in itertools.product(OPTICAL_DEPTHS[1:], KINDS):
-        cases = cases_of(pictures, kind, range(1), depth)
-        row = (
-            f"photographs ({', '.join(names)}), {kind} water, optical depth {depth[0]:g} to "
-            f"{depth[1]:g}"
-        )
-        yield (
-            row,
-            "drawn",
-            "angle, after gains",
-            by_column(
-                lambda method, of=cases: list(np.median([score(c, method(c)) for c in of], 0))
-            ),
-        )
-
-
-def flsea_row(data: Path) -> Row:
-    """White targets of FLSea."""
-    frames = list(card_frames(data / "flsea"))
-
-    def psi(method: Method) -> list[float]:
-        return [
-            np.mean(
-                [
-                    score_neutral(np.minimum(method(case), 1)[mask]).psi_deg
-                    for case, masks in frames
-                    for mask in masks
-                ]
-            )
-        ]
-
-    return "FLSea, 5 white targets", "real", "psi", by_column(psi)
-
-
-def seathru_row(data: Path) -> Row:
-    """Charts at several ranges in one frame."""
-    image, range_m = (
-        read_image(data / "seathru/3374.png"),
-        read_range_map(data / "seathru/3374_range.tiff"),
-    )
-    case, targets, full = (
-        Case("3374", image, range_m, image / 255.0, None),
-        targets_of([], image, range_m),
-        clipped(image / 255.0),
-    )
-
-    def of(method: Method) -> list[float]:
-        result = np.minimum(method(case), 1)
-        psi = [score_target("3374", target, "", result, range_m).psi_deg for target in targets]
-        seen = [seen_chart("", target, result, range_m, full) for target in targets]
-        return [
-            float(np.nanmean(psi)),
-            spread_over_charts([chart for chart in seen if chart])[0].angle_deg,
-        ]
-
-    return (
-        f"Sea-thru 3374, {len(targets)} charts at 4.7 to 9.8 m",
-        "real",
-        "psi, change of a patch over range",
-        by_column(of),
-    )
-
-
-def reef_rows(data: Path, pairs: int) -> Iterator[Row]:
-    """The first pairs of a reef dive: colors of sand, and differences of one spot between views."""
-    with tempfile.TemporaryDirectory() as folder:
-        out, sides = Path(folder) / "out", {side: Path(folder) / side for side in ("left", "right")}
-        for side, path in sides.items():
-            path.mkdir()
-            for file in sorted((data / "acfr" / side).iterdir())[:pairs]:
-                (path / file.name).symlink_to(file.resolve())
-        config = RunConfig.model_validate({"input": {"refine": True}, "output": {"clouds": False}})
-        run(sides["left"], sides["right"], data / "acfr/stereo_calib.mat", out, config)
-        finished, others = (
-            open_run(out),
-            [name for name in COLUMNS if name not in ("raw", "stereo-seecolor")],
-        )
-        raw, sand = RawImages(finished), {name: [] for name in COLUMNS}
-        for frame in finished.frames:
-            image, range_m, ours = (
-                raw.rectified(frame.name),
-                frame.measured_range_m(),
-                frame.read("corrected"),
-            )
-            case, where = (
-                Case(frame.name, image, range_m, image / 255.0, None),
-                smooth_and_bright(ours, range_m),
-            )
-            results = {"raw": image / 255.0, "stereo-seecolor": ours / 255.0}
-            results |= {
-                name: np.clip(METHODS_COMPARED[COLUMNS[name]](case), 0, 1) for name in others
-            }
-            for name, result in results.items():
-                sand[name].append(decode_srgb(result[where]))
-                path = Path(folder) / f"by {name}"
-                path.mkdir(exist_ok=True)
-                shown = np.round(np.nan_to_num(result) * 255).astype(np.uint8)
-                cv2.imwrite(str(path / f"{frame.name}.png"), shown[..., ::-1])
-        report = evaluate_spread(out, [Path(folder) / f"by {name}" for name in others])
-    medians = [np.nanmedian(np.concatenate(sand[name]), axis=0) for name in COLUMNS]
-    dive = f"acfr, {pairs} pairs of a reef dive"
-    yield (
-        f"{dive}: sand is 1.05 to 1.22, 0.70 to 0.92",
-        "real",
-        "R/G, B/G",
-        [f"{m[0] / m[1]:.2f}, {m[2] / m[1]:.2f}" for m in medians],
-    )
-    spreads = {"by raw": report.raw, "by stereo-seecolor": report.corrected, **report.others}
-    of = [spreads[f"by {name}"] for name in COLUMNS]
-    cells = [f"{spread.angle_deg:.1f}, {spread.luminance:.2f}" for spread in of]
-    yield f"{dive}: one spot in different views", "real", "angle, log luminance", cells
-
-
-def smooth_and_bright(image: np.ndarray, range_m: np.ndarray) -> np.ndarray:
-    """(H, W) the brightest tenth of the smoother half of the pixels of known range: sand,
-    mostly.
-    """
-    light = cv2.blur(decode_srgb(image / 255.0) @ LUMINANCE, (9, 9))
-    rough = np.sqrt(
-        np.maximum(cv2.blur((decode_srgb(image / 255.0) @ LUMINANCE) ** 2, (9, 9)) - light**2, 0)
-    ) / (light + 1e-3)
-    known = np.isfinite(range_m)
-    smooth = known & (rough < np.median(rough[known]))
-    return smooth & (light > np.quantile(light[smooth], 0.9))
-
-
-def one_table(data: Path, first_seed: int, cases: int, reef_pairs: int) -> Iterator[str]:
-    """The lines of the table, as they are measured."""
-    made: list[Callable[[], Iterable[Row]]] = [
-        lambda: [truth_row("drawn reef, three waters, 1 to 4 m", list(reef_cases(first_seed)))],
-        lambda: [
-            truth_row(
-                "drawn scenes (dead leaves)",
-                [make_case(seed) for seed in range(first_seed, first_seed + cases)],
-            )
-        ],
-        water_rows,
-    ]
-    if data.is_dir():
-        made[:0] = [
-            lambda: [flsea_row(data)],
-            lambda: [seathru_row(data)],
-            lambda: reef_rows(data, reef_pairs),
-        ]
-        made.append(lambda: [truth_row("two rooms in drawn waters", list(picture_cases(data)))])
-    yield f"| data | real or drawn | measure | {' | '.join(COLUMNS)} |"
-    yield "| --- " * (3 + len(COLUMNS)) + "|"
-    for row, kind, measure, cells in itertools.chain.from_iterable(rows() for rows in made):
-        yield f"| {row} | {kind} | {measure} | {' | '.join(cells)} |"
-
-
-def write_table(lines: list[str]) -> None:
-    """Put the table into docs/color-quality.md."""
-    before, rest = PAGE.read_text().split(TABLE_BEGIN)
-    PAGE.write_text(
-        f"{before}{TABLE_BEGIN}\n\n"
-        + "\n".join(lines)
-        + f"\n\n{TABLE_END}{rest.split(TABLE_END)[1]}"
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=24)
@@ -497,20 +281,7 @@ def main() -> None:
         help="of real frames: tests/DATA.md",
     )
     parser.add_argument("--methods", help="only methods whose name holds this")
-    parser.add_argument("--table", action="store_true", help="only the one table of all data")
-    parser.add_argument("--write", action="store_true", help="write it into docs/color-quality.md")
-    parser.add_argument(
-        "--reef-pairs", type=int, default=8, help="of the reef dive, for the one table"
-    )
     asked = parser.parse_args()
-    if asked.table:
-        lines = []
-        for line in one_table(asked.data, asked.first_seed, asked.cases, asked.reef_pairs):
-            print(line, flush=True)
-            lines.append(line)
-        if asked.write:
-            write_table(lines)
-        return
     start = time.perf_counter()
     drawn = [make_case(seed) for seed in range(asked.first_seed, asked.first_seed + asked.cases)]
     reef = list(reef_cases(asked.reef_seed))
