@@ -116,7 +116,7 @@ SWITCHES: dict[str, Method] = {
     "input_encoding: as-is": by_config(input_encoding="as-is"),
     "attenuation: constant": by_config(robust={"attenuation": "constant"}),
     "white_point: none": by_config(robust={"white_point": "none"}),
-    "scene_colors: gray": by_config(robust={"scene_colors": "gray"}),
+    "white_point: gray": by_config(robust={"white_point": "gray"}),
 }
 
 

@@ -1,4 +1,4 @@
-"""Frames a second of the torch path (``color.device``) on the device that is there, beside the
+"""Frames a second of the torch path (``--device``) on the device that is there, beside the
 compiled one: the same numbers.
 
     python benchmarks/device.py [--size 1280 1024] [--device cpu] [--batches 1 4 16]
@@ -22,11 +22,8 @@ import torch
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.device import find_device
-from stereo_seecolor.color.render import torch_apply
-from stereo_seecolor.color.render.tone import display, gains
-from stereo_seecolor.color.table import torch_counting
-from stereo_seecolor.color.table.measure import VALUE_BINS, measure
-from stereo_seecolor.color.table.moment_table import range_bits
+from stereo_seecolor.device import memory_on
+from stereo_seecolor.device.color import DeviceCorrector
 
 ROUNDS = 7
 
@@ -64,23 +61,18 @@ def main() -> None:
 
 def compare(image: np.ndarray, range_m: np.ndarray, frames: int, device: torch.device) -> None:
     """Print how fast both are on a batch, and whether they agree."""
-    corrector = Corrector()
-    table = corrector.measure(image, range_m)
-    by_range, shown = gains(corrector.fit(table), corrector.config, 1.3), display(8, "srgb", 2.0)
-    flat, bits, values = image.reshape(-1, 3), range_bits(range_m), VALUE_BINS[8]
-    compiled = (
-        partial(measure, image, range_m),
-        partial(torch_apply.on_processor, flat, bits, by_range, shown),
-    )
-    in_torch = (
-        partial(torch_counting.count, image, range_m, values, device),
-        partial(torch_apply.apply, flat, bits, by_range, shown, device),
-    )
-    most = np.abs(compiled[1]()[0].image.astype(int) - in_torch[1]()[0].image.astype(int)).max()
-    equal = np.array_equal(in_torch[0]()[0], compiled[0]().counts)
+    both = Corrector(), DeviceCorrector(memory_on(device.type))
+    tables = [corrector.measure(image, range_m) for corrector in both]
+    water = both[0].fit(tables[0])
+
+    def apply(corrector: Corrector) -> np.ndarray:
+        return corrector.apply(image, range_m, water, exposure=1.3, highlights=2.0).image
+
+    most = np.abs(apply(both[0]).astype(int) - apply(both[1]).astype(int)).max()
+    equal = np.array_equal(tables[0].counts, tables[1].counts)
     print(f"batches of {frames}: counts equal: {equal}; corrected values differ by at most {most}")
-    for name, ways in zip(("count", "apply"), zip(compiled, in_torch, strict=True), strict=True):
-        by_loop, by_torch = (frames * batches_a_second(way) for way in ways)
+    for name, way in {"count": lambda c: c.measure(image, range_m), "apply": apply}.items():
+        by_loop, by_torch = (frames * batches_a_second(partial(way, each)) for each in both)
         print(f"    {name}: compiled {by_loop:.1f}, torch {by_torch:.1f} frames a second")
 
 

@@ -111,9 +111,12 @@ not exist is refused, and the error suggests the nearest known one. A value out 
 
 A key of an earlier version is refused, and the error names the new one: `color.objective` and `color.solver` are now `color.method`
 (`objective=paper` and `method=paper-adam` are `method=paper`); `color.paper_adam` is `color.paper`;
-`color.white_point`, `attenuation`, `scene_colors` and
+`color.white_point`, `attenuation` and
 `water_depth_m` are in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets how bright
 frames are shown.
+
+## All stages
+
 """  # noqa: E501
 
 
@@ -198,16 +201,15 @@ def configuration_page() -> str:
 
 
 def section_lines(model: BaseModel, prefix: str = "") -> Iterator[str]:
-    for name in type(model).model_fields:
-        value = getattr(model, name)
-        if not isinstance(value, BaseModel):
-            continue
-        yield from ("", f"## `{prefix}{name}`", "", paragraph(type(value).__doc__ or ""), "")
+    fields = {key: (getattr(model, key), field) for key, field in type(model).model_fields.items()}
+    own = {key: each for key, each in fields.items() if not isinstance(each[0], BaseModel)}
+    if own:
         yield from ("| setting | values | default | what it does |", "| --- | --- | --- | --- |")
-        for key, field in type(value).model_fields.items():
-            if not isinstance(getattr(value, key), BaseModel):
-                yield setting_row(f"{prefix}{name}.{key}", getattr(value, key), field)
-        yield from section_lines(value, f"{prefix}{name}.")
+        yield from (setting_row(prefix + key, *each) for key, each in own.items())
+    for key in (each for each in fields if each not in own):
+        value = fields[key][0]
+        yield from ("", f"## `{prefix}{key}`", "", paragraph(type(value).__doc__ or ""), "")
+        yield from section_lines(value, f"{prefix}{key}.")
 
 
 def setting_row(key: str, default: object, field: FieldInfo) -> str:

@@ -88,13 +88,13 @@ class Pipeline:
         self.original = (
             OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
         )
-        memory = memory_of(self.config.matching.device)
+        memory = memory_of(self.config.device)
         self._rectifier = make_rectifier(self.rectification, memory)
         self.matcher = DetailMatcher(
             self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory)
         )
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
-        self.corrector = make_corrector(self.config.color)
+        self.corrector = make_corrector(self.config.color, memory)
         self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
 
@@ -111,8 +111,7 @@ class Pipeline:
         config = self.config
         sections = (
             self.reader.settings,
-            config.matching.model_dump(exclude={"device"}),
-            config.output.range_std,
+            config.matching.model_dump(),
             config.output.preset,
         )
         return content_key(__version__, self.geometry, *tables, *sections)

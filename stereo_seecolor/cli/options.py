@@ -202,7 +202,7 @@ class Settings:
             from stereo_seecolor.run_folder.finished_run import settings_file
 
             file = settings_file(run)
-        chosen = [f"{stage}.device={device}" for stage in ("matching", "color") if device]
+        chosen = [f"device={device}"] if device else []
         return load_config(
             file, [*(self.settings or []), *(["input.refine=true"] if refine else []), *chosen]
         )

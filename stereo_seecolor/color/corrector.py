@@ -79,7 +79,7 @@ class Corrector:
         )
 
     def _count(self, image: Image, range_m: Map, every: int = 1) -> MomentTable:
-        return measure(image, range_m, self.config.device, every)
+        return measure(image, range_m, every)
 
     def fit(
         self, table: MomentTable, start: Water | None = None, until_s: float | None = None

@@ -9,11 +9,13 @@ from stereo_seecolor.errors import DeviceError
 
 
 def find_device(name: str) -> torch.device:
-    """The torch device of ``color.device``. Raises DeviceError for CUDA where there is none."""
+    """The torch device that a setting names (auto, cpu, cuda).
+
+    Raises DeviceError for cuda where torch finds none.
+    """
     if name == "cuda" and not torch.cuda.is_available():
         raise DeviceError(
-            "device cuda: torch finds no CUDA device here; take auto or cpu (matching.device, "
-            "color.device), or install "
+            "device cuda: torch finds no CUDA device here; take auto or cpu (--device), or install "
             "a CUDA build of torch (docs/gpu.md)"
         )
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")

@@ -4,6 +4,9 @@ description.
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
 
 from stereo_seecolor.config.color import ColorConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.input import InputConfig
@@ -35,6 +38,11 @@ class RunConfig(StageConfig):
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
     measuring: MeasuringConfig = MeasuringConfig()
+    device: Literal["auto", "cpu", "cuda"] = Field(
+        default="auto",
+        description="Where engine sgm matches, and where pixels are counted and corrected; waters "
+        "are fitted on the processor. auto: a GPU where there is one.",
+    )
 
     @property
     def files(self) -> tuple[Path, ...]:

@@ -20,18 +20,14 @@ class RobustConfig(StageConfig):
         "from above do. "
         "constant: one coefficient a channel.",
     )
-    white_point: Literal["scene", "none"] | Rgb = Field(
+    white_point: Literal["scene", "gray", "none"] | Rgb = Field(
         default="scene",
         description="The color of the light that arrives at the reef. scene: fitted with the "
-        "water. none: white, as in the paper's "
+        "water, for a reef whose colors are warm on average, as sand and rock are. gray: the "
+        "same, for colors that are gray on average. none: white, as in the paper's "
         "model. Or R, G, B as known, from a white card for example, in linear light, each from "
         "0.0001 to 10000; only their ratios "
         "count.",
-    )
-    scene_colors: Literal["natural", "gray"] = Field(
-        default="natural",
-        description="What a reef's colors are on average: natural, warm as sand and rock are; or "
-        "gray.",
     )
     water_depth_m: float | None = Field(
         default=None,
@@ -49,7 +45,7 @@ class RobustConfig(StageConfig):
             return handler(value)
         except ValidationError as error:
             raise ValueError(
-                "must be scene, none, or [R, G, B], each from 0.0001 to 10000"
+                "must be scene, gray, none, or [R, G, B], each from 0.0001 to 10000"
             ) from error
 
 
@@ -71,18 +67,11 @@ class PaperConfig(StageConfig):
         "frame where run finds that it shows the same spots. live takes fewer where --budget-ms "
         "leaves no time for them.",
     )
-    learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate.")
     final_sigmoid: bool = Field(
         default=False,
         description="true: the backscatter network ends in a sigmoid, as printed. false: its two "
         "intensities pass through one "
         "each.",
-    )
-    penalty: float = Field(
-        default=1000.0,
-        gt=1,
-        description="k of the backscatter loss: what a negative direct signal costs against a "
-        "positive one.",
     )
 
 
@@ -124,11 +113,6 @@ class ColorConfig(StageConfig):
         "brought to one exposure by its "
         "brightness at equal ranges.",
     )
-    device: Literal["auto", "cpu", "cuda"] = Field(
-        default="auto",
-        description="Where pixels are counted and corrected; waters are fitted on the processor. "
-        "auto: a GPU where there is one.",
-    )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
         description="srgb: decoded to linear light, corrected there, encoded again. linear: the "
@@ -149,15 +133,8 @@ class ColorConfig(StageConfig):
         le=0.5,
         description="How bright frames are shown: the median luminance of all frames that share a "
         "water, in linear light, as a "
-        "fraction of full scale. 0.18 is mid-gray. Not for images read as as-is.",
-    )
-    highlights: Literal["roll-off", "clip"] = Field(
-        default="roll-off",
-        description="roll-off: light above mid-gray is compressed where the brightest would clip, "
-        "all channels of a pixel alike. "
-        "clip: light is shown in proportion, and darker where more than 0.05 % of the pixels "
-        "would clip; it always is where "
-        "input_encoding is as-is.",
+        "fraction of full scale. 0.18 is mid-gray. Light above it is compressed where the "
+        "brightest would clip. Not for images read as as-is.",
     )
     input_noise: float = Field(
         default=0.006,

@@ -33,13 +33,33 @@ RENAMED = {
         ("color.clipped_fraction", "color.clipped_share"),
         "brightness is now set by color.median_luminance",
     ),
-    "color.penalty": "it is now color.paper.penalty",
     **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
     "color.first_steps": "it is now color.paper.iterations",
     "color.next_steps": "it is now color.paper.iterations_per_frame",
-    "color.learning_rate": "it is now color.paper.learning_rate",
-    "color.paper_adam": "its settings are now color.paper.iterations, iterations_per_frame, "
-    "learning_rate and penalty",
+    "color.paper_adam": "its settings are now color.paper.iterations and iterations_per_frame",
+    **dict.fromkeys(
+        ("color.robust.scene_colors", "color.scene_colors"),
+        "scene_colors=gray is now color.robust.white_point=gray",
+    ),
+    **dict.fromkeys(("color.device", "matching.device"), "it is now device, or --device"),
+    **dict.fromkeys(
+        (
+            *("color.penalty", "color.paper.penalty"),
+            *("color.learning_rate", "color.paper.learning_rate"),
+        ),
+        "it is fixed (docs/lab/theory.md)",
+    ),
+    "color.highlights": "highlights are always rolled off; output.image_format=tiff32 is linear",
+    "output.compression": "files are always compressed fast; output.preset=lean deflates range "
+    "maps",
+    "output.range_std": "standard errors of ranges are always written; output.preset=lean rounds "
+    "them",
+    "mapping.bundle_adjustment": "poses are adjusted wherever GTSAM is installed",
+    "mapping.max_gap_s": "poses are always interpolated across gaps of at most 5 s",
+    **dict.fromkeys(
+        ("mapping.prior_depth_std_m", "mapping.prior_attitude_std_deg"),
+        "it is always estimated from the dive",
+    ),
 }
 """Settings of earlier versions -> what has replaced them."""
 

@@ -99,20 +99,9 @@ class MappingConfig(StageConfig):
         gt=0,
         description="A pose that would need more is a jump: the map breaks there.",
     )
-    max_gap_s: float = Field(
-        default=5.0,
-        gt=0,
-        description="Poses are interpolated across gaps up to this long, seconds.",
-    )
     loop_closure: bool = Field(
         default=True,
         description="Own odometry: recognize places seen before (needs the slam extra, GTSAM).",
-    )
-    bundle_adjustment: bool = Field(
-        default=True,
-        description="Adjust poses and all points that frames share together: more exact poses, "
-        "with standard errors "
-        "(needs the slam extra, GTSAM).",
     )
     poses: Literal["given", "prior"] = Field(
         default="prior",
@@ -129,20 +118,8 @@ class MappingConfig(StageConfig):
     prior_position_std_m: float | None = Field(
         default=None,
         gt=0,
-        description="Standard error of a prior's position, east and north. Not set: estimated "
-        "from the dive.",
-    )
-    prior_depth_std_m: float | None = Field(
-        default=None,
-        gt=0,
-        description="Standard error of a prior's depth, its pressure sensor's. Not set: "
-        "estimated from the dive.",
-    )
-    prior_attitude_std_deg: float | None = Field(
-        default=None,
-        gt=0,
-        description="Standard error of a prior's roll, pitch and heading. Not set: estimated "
-        "from the dive.",
+        description="Standard error of a trajectory's positions, east and north, or of fixes, as "
+        "its sensor is known for. Not set: estimated from the dive.",
     )
     mosaic_m: float | None = Field(
         default=None,

@@ -1,6 +1,6 @@
 """The settings of stereo matching."""
 
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -38,11 +38,6 @@ class MatchingConfig(StageConfig):
     model: FilePath | None = Field(
         default=None,
         description="The network of engine onnx: an .onnx file (contract in docs/matching.md).",
-    )
-
-    device: Literal["auto", "cpu", "cuda"] = Field(
-        default="auto",
-        description="Where engine sgm runs. auto: a GPU where there is one, else the processor.",
     )
 
     @field_validator("engine", mode="before")

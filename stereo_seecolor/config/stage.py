@@ -56,17 +56,8 @@ class OutputConfig(StageConfig):
         "rounded to 0.2 %: "
         "a quarter of the disk.",
     )
-    compression: Literal["fast", "small"] = Field(
-        default="fast",
-        description="small: pictures 5 to 8 % smaller and range maps deflated, for 130 ms a pair "
-        "of 1.3 megapixels; "
-        "no pixel differs.",
-    )
     clouds: bool = Field(
         default=True, description="Write a colored cloud for each pair; preset lean writes none."
-    )
-    range_std: bool = Field(
-        default=True, description="Write the standard error of each range beside the range maps."
     )
 
     @property
@@ -75,6 +66,6 @@ class OutputConfig(StageConfig):
         return self.clouds and self.preset == "full"
 
     @property
-    def map_compression(self) -> Literal["fast", "small"] | None:
-        """How range maps are deflated; None as they are."""
-        return None if (self.preset, self.compression) == ("full", "fast") else self.compression
+    def deflated_maps(self) -> bool:
+        """Whether range maps are deflated."""
+        return self.preset == "lean"

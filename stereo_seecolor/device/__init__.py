@@ -76,9 +76,8 @@ def make_matcher(memory: "Memory | None") -> MakeMatcher:
     return partial(DeviceMatcher, memory)
 
 
-def make_corrector(config: ColorConfig) -> Corrector:
-    """The corrector on the device of ``config.device``, or the compiled one. Raises DeviceError."""
-    memory = memory_of(config.device)
+def make_corrector(config: ColorConfig, memory: "Memory | None") -> Corrector:
+    """The corrector on the device of ``memory``, or the compiled one."""
     if memory is None:
         return Corrector(config)
     from stereo_seecolor.device.color import DeviceCorrector

@@ -8,7 +8,7 @@ from calibration import Rectification, RectifiedPair
 from calibration.rectification import OriginalView
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.device import make_corrector
+from stereo_seecolor.device import make_corrector, memory_of
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.decoding import seam_row, seam_text
@@ -29,7 +29,7 @@ class RangedImages:
 
     def __init__(self, config: RunConfig) -> None:
         self.config = config
-        self.corrector = make_corrector(config.color)
+        self.corrector = make_corrector(config.color, memory_of(config.device))
         self.reader = FrameReader(config.input)
         self.settings = content_key(__version__, self.reader.settings)
 

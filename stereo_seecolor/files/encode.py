@@ -34,31 +34,29 @@ try:
     from isal.isal_zlib import decompressobj as fast_inflater
     from isal.isal_zlib import error as fast_error
 except ImportError:  # no wheel for this machine: the same content, in more time
-    fast_compress = None  # type: ignore[assignment]
+
+    def fast_compress(content: bytes | memoryview, level: int) -> bytes:  # type: ignore[misc]  # noqa: D103
+        runs = zlib.compressobj(level, strategy=zlib.Z_RLE)
+        return runs.compress(content) + runs.flush()
+
     fast_inflater, fast_error = zlib.decompressobj, zlib.error  # type: ignore[assignment]
 
-Compression = Literal["fast", "small", "repeats"]
 FAST_LEVEL = 1
 """Of ISA-L: 12 ms for the 4 MB of a filtered picture of 1.3 megapixels. Level 0 gives 36 % more, 2
 and 3 the same.
 """
 
 
-def deflated(content: bytes | memoryview, compression: Compression = "fast") -> bytes:
-    """A zlib stream. fast: by Intel's ISA-L, which runs on ARM too. small: run lengths and Huffman
-    codes, by zlib.
+def deflated(content: bytes | memoryview, repeats: bool = False) -> bytes:
+    """A zlib stream, by Intel's ISA-L, which runs on ARM too. Filtered pictures are mostly noise:
+    zlib's levels 6 to 9 find 5 to 8 % in them by chance, in 20 times the time.
 
-    On filtered pictures, which are mostly noise, small takes 40 ms where fast takes 12, and gives 5
-    to 8 % less: less than zlib's levels 6 to 9, which find matches by chance in 260 ms. repeats: by
-    zlib's level 6, for what does repeat: the triangles of a mesh take a fifth less than by fast, at
+    repeats: by zlib's level 6, for what does repeat: the triangles of a mesh take a fifth less, at
     0.2 s a million.
     """
-    if compression == "fast" and fast_compress is not None:
-        return bytes(fast_compress(content, FAST_LEVEL))
-    if compression == "repeats":
+    if repeats:
         return zlib.compress(content, 6)
-    runs = zlib.compressobj(1, strategy=zlib.Z_RLE)
-    return runs.compress(content) + runs.flush()
+    return bytes(fast_compress(content, FAST_LEVEL))
 
 
 def inflated(content: bytes | memoryview, size: int) -> bytes:
@@ -84,16 +82,14 @@ Chunks = Mapping[bytes, bytes]
 """Kind -> data, in the order in which they are written."""
 
 
-def encode_png(
-    pixels: NDArray[np.generic], compression: Compression = "fast", chunks: Chunks | None = None
-) -> bytes:
+def encode_png(pixels: NDArray[np.generic], chunks: Chunks | None = None) -> bytes:
     """Encode (H, W), or (H, W, 3) RGB, of uint8 or uint16. chunks: further ones, written before the
     pixels.
     """
-    return _file(pixels, deflated(_averaged(pixels).data, compression), chunks or {})
+    return _file(pixels, deflated(_averaged(pixels).data), chunks or {})
 
 
-def encode_codes(codes: NDArray[np.uint8], compression: Compression) -> bytes:
+def encode_codes(codes: NDArray[np.uint8]) -> bytes:
     """Encode an image (H, W) of few different values without a row filter: such rows deflate better
     as they are.
     """
@@ -101,7 +97,7 @@ def encode_codes(codes: NDArray[np.uint8], compression: Compression) -> bytes:
         (codes.shape[0], codes.shape[1] + 1), np.uint8
     )  # the first byte of a row: UNFILTERED
     rows[:, 1:] = codes
-    return _file(codes, deflated(rows.data, compression), {})
+    return _file(codes, deflated(rows.data), {})
 
 
 def _averaged(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
@@ -172,11 +168,11 @@ def encode_tiff(image: NDArray[np.generic], exif: bytes = b"") -> bytes:
     )
 
 
-def encode_deflated(values: NDArray[np.float32], compression: Compression) -> bytes:
+def encode_deflated(values: NDArray[np.float32]) -> bytes:
     """Encode a map (H, W) of float32 as a deflated TIFF: half the size of an uncompressed range
     map.
     """
-    content = deflated(_differences(values).data, compression)
+    content = deflated(_differences(values).data)
     tags = Image.Exif()
     tags.endian = "<"
     tags.update(_tags(values, len(content)) | {COMPRESSION: DEFLATED, PREDICTOR: FLOATING_POINT})
@@ -225,7 +221,6 @@ def encode_image(
     rgb: NDArray[np.generic],
     image_format: ImageFormat,
     exif: bytes = b"",
-    compression: Compression = "fast",
 ) -> bytes:
     """Encode an RGB image (H, W, 3); it is written as one channel where red, green and blue are
     equal everywhere.
@@ -248,15 +243,13 @@ def encode_image(
             {cv2.IMAGE_METADATA_EXIF: exif, cv2.IMAGE_METADATA_ICCP: b"" if mono else SRGB_PROFILE},
         )
     chunks = {} if mono else {b"iCCP": SRGB_CHUNK}
-    return encode_png(pixels, compression, {**chunks, b"eXIf": exif} if exif else chunks)
+    return encode_png(pixels, {**chunks, b"eXIf": exif} if exif else chunks)
 
 
-def encode_map(values: Map, compression: Compression | None = None) -> bytes:
-    """Encode a map (H, W) float32, NaN unknown, as a one-page float32 TIFF; uncompressed where no
-    compression is named.
-    """
+def encode_map(values: Map, compact: bool = False) -> bytes:
+    """Encode a map (H, W) of float32 as TIFF; compact: deflated."""
     values = values.astype(np.float32, copy=False)
-    return encode_deflated(values, compression) if compression else encode_tiff(values)
+    return encode_deflated(values) if compact else encode_tiff(values)
 
 
 def rounded(values: Map) -> Map:
@@ -276,16 +269,16 @@ def encode_depth_mm(depth_m: Map) -> bytes:
     return encode_png(np.where(depth_mm <= np.iinfo(np.uint16).max, depth_mm, 0).astype(np.uint16))
 
 
-def encode_confidence(confidence: Map, compression: Compression = "fast") -> bytes:
+def encode_confidence(confidence: Map) -> bytes:
     """Encode a confidence (H, W) in [0, 1] as an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept
     for what was not measured.
     """
-    return encode_codes(np.ceil(confidence * 255).astype(np.uint8), compression)
+    return encode_codes(np.ceil(confidence * 255).astype(np.uint8))
 
 
-def encode_mask(mask: NDArray[np.uint8], compression: Compression = "fast") -> bytes:
+def encode_mask(mask: NDArray[np.uint8]) -> bytes:
     """Encode a mask (H, W) of uint8 codes as a PNG."""
-    return encode_codes(mask, compression)
+    return encode_codes(mask)
 
 
 def _srgb_profile() -> bytes:

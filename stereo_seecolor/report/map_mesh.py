@@ -94,11 +94,11 @@ class Piece:
             "low_m": [round(float(value), 5) for value in low],
             "step_m": step_m,
             "positions": text(
-                deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), "repeats")
+                deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), repeats=True)
             ),
             "colors": packed_colors(self.colors),
             "indices": text(
-                deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), "repeats")
+                deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), repeats=True)
             ),
         }
 
@@ -106,7 +106,7 @@ class Piece:
 def packed_colors(colors: NDArray[np.uint8]) -> str:
     """Colors (N, 3) as the page reads them, in steps."""
     steps = (colors // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
-    return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0)), "small"))
+    return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0))))
 
 
 def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -264,14 +264,14 @@ def _methods_of_white(facts: DiveFacts) -> list[str]:
     the three channels'.
     """
     robust = facts.run.config.color.robust
-    if robust.white_point == "scene":
+    if robust.white_point in ("scene", "gray"):
         errors = facts.water.standard_errors.get("white") if facts.water else None
         known = facts.water is not None and errors is not None and bool(np.isfinite(errors).all())
         percent = (
             f"{np.max(np.asarray(errors) / facts.water.white):.0%}" if known and facts.water else ""
         )
         said = phrase("methods.white_error", percent=percent) if known else ""
-        return [phrase(f"methods.white.{robust.scene_colors}") + said + "."]
+        return [phrase(f"methods.white.{robust.white_point}") + said + "."]
     return [
         phrase("methods.white.none" if robust.white_point == "none" else "methods.white.given")
         + "."

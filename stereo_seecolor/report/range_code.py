@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.encode import Compression
 from stereo_seecolor.files.encode import deflated as compress
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
@@ -185,9 +184,9 @@ def _sort_planes(planes: NDArray[np.float32]) -> None:
         part //= 2
 
 
-def deflated(values: NDArray[Any], compression: Compression = "fast") -> bytes:
-    """Deflated bytes, with zlib's header. compression: see ``files.deflate``."""
-    return compress(np.ascontiguousarray(values).data.cast("B"), compression)
+def deflated(values: NDArray[Any], repeats: bool = False) -> bytes:
+    """Deflated bytes, with zlib's header. repeats: see ``files.encode.deflated``."""
+    return compress(np.ascontiguousarray(values).data.cast("B"), repeats)
 
 
 def text(content: bytes) -> str:

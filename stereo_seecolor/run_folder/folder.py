@@ -142,9 +142,8 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
     """Estimate the bytes of a pair. corrected: with its picture and cloud, not with its range
     alone.
     """
-    deflated = output.map_compression is not None
-    total = BYTES.others + (BYTES.deflated_range if deflated else BYTES.map)
-    total += output.range_std * (BYTES.deflated_std if deflated else BYTES.map)
+    total = BYTES.others
+    total += BYTES.deflated_range + BYTES.deflated_std if output.deflated_maps else 2 * BYTES.map
     total += corrected * (BYTES.picture + BYTES.cloud * output.with_clouds)
     return pixels * total
 

@@ -264,14 +264,13 @@ The largest come first: the disk is waited for while the next are encoded.
 
 
 def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
-    """Give the files of a range map: OUT/range, OUT/confidence and, if wanted, OUT/range_std."""
+    """Give the files of a range map: OUT/range, OUT/range_std and OUT/confidence."""
+    std_m = rounded(range_map.range_std_m) if config.preset == "lean" else range_map.range_std_m
     contents: dict[str, Callable[[], bytes | memoryview]] = {
-        "range": lambda: encode_map(range_map.range_m, config.map_compression),
+        "range": lambda: encode_map(range_map.range_m, config.deflated_maps),
+        "range_std": lambda: encode_map(std_m, config.deflated_maps),
+        "confidence": lambda: encode_confidence(range_map.confidence),
     }
-    if config.range_std:
-        std_m = rounded(range_map.range_std_m) if config.preset == "lean" else range_map.range_std_m
-        contents["range_std"] = lambda: encode_map(std_m, config.map_compression)
-    contents["confidence"] = lambda: encode_confidence(range_map.confidence, config.compression)
     return _files(name, contents, config)
 
 
@@ -291,10 +290,8 @@ def correction_files(
     if config.with_clouds and geometry is not None:
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
-    contents["corrected"] = lambda: encode_image(
-        pixels, config.image_format, exif, config.compression
-    )
-    contents["mask"] = lambda: encode_mask(mask_codes(correction, range_map), config.compression)
+    contents["corrected"] = lambda: encode_image(pixels, config.image_format, exif)
+    contents["mask"] = lambda: encode_mask(mask_codes(correction, range_map))
     return _files(name, contents, config)
 
 

@@ -37,7 +37,7 @@ CONFIGS = (
     (),
     ("color.lock=survey",),
     ("output.image_format=jpg", "output.clouds=false"),
-    ("output.range_std=false", "matching.min_confidence=0.5"),
+    ("output.preset=lean", "matching.min_confidence=0.5"),
 )
 PRECIOUS = b"mine"
 

@@ -11,11 +11,10 @@ import torch
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import torch_apply
 from stereo_seecolor.color.render.tone import display, gains
-from stereo_seecolor.color.table import torch_counting
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import VALUE_BINS, range_bits
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.device.color import count
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
@@ -28,12 +27,18 @@ def frame(depth):
     return image, range_m
 
 
+def on(array: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(array).to(DEVICE)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("depth", [8, 16])
 def test_tables_are_equal(depth):
     image, range_m = frame(depth)
     table = measure(image, range_m)
-    counts, offset_sum = torch_counting.count(image, range_m, VALUE_BINS[depth], DEVICE)
+    counts, offset_sum = (
+        part.cpu().numpy() for part in count(on(image), on(range_m), VALUE_BINS[depth])
+    )
     assert np.array_equal(counts, table.counts)
     assert np.array_equal(offset_sum, table.offset_sum)
 
@@ -57,27 +62,16 @@ def test_corrections_are_equal(depth, encoding, highlights, matrix):
         image.reshape(-1, 3),
         display(depth, encoding, highlights),
     )
-    (on_cores, clipped), (in_torch, also) = (
-        torch_apply.on_processor(flat, bits, by_range, shown),
-        torch_apply.apply(flat, bits, by_range, shown, DEVICE),
-    )
+    on_cores, clipped = torch_apply.on_processor(flat, bits, by_range, shown)
+    pixels = on(flat.astype(np.int32) if depth == 16 else flat)
+    *in_torch, also = torch_apply.apply_on(pixels, on(bits), by_range, shown, depth == 8)
+    values, unknown, unrecoverable = (part.cpu().numpy() for part in in_torch)
     # CUDA, products of matrices and some processors fuse a product and a sum: 1 of 7749 values of
     # 16 bits is rounded otherwise
     most = 1 if DEVICE.type == "cuda" or matrix is not None or depth == 16 else 0
-    off = np.abs(on_cores.image.astype(int) - in_torch.image.astype(int))
+    off = np.abs(on_cores.image.astype(int) - values)
     assert off.max() <= most
     assert DEVICE.type == "cuda" or matrix is not None or (off > 0).mean() < 0.001
-    assert np.array_equal(on_cores.unknown, in_torch.unknown)
-    assert np.array_equal(on_cores.unrecoverable, in_torch.unrecoverable)
+    assert np.array_equal(on_cores.unknown, unknown)
+    assert np.array_equal(on_cores.unrecoverable, unrecoverable)
     assert clipped == pytest.approx(also, abs=1e-3 * most)
-
-
-@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a CUDA device")
-def test_cuda_asked_for_and_absent_is_named():
-    image, range_m = frame(8)
-    corrector = Corrector(ColorConfig(device="cuda"))
-    with pytest.raises(DeviceError, match="torch finds no CUDA device"):
-        corrector.measure(image, range_m)
-    water = Corrector(ColorConfig()).fit_frame(image, range_m)
-    with pytest.raises(DeviceError, match="torch finds no CUDA device"):
-        corrector.apply(image, range_m, water, measure(image, range_m))

@@ -31,7 +31,6 @@ GAMMA, BETA, RATE = (
     np.array([0.5, 0.3, 0.2]),
     np.array([0.5, 0.15, 0.1]),
 )
-PENALTY = PaperConfig().penalty
 
 
 @pytest.fixture(autouse=True)
@@ -81,7 +80,7 @@ def test_losses_and_gradients_of_a_table_are_those_of_its_pixels(
     veil, dimming = pixels.Backscatter(random_raw(rng)), pixels.Attenuation(random_raw(rng))
     veil.final_sigmoid = final_sigmoid
     light, z = as_tensors(image, range_m, encoding)
-    by_pixel = pixels.backscatter_loss(light - veil(z), PENALTY)
+    by_pixel = pixels.backscatter_loss(light - veil(z), paper.PENALTY)
     direct = pixels.clamp_direct(light - veil(z)).detach()
     by_pixel_too = pixels.attenuation_loss(direct / dimming(z), direct)
     wanted = (
@@ -94,7 +93,7 @@ def test_losses_and_gradients_of_a_table_are_those_of_its_pixels(
         network.raw.detach().clone().requires_grad_() for network in (veil, dimming)
     )
     found = paper.backscatter(of_veil, sums.z, final_sigmoid)
-    loss = paper.backscatter_loss(sums, found, PENALTY)
+    loss = paper.backscatter_loss(sums, found, paper.PENALTY)
     also = paper.attenuation_loss(
         sums, paper.Direct(sums, found.detach()), 1 / paper.attenuation(of_dimming, sums.z)
     )
@@ -138,9 +137,9 @@ def test_all_the_ranges_of_a_bin_as_one_cost_little():
     )
     raw, (light, z) = random_raw(rng), as_tensors(image, range_m, "srgb")
     sums = paper.Sums(measure(image, range_m), "srgb")
-    table = paper.backscatter_loss(sums, paper.backscatter(raw, sums.z), PENALTY).item()
+    table = paper.backscatter_loss(sums, paper.backscatter(raw, sums.z), paper.PENALTY).item()
     assert table == pytest.approx(
-        pixels.backscatter_loss(light - pixels.Backscatter(raw)(z), PENALTY).item(), rel=1e-3
+        pixels.backscatter_loss(light - pixels.Backscatter(raw)(z), paper.PENALTY).item(), rel=1e-3
     )
 
 
@@ -171,7 +170,7 @@ def losses(table, water, encoding="as-is"):
     gain = torch.from_numpy(1 / water.attenuation(sums.z.numpy()).T)
     return np.array(
         [
-            paper.backscatter_loss(sums, veil, PENALTY).item(),
+            paper.backscatter_loss(sums, veil, paper.PENALTY).item(),
             paper.attenuation_loss(sums, paper.Direct(sums, veil), gain).item(),
         ]
     )

@@ -295,7 +295,7 @@ def test_cuda_asked_for_and_absent(make_dive, cli, tmp_path) -> None:
 
     if torch.cuda.is_available():
         pytest.skip("this machine has CUDA")
-    more = ["--set", "color.device=cuda"]
+    more = ["--device", "cuda"]
     code, _, said = cli(*make_dive(1).command(tmp_path / "out", *more))
     assert code == 1
     assert "cuda" in said.splitlines()[-1].lower()

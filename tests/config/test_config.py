@@ -56,7 +56,7 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.robust.white_point=[1, 1, .inf]", r"^--set: color\.robust\.white_point: "),
         (
             "color.robust.white_point=[0, 1, 1]",
-            r"^--set: color\.robust\.white_point: must be scene, none, or \[R, G, B\], each",
+            r"^--set: color\.robust\.white_point: must be scene, gray, none, or \[R, G, B\], each",
         ),
         ("color.robust.white_point=[1, -1, 1]", r"^--set: color\.robust\.white_point: must be "),
         ("color.robust.white_point=[1, .nan, 1]", r"^--set: color\.robust\.white_point: must be "),
@@ -82,9 +82,11 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.first_steps=3", r"it is now color\.paper\.iterations$"),
         (
             "color.paper_adam.next_steps=3",
-            r"its settings are now color\.paper\.iterations, iterations_per_frame",
+            r"its settings are now color\.paper\.iterations and iterations_per_frame",
         ),
-        ("color.penalty=3", r"it is now color\.paper\.penalty"),
+        ("color.paper.penalty=3", r"it is fixed"),
+        ("color.robust.scene_colors=gray", r"is now color\.robust\.white_point=gray"),
+        ("matching.device=cpu", r"it is now device, or --device"),
         ("color.clipped_fraction=0.1", r"brightness is now set by color\.median_luminance$"),
         ("color.robust.white_point=[1, yes, 1]", r"^--set: color\.robust\.white_point: "),
         ("input.video_every=1.5", r"input\.video_every: input should be a valid integer"),

@@ -373,14 +373,10 @@ def test_given_poses_are_the_maps_but_measured(
 
 
 @pytest.mark.slow
-def test_standard_errors_of_the_configuration_are_used(placed: Callable[..., Placed]) -> None:
-    config = MappingConfig(
-        prior_position_std_m=0.3, prior_depth_std_m=0.2, prior_attitude_std_deg=5.0
-    )
-    navigation = placed(noisy, config).navigation
+def test_a_standard_error_of_the_configuration_is_used(placed: Callable[..., Placed]) -> None:
+    navigation = placed(noisy, MappingConfig(prior_position_std_m=0.3)).navigation
     assert navigation is not None
-    assert (navigation.position_std_m, navigation.depth_std_m) == (0.3, 0.2)
-    assert navigation.attitude_std_deg == pytest.approx(5.0)
+    assert navigation.position_std_m == 0.3
 
 
 @pytest.mark.slow

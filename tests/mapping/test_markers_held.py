@@ -133,10 +133,9 @@ def test_a_table_that_cannot_be_read_is_named_before_the_first_frame(
 
 
 @pytest.mark.slow
-def test_a_map_that_cannot_be_held_says_so(survey: Survey) -> None:
-    config = MappingConfig(
-        markers=MarkersConfig(edge_m=EDGE_M), loop_closure=False, bundle_adjustment=False
-    )
+def test_a_map_that_cannot_be_held_says_so(survey: Survey, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stereo_seecolor.mapping.track.loops.available", lambda: False)
+    config = MappingConfig(markers=MarkersConfig(edge_m=EDGE_M))
     assert any(
         "mapping.markers do not constrain the map" in said
         for said in place_survey(survey, config, None).placement.warnings

@@ -279,7 +279,7 @@ def test_a_frame_through_all_stages_is_that_of_the_compiled_pipeline(torch_stage
     rig = load_rig(str(REEF / "cam.yaml"))
     in_torch, compiled_stages = (
         Pipeline(rig),
-        Pipeline(rig, load_config(None, ["matching.device=cpu", "color.device=cpu"])),
+        Pipeline(rig, load_config(None, ["device=cpu"])),
     )
     assert isinstance(in_torch.matcher._full, DeviceMatcher)
     assert isinstance(in_torch.corrector, DeviceCorrector)
@@ -348,6 +348,6 @@ def test_the_shapes_of_the_color_stages_fit_on_the_meta_device():
 def test_another_device_is_no_reason_to_measure_or_correct_again() -> None:
     rig, settings_of = load_rig(REEF / "cam.yaml"), {}
     for name in ("auto", "cpu"):
-        config = load_config(None, [f"matching.device={name}", f"color.device={name}"])
+        config = load_config(None, [f"device={name}"])
         settings_of[name] = Pipeline(rig, config).settings, color_settings(config, None)
     assert settings_of["auto"] == settings_of["cpu"]

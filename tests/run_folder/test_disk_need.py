@@ -25,7 +25,7 @@ def free(monkeypatch: pytest.MonkeyPatch, free_bytes: float) -> None:
     [
         (OutputConfig(), True, 31),
         (OutputConfig(preset="lean"), True, 6.8),
-        (OutputConfig(range_std=False), False, 5.6),
+        (OutputConfig(), False, 10.8),
     ],
 )
 def test_the_need_is_that_of_the_table_in_the_documentation(

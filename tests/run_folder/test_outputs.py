@@ -14,11 +14,9 @@ from PIL import Image
 from stereo_seecolor.compute import sequences
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files import encode
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import quickly_decoded, read_array
 from stereo_seecolor.files.encode import (
-    Compression,
     _file,
     encode_confidence,
     encode_image,
@@ -52,12 +50,11 @@ def test_images_keep_their_bit_depth() -> None:
     assert decoded(encode_image(np.full((8, 8, 3), 65535, np.uint16), "jpg")).mean() > 250
 
 
-@pytest.mark.parametrize("compression", ["fast", "small"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_pictures_of_every_shape_keep_every_pixel(dtype: type, compression: Compression) -> None:
+def test_pictures_of_every_shape_keep_every_pixel(dtype: type) -> None:
     for shape in [(1, 1), (1, 7), (9, 1), (6, 7), (1, 1, 3), (1, 5, 3), (5, 1, 3), (33, 65, 3)]:
         pixels = RNG.integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
-        read = decoded(encode_png(pixels, compression))
+        read = decoded(encode_png(pixels))
         np.testing.assert_array_equal(read[..., ::-1] if pixels.ndim == 3 else read, pixels)
 
 
@@ -67,17 +64,11 @@ def test_smooth_pictures_deflate() -> None:
     assert len(encode_png(smooth)) < smooth.size / 20
 
 
-def test_pictures_are_written_without_the_fast_library_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    pixels = RNG.integers(0, 255, (6, 7, 3), dtype=np.uint8)
-    monkeypatch.setattr(encode, "fast_compress", None)
-    np.testing.assert_array_equal(decoded(encode_png(pixels))[..., ::-1], pixels)
-
-
-@pytest.mark.parametrize("compression", [None, "fast", "small"])
-def test_range_maps_keep_every_bit_and_nan(compression: Compression | None) -> None:
+@pytest.mark.parametrize("compact", [False, True])
+def test_range_maps_keep_every_bit_and_nan(compact: bool) -> None:
     range_m = RNG.uniform(0, 9, (5, 6)).astype(np.float32)
     range_m[1, 2], range_m[0, 0], range_m[4, 5] = np.nan, 1e-30, np.inf
-    content = encode_map(range_m, compression)
+    content = encode_map(range_m, compact)
     np.testing.assert_array_equal(decoded(content), range_m)
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(content))), range_m)
 
@@ -86,17 +77,13 @@ def test_rounded_errors_differ_by_a_fifth_of_a_percent() -> None:
     std_m = np.exp(RNG.uniform(-12, 5, (40, 50))).astype(np.float32)
     std_m[3, 4] = np.nan
     np.testing.assert_allclose(rounded(std_m), std_m, rtol=0.002)
-    assert len(encode_map(rounded(std_m), "fast")) < 0.7 * len(encode_map(std_m, "fast"))
+    assert len(encode_map(rounded(std_m), True)) < 0.7 * len(encode_map(std_m, True))
 
 
 def test_a_lean_run_writes_no_clouds_and_deflated_ranges() -> None:
     lean, full = OutputConfig(preset="lean"), OutputConfig()
-    assert (lean.with_clouds, lean.map_compression) == (False, "fast")
-    assert (
-        full.with_clouds,
-        full.map_compression,
-        OutputConfig(compression="small").map_compression,
-    ) == (True, None, "small")
+    assert (lean.with_clouds, lean.deflated_maps) == (False, True)
+    assert (full.with_clouds, full.deflated_maps) == (True, False)
 
 
 def test_small_confidence_is_not_taken_for_none() -> None:
@@ -249,18 +236,17 @@ def test_a_jpeg_that_is_cut_short_is_not_read(tmp_path: Path) -> None:
         read_array(tmp_path / "a.jpg")
 
 
-@pytest.mark.parametrize("compression", ["fast", "small"])
-def test_own_files_are_read_as_opencv_reads_them(compression: Compression) -> None:
+def test_own_files_are_read_as_opencv_reads_them() -> None:
     noise = RNG.integers(0, 255, (37, 51, 3), dtype=np.uint8)
     codes, ranges = (
         noise[..., 0] // 64,
         np.where(RNG.random((37, 51)) < 0.1, np.nan, RNG.random((37, 51))).astype(np.float32),
     )
     for content in (
-        encode_image(noise, "png", compression=compression),
-        encode_image(np.repeat(noise[..., :1], 3, axis=2), "png", compression=compression),
-        encode_mask(codes, compression),
-        encode_map(ranges, compression),
+        encode_image(noise, "png"),
+        encode_image(np.repeat(noise[..., :1], 3, axis=2), "png"),
+        encode_mask(codes),
+        encode_map(ranges, True),
         encode_map(ranges),
     ):
         found, expected = (

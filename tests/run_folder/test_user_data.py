@@ -345,11 +345,11 @@ def test_a_finished_run_is_read_without_its_inputs(dive: Dive, tmp_path: Path) -
 def test_a_changed_format_leaves_nothing_of_the_old_one(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
-    go(dive, out, "output.image_format=jpg", "output.clouds=false", "output.range_std=false")
+    go(dive, out, "output.image_format=jpg", "output.clouds=false")
     assert {path.suffix for path in (out / "corrected").iterdir()} == {".jpg"}
-    assert not list(out.glob("clouds/*")) + list(out.glob("range_std/*"))
+    assert not list(out.glob("clouds/*"))
     products = {name for name in open_run(out).frames[0].products if not name.startswith("page/")}
-    assert products == {"range", "confidence", "corrected", "mask"}
+    assert products == {"range", "range_std", "confidence", "corrected", "mask"}
 
 
 def products_of(folder: Path, name: str) -> dict[str, bytes]:
@@ -430,7 +430,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
     out = tmp_path / "out"
     go(dive, out)
     options = RunOptions(workers=1, listener=AtPair(at, KeyboardInterrupt))
-    config = load_config(None, ["color.robust.scene_colors=gray", "matching.min_confidence=0.5"])
+    config = load_config(None, ["color.robust.white_point=gray", "matching.min_confidence=0.5"])
     summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config, options)
     assert summary.stopped
     assert summary.count("pending") >= 1

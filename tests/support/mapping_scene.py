@@ -116,7 +116,7 @@ def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
         "range": encode_map(frame.range_m),
         "confidence": encode_confidence(frame.confidence / np.float32(255)),
     }
-    if np.isfinite(frame.range_std_m).any():  # else as with output.range_std=false
+    if np.isfinite(frame.range_std_m).any():  # else as of range maps given without it
         ranges["range_std"] = encode_map(frame.range_std_m)
     colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
     record = folder.frames.record(name, frame.timestamp_s, {}, (0, 1))

@@ -50,6 +50,10 @@ CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to so many standard deviations about its mean (docs/theory.md, row
 5).
 """
+PENALTY = 1000.0
+"""k of the backscatter loss: what a negative direct signal costs against a positive one (row 5)."""
+LEARNING_RATE = 0.03
+"""Adam's."""
 TARGET = 0.5
 """Mean of a channel of the corrected image in the intensity loss, fraction of full scale (row
 6).
@@ -100,8 +104,8 @@ class Training:
             if start is not None and (start.final_sigmoid > 0) == config.final_sigmoid
             else None
         )
-        self._backscatter = Adam(raw_weights(BACKSCATTER, start), config.learning_rate)
-        self._attenuation = Adam(raw_weights(ATTENUATION, start), config.learning_rate)
+        self._backscatter = Adam(raw_weights(BACKSCATTER, start), LEARNING_RATE)
+        self._attenuation = Adam(raw_weights(ATTENUATION, start), LEARNING_RATE)
 
     def step(self) -> None:
         """One step of Adam for each network; that of attenuation is trained on what the other
@@ -109,9 +113,7 @@ class Training:
         """
         sums, raw = self._sums, self._backscatter.weights
         self._backscatter.step(
-            backscatter_loss(
-                sums, backscatter(raw, sums.z, self._config.final_sigmoid), self._config.penalty
-            )
+            backscatter_loss(sums, backscatter(raw, sums.z, self._config.final_sigmoid), PENALTY)
         )
         with torch.no_grad():
             direct = Direct(sums, backscatter(raw, sums.z, self._config.final_sigmoid))

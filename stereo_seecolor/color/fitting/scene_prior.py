@@ -92,7 +92,7 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
     mean[:WATER], water_covariance = _water(settings)
     precision[:WATER, :WATER] = np.linalg.inv(water_covariance)
     mean[content] = (
-        np.log(SCENE.reflectance) + _mean_color() * (settings.scene_colors == "natural")
+        np.log(SCENE.reflectance) + _mean_color() * (settings.white_point != "gray")
     ).ravel()
     apart = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
     colors, together = (
@@ -129,7 +129,7 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
     mean, covariance = (part.copy() for part in water_prior(settings.water_depth_m))
     if settings.attenuation == "constant":
         mean, covariance = _set(mean, covariance, slice(3, 6), np.zeros(3), together=0.0)
-    if settings.white_point != "scene":
+    if settings.white_point not in ("scene", "gray"):
         white = np.zeros(3) if settings.white_point == "none" else np.log(settings.white_point)
         mean, covariance = _set(
             mean, covariance, slice(12, WATER), white - white.mean(), together=SET.white_brightness

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.blown import carry_hue
 from stereo_seecolor.color.render.lookup import Shown
-from stereo_seecolor.color.render.tone import Display, Gains, Tone, display, gains
+from stereo_seecolor.color.render.tone import Tone, display, gains
 from stereo_seecolor.color.table.measure import check_pair
 from stereo_seecolor.color.table.moment_table import range_bits
 from stereo_seecolor.color.white_point import white_doubt
@@ -30,13 +30,10 @@ def correct(
     bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     by_range = gains(water, config, tone.exposure)
-    shown, clipped = _apply(
-        flat,
-        bits,
-        by_range,
-        display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights),
-        config,
-    )
+    from stereo_seecolor.color.render import torch_apply
+
+    tables = display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
+    shown, clipped = torch_apply.on_processor(flat, bits, by_range, tables)
     whole = Shown(
         shown.image.reshape(image.shape),
         shown.unknown.reshape(shape),
@@ -78,31 +75,7 @@ def correct_linear(
     check_pair(image, range_m)
     by_range, bits = gains(water, config, exposure), range_bits(range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
-    from stereo_seecolor.color.device import find_device
     from stereo_seecolor.color.render import torch_apply
 
-    shown, device = (
-        display(8 * image.dtype.itemsize, config.input_encoding, 1.0),
-        find_device(_device(config)),
-    )
-    return torch_apply.linear(flat, bits, by_range, shown, device).reshape(image.shape)
-
-
-def _apply(
-    flat: NDArray[Any],
-    bits: NDArray[np.int32],
-    by_range: Gains,
-    shown: Display,
-    config: ColorConfig,
-) -> tuple[Shown, float]:
-    """``torch_apply.on_processor``, or ``torch_apply.apply`` where ``config.device`` is cuda."""
-    from stereo_seecolor.color.device import find_device
-    from stereo_seecolor.color.render import torch_apply
-
-    if _device(config) == "cuda":
-        return torch_apply.apply(flat, bits, by_range, shown, find_device("cuda"))
-    return torch_apply.on_processor(flat, bits, by_range, shown)
-
-
-def _device(config: ColorConfig) -> str:
-    return "cuda" if config.device == "cuda" else "cpu"
+    shown = display(8 * image.dtype.itemsize, config.input_encoding, 1.0)
+    return torch_apply.linear(flat, bits, by_range, shown).reshape(image.shape)

@@ -266,7 +266,7 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
         return Tone(BRIGHTEST_SHOWN / brightest)
     median = float(LUMINANCE @ [_exceeded(channel, pixels // 2) for channel in number])
     unclipped, wanted = BRIGHTEST_LIGHT / brightest, config.median_luminance / max(median, 1e-9)
-    exposure = min(wanted, unclipped * (1 if config.highlights == "clip" else REACH))
+    exposure = min(wanted, unclipped * REACH)
     return Tone(exposure, max(exposure / unclipped, 1.0))
 
 

@@ -121,19 +121,6 @@ def _tables(
     return table, factors
 
 
-def apply(
-    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device
-) -> tuple[Shown, float]:
-    """``on_processor`` on another device."""
-    pixels, eight = pixels_on(image, device), image.dtype == np.uint8
-    out, unknown, unrecoverable, clipped = apply_on(
-        pixels, torch.from_numpy(bits).to(device), gains, shown, eight
-    )
-    return Shown(
-        out.cpu().numpy().astype(image.dtype), unknown.cpu().numpy(), unrecoverable.cpu().numpy()
-    ), clipped
-
-
 def apply_on(
     pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool
 ) -> tuple[Tensor, Tensor, Tensor, float]:
@@ -164,17 +151,17 @@ def apply_on(
 
 
 def linear(
-    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display, device: torch.device
+    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display
 ) -> NDArray[np.float32]:
     """(N, 3) float32 linear light, neither clipped nor encoded; 0 where unknown."""
-    out, tensors = np.empty(image.shape, np.float32), Tensors.of(gains, shown, device)
+    out, tensors = np.empty(image.shape, np.float32), Tensors.of(gains, shown, CPU)
 
     def part(a: int, b: int) -> None:
-        fine = (positions(torch.from_numpy(bits[a:b]).to(device)) >> FINE_SHIFT).to(torch.int32)
+        fine = (positions(torch.from_numpy(bits[a:b])) >> FINE_SHIFT).to(torch.int32)
         light = _mixed(
-            _unclipped(pixels_on(image[a:b], device).to(torch.int32), fine, tensors), tensors
+            _unclipped(pixels_on(image[a:b], CPU).to(torch.int32), fine, tensors), tensors
         )
-        out[a:b] = torch.where((fine == FINE_BINS)[:, None], 0, light).cpu().numpy()
+        out[a:b] = torch.where((fine == FINE_BINS)[:, None], 0, light).numpy()
 
     in_parts(part, bits.size, PART_PIXELS)
     return out

@@ -7,29 +7,18 @@ from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Image, Map
 
 
-def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> MomentTable:
+def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
     """The moment table of an image's pixels with a known range (finite, above 0).
 
-    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters. device: cuda counts there, all
-    else on the processor's cores.
+    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters.
     every: only the middle one of each ``every`` rows is counted.
-    Raises ColorError for other shapes or types, DeviceError where CUDA is asked for and absent.
+    Raises ColorError for other shapes or types.
     """
+    from stereo_seecolor.color.table import counting
+
     check_pair(image, range_m)
     depth = 8 if image.dtype == np.uint8 else 16
-    if device == "cuda":
-        from stereo_seecolor.color.device import find_device
-        from stereo_seecolor.color.table import torch_counting
-
-        rows = slice(every // 2, None, every)
-        counts, offset_sum = torch_counting.count(
-            image[rows], range_m[rows], VALUE_BINS[depth], find_device(device)
-        )
-    else:
-        from stereo_seecolor.color.table import counting
-
-        counts, offset_sum = counting.count(image, range_m, VALUE_BINS[depth], every)
-    return MomentTable(counts, offset_sum, depth)
+    return MomentTable(*counting.count(image, range_m, VALUE_BINS[depth], every), depth)
 
 
 def check_pair(image: Image, range_m: Map) -> None:

@@ -1,8 +1,4 @@
-"""Counts pixels in torch, on a CUDA device (``color.device: cuda``) or any other, with the same
-result as ``counting``.
-
-``count_pixels`` takes images that are on the device already.
-"""
+"""Counts pixels in torch, on any device, with the same result as ``counting``."""
 
 from typing import Any
 
@@ -12,22 +8,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from stereo_seecolor.color.table.counting import LAST
-from stereo_seecolor.color.table.moment_table import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
+from stereo_seecolor.color.table.moment_table import LOW_BITS, NEAREST_M, RANGE_BINS
 
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
-
-
-def count(
-    image: NDArray[Any], range_m: NDArray[np.floating], values: int, device: torch.device
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """``counting.count`` on a device."""
-    pixels, bits = (
-        pixels_on(np.ascontiguousarray(image), device),
-        torch.from_numpy(range_bits(range_m)).to(device),
-    )
-    counts, offset_sum = count_pixels(pixels, bits, values)
-    return counts.cpu().numpy(), offset_sum.cpu().numpy()
 
 
 def positions(bits: Tensor) -> Tensor:

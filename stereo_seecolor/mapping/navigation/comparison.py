@@ -219,10 +219,7 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
             ]
         )
     position, depth, attitude = np.maximum(estimated, LEAST_STD)
-    position, depth = config.prior_position_std_m or position, config.prior_depth_std_m or depth
-    attitude = (
-        np.radians(config.prior_attitude_std_deg) if config.prior_attitude_std_deg else attitude
-    )
+    position = config.prior_position_std_m or position
     placed = np.flatnonzero(given.components >= 0)
     return [
         Prior(

@@ -31,6 +31,8 @@ END_TOLERANCE_S = 0.01
 files.
 """
 
+MAX_GAP_S = 5.0
+"""Poses are interpolated across gaps up to this long."""
 
 CLOCK_S = 1e8
 """Times since 1970 are larger (1973); smaller ones count from the start of a dive, a bag or a
@@ -179,12 +181,12 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     T = np.full((len(index.names), 4, 4), np.nan)
     reasons: dict[int, str] = {}
     for i, time_s in enumerate(index.timestamps_s):
-        pose = _at(times, poses, time_s, config.max_gap_s)
+        pose = _at(times, poses, time_s, MAX_GAP_S)
         if pose is None:
             reasons[i] = (
                 "it has no time stamp"
                 if np.isnan(time_s)
-                else f"the trajectory has no pose within {config.max_gap_s:g} s"
+                else f"the trajectory has no pose within {MAX_GAP_S:g} s"
             )
         else:
             T[i] = pose

@@ -27,7 +27,7 @@ from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
-    "mapping.markers do not constrain the map: that needs GTSAM, mapping.bundle_adjustment, and, "
+    "mapping.markers do not constrain the map: that needs GTSAM and, "
     "where poses are given, "
     "mapping.poses=prior"
 )
@@ -221,7 +221,7 @@ def _fitted(
         depth_std_m=float(depth_m),
         attitude_std_deg=float(attitude_deg),
     )
-    fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
+    fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), known)
     fitted, markers = _to_fiducials(track, fitted, config, known)
     return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
 
@@ -260,7 +260,7 @@ def _checked_attitudes(
 
 def _own(track: odometry.Track, config: MappingConfig) -> Placement:
     """Place the frames by the pictures alone."""
-    return _adjusted(track, odometry.solve(track, config.loop_closure), config)
+    return _adjusted(track, odometry.solve(track, config.loop_closure))
 
 
 def _upright(
@@ -276,16 +276,9 @@ def _upright(
 
 
 def _adjusted(
-    track: odometry.Track,
-    placement: Placement,
-    config: MappingConfig,
-    known: Sequence[loops.Prior] = (),
+    track: odometry.Track, placement: Placement, known: Sequence[loops.Prior] = ()
 ) -> Placement:
-    return (
-        refined(track, placement, known)
-        if config.bundle_adjustment and loops.available()
-        else placement
-    )
+    return refined(track, placement, known) if loops.available() else placement
 
 
 def _to_fiducials(
@@ -295,6 +288,6 @@ def _to_fiducials(
     known: Sequence[loops.Prior] = (),
 ) -> tuple[Placement, MarkersFit | None]:
     """Constrain a track by what is known of markers."""
-    if not config.markers.known or not config.bundle_adjustment or not loops.available():
+    if not config.markers.known or not loops.available():
         return placement, None
     return fitted_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)
