@@ -26,6 +26,9 @@ from hypothesis import settings
 from calibration import Camera, StereoRig
 from calibration.formats import native
 from stereo_seecolor.cli import main
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.extras.synthetic import demo
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -227,49 +230,59 @@ FOCAL_PX, BASELINE_M, WIDTH, HEIGHT = 150.0, 0.1, 176, 128
 
 @pytest.fixture
 def make_dive(tmp_path: Path) -> Callable[..., Dive]:
-    """Make a dive of rectified pairs: a slope from 1 to 2 m, seen through green water. Cheap, and
+    """``write_dive`` into a folder of the test's own."""
+    return partial(write_dive, tmp_path / "dive")
+
+
+@pytest.fixture(scope="session")
+def fused_dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``out``, three pairs run and fused, and ``poses.tum``; to be read only."""
+    folder = tmp_path_factory.mktemp("fused")
+    dive, out, poses = write_dive(folder / "dive", 3), folder / "out", folder / "poses.tum"
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    run(*sides, out, options=RunOptions(workers=1))
+    poses.write_text("".join(f"{number} {0.05 * number} 0 0 0 0 0 1\n" for number in range(3)))
+    fuse(out, poses)
+    return folder
+
+
+def write_dive(root: Path, pairs: int = 3, seed: int = 0, dtype: type = np.uint8) -> Dive:
+    """Write a dive of rectified pairs: a slope from 1 to 2 m, seen through green water. Cheap, and
     its range is known.
     """
-
-    def make(pairs: int = 3, seed: int = 0, dtype: type = np.uint8) -> Dive:
-        root = tmp_path / "dive"
-        for side in "LR":
-            (root / side).mkdir(parents=True)
-        K = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1]])
-        T = np.eye(4)
-        T[0, 3] = -BASELINE_M
-        camera = Camera(K, np.zeros(0), (WIDTH, HEIGHT))
-        native.write(StereoRig(camera, camera, T), root / "cam.yaml")
-        y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
-        depth_m = np.linspace(2, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones(
-            (1, WIDTH), np.float32
+    for side in "LR":
+        (root / side).mkdir(parents=True)
+    K = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1]])
+    T = np.eye(4)
+    T[0, 3] = -BASELINE_M
+    camera = Camera(K, np.zeros(0), (WIDTH, HEIGHT))
+    native.write(StereoRig(camera, camera, T), root / "cam.yaml")
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    depth_m = np.linspace(2, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones((1, WIDTH), np.float32)
+    ray = np.sqrt(1 + ((x - WIDTH / 2) / FOCAL_PX) ** 2 + ((y - HEIGHT / 2) / FOCAL_PX) ** 2)
+    range_m = depth_m * ray
+    for i in range(pairs):
+        rng = np.random.default_rng(seed * 1000 + i)
+        texture = cv2.GaussianBlur(
+            rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8
         )
-        ray = np.sqrt(1 + ((x - WIDTH / 2) / FOCAL_PX) ** 2 + ((y - HEIGHT / 2) / FOCAL_PX) ** 2)
-        range_m = depth_m * ray
-        for i in range(pairs):
-            rng = np.random.default_rng(seed * 1000 + i)
-            texture = cv2.GaussianBlur(
-                rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8
+        reef = np.clip(texture * 2 - 0.6, 0, 1)
+        seen = [
+            cv2.remap(
+                reef,
+                x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m,
+                y,
+                cv2.INTER_CUBIC,
+                borderMode=cv2.BORDER_REFLECT,
             )
-            reef = np.clip(texture * 2 - 0.6, 0, 1)
-            seen = [
-                cv2.remap(
-                    reef,
-                    x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m,
-                    y,
-                    cv2.INTER_CUBIC,
-                    borderMode=cv2.BORDER_REFLECT,
-                )
-                for shift in (1, 0)
-            ]
-            attenuation = np.exp(-range_m[..., None] * np.array([0.5, 0.1, 0.15]))
-            for side, image in zip("LR", seen, strict=True):
-                water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
-                full = np.iinfo(dtype).max
-                cv2.imwrite(
-                    str(root / side / f"{i:04d}.png"),
-                    np.round(water * full).astype(dtype)[..., ::-1],
-                )
-        return Dive(root, range_m)
-
-    return make
+            for shift in (1, 0)
+        ]
+        attenuation = np.exp(-range_m[..., None] * np.array([0.5, 0.1, 0.15]))
+        for side, image in zip("LR", seen, strict=True):
+            water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
+            full = np.iinfo(dtype).max
+            cv2.imwrite(
+                str(root / side / f"{i:04d}.png"),
+                np.round(water * full).astype(dtype)[..., ::-1],
+            )
+    return Dive(root, range_m)
