@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from conftest import SampleRun, command
+from conftest import command
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.rasters import open_raster
@@ -72,9 +72,9 @@ def _few_bands(path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def broken_map(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the sample's output, to be broken and mended."""
-    return sample_run.copy(tmp_path_factory.mktemp("broken") / "out")
+def broken_map(fused_dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of a map, to be broken and mended."""
+    return shutil.copytree(fused_dive / "out", tmp_path_factory.mktemp("broken") / "out")
 
 
 @pytest.mark.slow
