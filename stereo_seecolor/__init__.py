@@ -74,9 +74,10 @@ __all__ = [
 ]
 
 if "StereoRig" not in getattr(calibration, "__all__", ()):
+    place = getattr(calibration, "__file__", None) or next(iter(calibration.__path__))
     raise ImportError(
-        f"another package called calibration ({getattr(calibration, '__file__', '')}) hides that "
-        "of stereo-seecolor: take its folder off PYTHONPATH, or start python elsewhere"
+        f"another package called calibration ({place}) hides that of stereo-seecolor: take its "
+        "folder off PYTHONPATH, or start python elsewhere"
     )
 
 logging.getLogger(__name__).addHandler(

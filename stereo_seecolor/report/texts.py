@@ -66,12 +66,16 @@ def filled_in(name: str, **values: Any) -> bytes:
     """A template of static/, filled in with values. Raises jinja2's UndefinedError for a missing
     value.
     """
+    return _template(name).render(**values).encode("utf-8", errors="replace")
+
+
+@cache
+def _template(name: str) -> jinja2.Template:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["path"] = _path
-    template = environment.from_string((STATIC / name).read_text(encoding="utf-8"))
-    return template.render(**values).encode("utf-8", errors="replace")
+    return environment.from_string((STATIC / name).read_text(encoding="utf-8"))
 
 
 def _path(name: str) -> str:
