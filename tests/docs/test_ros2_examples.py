@@ -26,7 +26,10 @@ def module(monkeypatch: pytest.MonkeyPatch, name: str, **content: Any) -> None:
 def message(path: Path) -> SimpleNamespace:
     image = read_image(path)
     return SimpleNamespace(
-        header=path.stem, height=image.shape[0], width=image.shape[1], data=image.tobytes()
+        header=SimpleNamespace(name=path.stem, stamp=SimpleNamespace(sec=7, nanosec=500_000_000)),
+        height=image.shape[0],
+        width=image.shape[1],
+        data=image.tobytes(),
     )
 
 
@@ -34,11 +37,14 @@ def message(path: Path) -> SimpleNamespace:
 def test_the_node_publishes_corrected_pairs_at_one_exposure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    published: list[SimpleNamespace] = []
+    topics_out: dict[str, list[SimpleNamespace]] = {}
     topics: list[str] = []
     called: list[Any] = []
     node = SimpleNamespace(
-        create_publisher=lambda *_: SimpleNamespace(publish=published.append),
+        create_publisher=lambda _, topic, queue: SimpleNamespace(
+            publish=topics_out.setdefault(topic, []).append
+        ),
+        get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=8 * 10**9)),
         get_logger=lambda: SimpleNamespace(warning=lambda text: pytest.fail(text)),
     )
 
@@ -49,6 +55,8 @@ def test_the_node_publishes_corrected_pairs_at_one_exposure(
     module(monkeypatch, "rclpy", init=lambda: None, create_node=lambda _: node, spin=spin)
     module(monkeypatch, "sensor_msgs")
     module(monkeypatch, "sensor_msgs.msg", Image=SimpleNamespace)
+    module(monkeypatch, "std_msgs")
+    module(monkeypatch, "std_msgs.msg", Float32=SimpleNamespace)
     module(
         monkeypatch,
         "message_filters",
@@ -57,7 +65,9 @@ def test_the_node_publishes_corrected_pairs_at_one_exposure(
     )
     runpy.run_path(str(EXAMPLES / "seecolor_node.py"))["main"](str(DIVE / "cam.yaml"))
     assert topics == ["/stereo/left", "/stereo/right"]
-    assert [each.header for each in published] == [
+    published = topics_out["/seecolor/image"]
+    assert [each.data for each in topics_out["/seecolor/latency_s"]] == [0.5, 0.5]
+    assert [each.header.name for each in published] == [
         path.stem for path in sorted((DIVE / "left").iterdir())[:2]
     ]
     medians = []
