@@ -3,6 +3,7 @@ well, or in one line.
 """
 
 import json
+import os
 import shutil
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -27,9 +28,13 @@ from stereo_seecolor.extras.reef.commands.measure import measure
 from stereo_seecolor.files import csv_table
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map, encode_png
+from stereo_seecolor.files.json_records import load_object
+from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.capture import ExposureTable
 from stereo_seecolor.mapping.markers.tables import read_bars
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
+from stereo_seecolor.run_folder.frames_csv import read_rows
+from stereo_seecolor.run_folder.kept_records import kept_table
 
 TABLES = ("frames.csv", "map/poses.csv", "map/reef_metrics.csv")
 RECORDS = ("run.json", "map/map.json")
@@ -104,6 +109,12 @@ IN_RECORDS: dict[str, Damage] = {
 }
 
 
+def damages(file: str) -> dict[str, Damage]:
+    """What is done to a file."""
+    of_kind = {".csv": IN_TABLES, ".json": IN_RECORDS}
+    return ANY | of_kind.get(Path(file).suffix, {})
+
+
 Commands = Callable[[Path, Path], dict[str, Callable[[], object]]]
 QUICK = ("status", "measure", "export", "report")
 
@@ -161,12 +172,11 @@ def named_in_one_line(
 @pytest.mark.parametrize("file", [*TABLES, *RECORDS])
 def test_a_damaged_table_or_record_is_one_line(file: str, fused_dive: Path, tmp_path: Path) -> None:
     content = (fused_dive / "out" / file).read_bytes()
-    kinds = ANY | (IN_TABLES if file in TABLES else IN_RECORDS)
     refused = [
         named_in_one_line(
             fused_dive, file, damaged(content), quick_commands, QUICK, tmp_path / kind
         )
-        for kind, damaged in kinds.items()
+        for kind, damaged in damages(file).items()
     ]
     assert any(refused), "no command reads this file"
 
@@ -205,11 +215,21 @@ def test_damage_of_a_file_that_a_command_reads_is_one_line(
     same function, the gravest.
     """
     content = (fused_dive / "out" / file).read_bytes()
-    kinds = ANY | (IN_TABLES if file.endswith(".csv") else {})
-    kinds |= IN_RECORDS if file.endswith(".json") else {}
-    for kind, damaged in kinds.items():
-        names = READ[file] if kind in GRAVE else READ[file][:1]
+    for kind, damaged in damages(file).items():
+        names = tried(file, kind)
         named_in_one_line(fused_dive, file, damaged(content), slow_commands, names, tmp_path / kind)
+
+
+def tried(file: str, damage: str) -> tuple[str, ...]:
+    return READ[file] if damage in GRAVE else READ[file][:1]
+
+
+def test_the_table_of_attacks_counts_these_cases() -> None:
+    table = (Path(__file__).parent / "README.md").read_text()
+    quick = len(QUICK) * sum(len(damages(file)) for file in (*TABLES, *RECORDS))
+    slow = sum(len(tried(file, damage)) for file in READ for damage in damages(file))
+    rows = [row for row in table.splitlines() if f"`{Path(__file__).name}`" in row]
+    assert [int(row.split("|")[2]) for row in rows] == [quick, slow]
 
 
 @pytest.mark.parametrize("product", ["range", "range_std", "confidence", "mask", "corrected"])
@@ -224,7 +244,7 @@ def test_an_image_of_another_kind_in_the_place_of_a_product_is_named(
     fitting = {"range": ("range",), "range_std": ("range",), "corrected": tuple(others)}
     for kind, pixels in others.items():
         path = tmp_path / ("a.tiff" if kind == "range" else "a.png")
-        path.write_bytes(encode_map(pixels, None) if kind == "range" else encode_png(pixels))
+        path.write_bytes(encode_map(pixels, False) if kind == "range" else encode_png(pixels))
         frame = FinishedFrame("a", None, path, "", {product: path, "confidence": path})
         if kind in fitting.get(product, ("gray",)):
             assert frame.read(product).shape == pixels.shape
@@ -253,6 +273,17 @@ def test_a_damaged_image_of_the_program_is_not_decoded(tmp_path: Path, form: str
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="damaged"):
             read_array(path)
+
+
+@pytest.mark.timeout(30)
+def test_a_named_pipe_in_the_place_of_a_file_of_out_is_not_waited_for(tmp_path: Path) -> None:
+    """An OUT from a share may hold one; opening it waits for another program to write."""
+    path = tmp_path / "file"
+    os.mkfifo(path)
+    for read in (read_array, load_object, read_rows, read_vertices, read_triangles):
+        with pytest.raises((InputError, OSError), match="is a named pipe, not a file"):
+            read(path)
+    assert kept_table(path, "key") is None
 
 
 def test_a_cell_of_any_length_is_one_line(tmp_path: Path) -> None:

@@ -32,18 +32,24 @@ from hypothesis.stateful import (
 )
 
 from calibration import CalibrationError
+from stereo_seecolor.cli.report import logging_to
+from stereo_seecolor.commands.calibrate import calibrate, convert_calib
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import correct, range_maps, rectify, run
 from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.extras.evaluation.charts.scores import evaluate_charts
 from stereo_seecolor.extras.evaluation.water import measure_water
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.campaign import campaign
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
-from stereo_seecolor.extras.reef.commands.compare import metrics
+from stereo_seecolor.extras.reef.commands.compare import compare, metrics
+from stereo_seecolor.extras.reef.commands.markers import Known, markers
+from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
+from stereo_seecolor.extras.streams.out_mcap import check_mcap, write_mcap
 from stereo_seecolor.run_folder.layout import Stamp
 
 MINUTES = float(os.environ.get("STEREO_SEECOLOR_ATTACK_MINUTES", "0"))
@@ -97,6 +103,13 @@ PLACES = (
         "../notes.txt",
     ),
 )
+WRITTEN = (
+    *("new.yaml", "new", "notes.txt", "out", "out/new", "out/map", "out/poses.tum", "out/run.log"),
+    *("out/corrected/0000.png", "out/.state/manifest.json", "out/run.json", "monday"),
+    *("monday/cam.yaml", "monday/L/0000.png", "monday/poses.tum", "monday/L/new.png"),
+)
+"""What a user may give as the file or folder that a command writes."""
+CORNERS = [[10, 10], [30, 10], [30, 30], [10, 30]]
 POSES = "".join(f"{number} {0.1 * number} 0 0 0 0 0 1\n" for number in range(4))
 SETTINGS = (
     (),
@@ -264,6 +277,45 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
             }
             self.attempt(commands[what])
 
+        @rule(
+            what=st.sampled_from(
+                ("compare", "markers", "charts", "calibrate", "convert", "mcap", "log", "live")
+            ),
+            place=st.sampled_from(WRITTEN),
+            overwrite=OVERWRITE,
+        )
+        def one_file_or_folder(self, what: str, place: str, overwrite: bool) -> None:
+            dive, path = self.dives[0], self.root / place
+            left, right, calib = (dive / name for name in ("L", "R", "cam.yaml"))
+            targets = self.root / "targets.json"
+            targets.write_text(json.dumps({"0000": [{"polygon": CORNERS}]}))
+
+            def record() -> None:
+                check_mcap(path, overwrite, None)
+                write_mcap(self.out, path)
+
+            def logged() -> None:
+                with logging_to(path, verbose=False):
+                    report(self.out)
+
+            inputs = LiveInputs(str(left), str(right), str(calib))
+            commands = {
+                "compare": lambda: compare(self.out, self.root / "merged", path),
+                "markers": lambda: markers(self.out, Known(0.2), path),
+                "charts": lambda: evaluate_charts(left, self.out / "range", targets, sheet=path),
+                "calibrate": lambda: calibrate(left, right, "chessboard:4x3:20mm", path),
+                "convert": lambda: convert_calib(
+                    str(calib), path, "ros" if overwrite else "native"
+                ),
+                "mcap": record,
+                "log": logged,
+                "live": lambda: live(inputs, options=kept),
+            }
+            filled = path.is_dir() and any(path.iterdir())
+            kept = LiveOptions(pairs=1, **{"out" if filled else "record": path})
+            if what != "live" or filled or path.is_file():  # else it waits for pairs that arrive
+                self.attempt(commands[what])
+
         @rule(name=st.sampled_from(("out", "monday")), own=st.sampled_from(("", *OWN)))
         def campaign(self, name: str, own: str) -> None:
             dive = {
@@ -302,7 +354,8 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
                 path
                 for path in files(self.out)
                 if ".state" not in path.parts and "page" not in path.parts
-            )
+            )  # logs are added to, and recordings replaced with --overwrite
+            results = [path for path in results if path.name not in ("run.log", "new")]
             results = [path for path in results if path.stat().st_size]
             if not results:
                 return
