@@ -2,6 +2,7 @@
 and never written to disk.
 """
 
+import errno
 import os
 import stat
 from collections.abc import Mapping
@@ -72,6 +73,15 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def regular_bytes(path: Path) -> bytes:
+    """The content of a file in OUT. Raises OSError, also for a named pipe, which would be waited
+    for.
+    """
+    if kind := special_kind(path):
+        raise OSError(errno.EINVAL, f"is {kind}, not a file", str(path))
+    return path.read_bytes()
 
 
 def special_kind(path: Path) -> str:

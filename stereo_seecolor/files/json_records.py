@@ -7,13 +7,14 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter
 
 from calibration.files import load_json
+from stereo_seecolor.files.contained import regular_bytes
 
 Record = TypeVar("Record")
 
 
 def load_object(path: Path) -> dict[str, Any]:
     """The object of a JSON file. Raises OSError, and ValueError where it holds something else."""
-    content = load_json(path.read_bytes())
+    content = load_json(regular_bytes(path))
     if not isinstance(content, dict):
         raise ValueError(f"holds no object, but {type(content).__name__}")
     return content

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.contained import special_kind
 from stereo_seecolor.geometry import quaternion
 from stereo_seecolor.records import Image, Map, Trajectory
 
@@ -83,6 +84,8 @@ def _damaged(path: Path, why: str) -> InputError:
 
 def _read_header(path: Path) -> bytes:
     try:
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a file")
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
     except OSError as error:

@@ -16,6 +16,7 @@ import numpy as np
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Names, Packed, SomeNames
 from stereo_seecolor.errors import InputError, printable
+from stereo_seecolor.files.contained import regular_bytes
 from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.files.keys import ContentKey
 from stereo_seecolor.records import FrameRow, Status
@@ -86,7 +87,7 @@ def read_rows(path: Path) -> tuple[FrameRow, ...]:
 
 def _read(path: Path, row_of: Callable[[dict[str, str]], FrameRow]) -> tuple[FrameRow, ...]:
     try:
-        return tuple(map(row_of, table_rows(path.read_bytes())))
+        return tuple(map(row_of, table_rows(regular_bytes(path))))
     except (OSError, ValueError, KeyError) as error:
         raise InputError(
             f"{path}: is gone or damaged ({error}): run the same line again, which writes it again"

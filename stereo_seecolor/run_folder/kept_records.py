@@ -19,6 +19,7 @@ from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import files_below, write_atomic, write_replaceable
+from stereo_seecolor.files.contained import regular_bytes
 from stereo_seecolor.files.encode import deflated
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.json_values import JsonText, StreamedList
@@ -102,8 +103,7 @@ class KeptFit:
         """Read the waters of water.json; None where it is gone, or not what the fit gave."""
         path = root / WATER
         try:
-            with path.open("rb") as file:
-                same = hashlib.file_digest(file, "sha256").hexdigest() == self.sha256
+            same = hashlib.sha256(regular_bytes(path)).hexdigest() == self.sha256
             return read_waters(path, names) if same else None
         except (OSError, InputError):
             return None
@@ -242,7 +242,7 @@ def keep_table(path: Path, key: str, packed: bytes) -> None:
 def kept_table(path: Path, key: str) -> bytes | None:
     """The table of that key, packed; None where there is none, or it is damaged."""
     try:
-        content = path.read_bytes()
+        content = regular_bytes(path)
         return zlib.decompress(content[len(key) :]) if content.startswith(key.encode()) else None
     except (OSError, zlib.error):
         return None

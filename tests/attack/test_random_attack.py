@@ -298,7 +298,7 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
                 with logging_to(path, verbose=False):
                     report(self.out)
 
-            inputs = LiveInputs(str(left), str(right), str(calib))
+            inputs = LiveInputs(left, right, calib=calib)
             commands = {
                 "compare": lambda: compare(self.out, self.root / "merged", path),
                 "markers": lambda: markers(self.out, Known(0.2), path),
