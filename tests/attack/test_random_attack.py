@@ -432,5 +432,5 @@ def test_no_sequence_of_commands_and_accidents_loses_a_file_of_the_users(
     if not MINUTES:
         run_state_machine_as_test(
             attack,
-            settings=settings(slow, max_examples=4, stateful_step_count=12, derandomize=True),
+            settings=settings(slow, max_examples=3, stateful_step_count=12, derandomize=True),
         )
