@@ -68,7 +68,8 @@ def unknown_files(
     files = [
         place
         for place in places
-        if place.is_file() and place not in known and not _is_images(place)
+        if place.exists() and not place.is_dir() and place not in known
+        if not (place.is_file() and _is_images(place))
     ]
     return tuple(_line(file) for file in files if not any(str(file) in line for line in problems))
 

@@ -3,6 +3,7 @@ receivers' logs.
 """
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -264,6 +265,9 @@ def test_inspect_names_a_file_of_which_it_knows_nothing(tmp_path: Path) -> None:
         "notes.txt: is neither images, nor a calibration or trajectory of a format that is known "
         "here"
     )
+    os.mkfifo(tmp_path / "nav.png")
+    (line,) = unknown_files([tmp_path / "nav.png"], (), ())
+    assert line.startswith("not used: ") and line.endswith("nav.png: is a named pipe, not a file")
 
 
 def tables_apart(folder: Path) -> list[Path]:
