@@ -73,7 +73,7 @@ VARIANTS = tuple(itertools.chain.from_iterable(COLUMNS.values()))
 FIRST_SEED, SCENES, BENTHIC_WATERS = 100, 12, 12
 STRONG = ("coffee", "astronaut", "chelsea")
 """Photographs with strong colors."""
-REEF_PAIRS = 8
+REEF_PAIRS = 10
 """Of the reef dive: the paper's method takes a minute for each."""
 NIGHT = SurveySpec(seed=FIRST_SEED, pairs=8, image_size=(320, 256), lamp_intensity=200)
 
