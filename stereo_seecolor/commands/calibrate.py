@@ -23,14 +23,8 @@ from calibration.port import FlatPort
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
-from stereo_seecolor.commands.dive_rig import (
-    DECIDING_PAIRS,
-    evenly_spaced,
-    load_unsettled,
-    neighbors,
-    pairs_of,
-    read_both,
-)
+from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, neighbors, read_both
+from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import refuse_existing, write_atomic

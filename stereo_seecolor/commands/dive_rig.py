@@ -3,12 +3,9 @@ of the dive.
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-
-import numpy as np
 
 from calibration import CalibrationError, StereoRig
 from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, resolve_convention
@@ -17,6 +14,7 @@ from calibration.formats import load_rig_of_images, native
 from calibration.formats.kitti import for_channels
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
+from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
@@ -31,17 +29,10 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_records import KeptRefinement
 from stereo_seecolor.version import __version__
 
-DECIDING_PAIRS = 3
-"""Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
 REFINING_PAIRS = 8
 """Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as
 twelve, in half the time.
 """
-
-COUPLES = 5
-"""Pairs whose motion to a following one tests a calibration: each gives some hundred points."""
-FOLLOWING = (0, 1, 2, 4, 8, 16, 32)
-"""How many pairs later: frames of a video move little from one to the next."""
 
 
 def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
@@ -166,49 +157,6 @@ def refined_rig(
         options.listener.advance(FrameRow(pair.name))
         found += [matches] if matches else []
     return refine_matches(rig, found)
-
-
-def evenly_spaced(pairs: Sequence[Pair], most: int) -> list[Pair]:
-    """At most ``most`` of the pairs, evenly over the dive."""
-    return [
-        pairs[i]
-        for i in np.unique(
-            np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int)
-        )
-    ]
-
-
-def neighbors(
-    pairs: Sequence[Pair], images: InputConfig
-) -> Iterator[Iterator[tuple[Image, Image]]]:
-    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow
-    it, for ``find_motion``.
-    """
-    for pair in evenly_spaced(pairs[:-1], COUPLES):
-        place = pairs.index(pair)
-        near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]
-        yield (both for _, both in readable(near, images))
-
-
-def read_both(pair: Pair, images: InputConfig) -> tuple[Image, Image]:
-    """The left and the right image. Raises InputError."""
-    return read_image(pair.left, images), read_image(pair.right, images)
-
-
-def first_images(
-    pairs: Sequence[Pair], images: InputConfig, most: int = DECIDING_PAIRS
-) -> Iterator[tuple[Image, Image]]:
-    """The images of the first pairs that can be read."""
-    return (both for _, both in islice(readable(pairs, images), most))
-
-
-def readable(
-    pairs: Sequence[Pair], images: InputConfig
-) -> Iterator[tuple[Pair, tuple[Image, Image]]]:
-    """The pairs that can be read, with their images."""
-    for pair in pairs:
-        with suppress(InputError):  # the run names it
-            yield pair, read_both(pair, images)
 
 
 # The refined rig of a run: an earlier run's, or refined now and kept in OUT.

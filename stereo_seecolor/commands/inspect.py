@@ -14,7 +14,7 @@ from calibration.errors import counted
 from calibration.formats import load_rig
 from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
-from stereo_seecolor.commands.dive_rig import evenly_spaced
+from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
 from stereo_seecolor.commands.inspect_rig import (
     NOTHING_TESTED,

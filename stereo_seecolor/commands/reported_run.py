@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.formats import native
+from stereo_seecolor.checks.neighbors import misfit_notes
 from stereo_seecolor.commands.run_page import Meter, RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
@@ -18,7 +19,6 @@ from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import Source
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.matching.diagnostics import NO_OVERLAP
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from calibration.formats import native
+from stereo_seecolor.checks.image_files import compression_notes, form_notes, image_notes
+from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.commands.reported_run import folder_request, reported, stereo_run
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
 from stereo_seecolor.compute.process import one_thread_in_products
@@ -27,7 +29,6 @@ from stereo_seecolor.dive.passes import (
 from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.file_form import compression_notes, form_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
@@ -198,9 +199,8 @@ def correct(
             update={"color": config.color.model_copy(update={"lock": "frame"})}
         )
     pairing = pair_by_stem(images, ranges)
-    pairing = pairing.with_notes(
-        (*compression_notes(pairing.pairs), *form_notes(pairing.pairs, config.color))
-    )
+    files = DiveImages(pairing.pairs, config)
+    pairing = pairing.with_notes(image_notes(files, (compression_notes, form_notes)))
     paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
     owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
     inputs, read = (

@@ -6,25 +6,18 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from calibration.checks import suspicions
-from stereo_seecolor.commands.dive_rig import DiveRefinement, evenly_spaced, load_rig_for
-from stereo_seecolor.commands.pre_checks import first_notes
+from stereo_seecolor.checks.image_files import encoding_notes, image_notes
+from stereo_seecolor.checks.rig import first_notes
+from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes, special_kind
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.channel_order import order_notes
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.file_form import (
-    as_stored,
-    compression_notes,
-    encoding_notes,
-    form_notes,
-    framing_notes,
-    stored_facts,
-    stored_notes,
-)
+from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.video_file import is_video
@@ -127,7 +120,8 @@ class StereoInputs:
         pairing = load("inputs", "videos").video_pairing(
             self.left, self.right, self.calib, folder, config.input
         )
-        notes = encoding_notes(config.color, stored_facts(config.input, pairing.pairs[:1]))
+        facts = stored_facts(config.input, pairing.pairs[:1])
+        notes = encoding_notes(DiveImages(pairing.pairs, config, facts))
         return self._opened(pairing.with_notes(notes), config)
 
     def _opened(self, pairing: Pairing, config: RunConfig) -> "Opened":
@@ -157,14 +151,11 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
     """
     facts = stored_facts(config.input, evenly_spaced(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
-    form = (
-        *framing_notes(pairs),
-        *compression_notes(pairs),
-        *form_notes(pairs, config.color),
-        *order_notes(pairs, images),
+    settled = config.model_copy(update={"input": images})
+    return settled, (
+        *stored_notes(config.input, images),
+        *image_notes(DiveImages(pairs, settled, facts)),
     )
-    notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *form)
-    return config.model_copy(update={"input": images}), notes
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from calibration import CalibrationError
+from stereo_seecolor.checks.repeated import RepeatedImages
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.dive.checks import RepeatedImages
 from stereo_seecolor.dive.frames import Frames, PageFrames, Source
 from stereo_seecolor.dive.pairs import chosen
 from stereo_seecolor.dive.run_options import RunOptions

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from stereo_seecolor.checks.water import channel_order_notes, range_scale_notes
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.survey import CountedFrames, Fitter
@@ -21,7 +22,6 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.sequences import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.dive.checks import channel_order_notes, range_scale_notes
 from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt
 from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frames import (

@@ -13,9 +13,10 @@ import pytest
 from calibration import Rectification, RectifiedPair
 from calibration.field_checks.motion import Motion, SeenTwice, find_motion, motion_of
 from calibration.formats import load_rig, write_rig
+from stereo_seecolor.checks.rig import first_notes
+from stereo_seecolor.checks.sample import neighbors
 from stereo_seecolor.commands.calibrate import check
-from stereo_seecolor.commands.dive_rig import neighbors, pairs_of
-from stereo_seecolor.commands.pre_checks import first_notes
+from stereo_seecolor.commands.dive_rig import pairs_of
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.pipeline import Pipeline
 
@@ -77,7 +78,8 @@ def test_a_focal_length_is_said_to_be_unseen_where_the_camera_hardly_turns() -> 
     )
     assert (
         np.isnan(found.focal)
-        and "not seen here: a focal length wrong in both cameras alike, a wrong baseline" in found.line
+        and "not seen here: a focal length wrong in both cameras alike, a wrong baseline"
+        in found.line
     )
     assert not found.is_found
 

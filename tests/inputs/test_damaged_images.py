@@ -13,11 +13,12 @@ import PIL.Image
 import pytest
 from conftest import REEF, read_pixels
 
-from stereo_seecolor.config import ColorConfig, InputConfig
+from stereo_seecolor.checks.image_files import form_notes
+from stereo_seecolor.checks.sample import DiveImages
+from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.decoding import seam_row
-from stereo_seecolor.inputs.file_form import form_notes
 from stereo_seecolor.inputs.images import FrameReader, decode_image
 from stereo_seecolor.inputs.pairing import Pair
 
@@ -164,7 +165,8 @@ def test_a_run_leaves_damaged_frames_out(cli, tmp_path: Path) -> None:
 
 def notes(tmp_path: Path, name: str, content: bytes) -> str:
     (tmp_path / name).write_bytes(content)
-    return " ".join(form_notes([Pair("a", tmp_path / name, tmp_path / name)], ColorConfig()))
+    pair = Pair("a", tmp_path / name, tmp_path / name)
+    return " ".join(form_notes(DiveImages([pair], RunConfig())))
 
 
 def pages(*images: np.ndarray, **how: object) -> bytes:

@@ -12,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
+from stereo_seecolor.checks.image_files import framing_notes
+from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.config import InputConfig
+from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.encode import ImageFormat, encode_image
 from stereo_seecolor.inputs.capture import ExposureTable, framing, read_capture
-from stereo_seecolor.inputs.file_form import framing_notes
 from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.records import Capture, is_monochrome
@@ -271,5 +272,5 @@ def test_a_zoom_of_either_camera_is_named(side: str, tmp_path: Path) -> None:
         zoom = {0xA404: 2.0} if one == side else {}
         (tmp_path / one / "1.jpg").write_bytes(encoded("JPEG", zoom))
     pairs = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
-    (note,) = framing_notes(pairs)
+    (note,) = framing_notes(DiveImages(pairs, RunConfig()))
     assert "1.jpg has a digital zoom of 2" in note and "calibration" in note

@@ -17,8 +17,8 @@ import pytest
 import rasterio
 import scipy.io
 
+from stereo_seecolor.checks.water import range_scale_notes
 from stereo_seecolor.color import Water, fit
-from stereo_seecolor.dive.checks import range_scale_notes
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.waters import WaterName, lit_water
 from stereo_seecolor.files.encode import encode_tiff

@@ -18,7 +18,7 @@ from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_
 from calibration import Camera, StereoRig
 from calibration.field_checks.hypotheses import resolve_convention
 from calibration.formats import load_rig, native
-from stereo_seecolor.commands.dive_rig import read_both
+from stereo_seecolor.checks.sample import read_both
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig, MappingConfig, RunConfig
 from stereo_seecolor.geometry import inverse, rotation_from_vector

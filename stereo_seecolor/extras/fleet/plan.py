@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stereo_seecolor.commands.dive_rig import evenly_spaced
+from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.commands.reported_run import KIND, folder_request, reported
 from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs

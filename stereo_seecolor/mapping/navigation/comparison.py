@@ -149,7 +149,7 @@ def examine(
         return verdict
     step_m = trajectory.position_step_m
     if still := _still(T, posed, motions, step_m):
-        return replace(verdict, navigation=replace(navigation, fits=False, advice=still))
+        return _unfit(verdict, still)
     turn = constant_turn(motions)
     turned = T.copy()
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
@@ -162,13 +162,14 @@ def examine(
     if not reading and helps and is_rather_inverted(turned, turn, T, posed):
         reading = INVERTED
     if reading:
-        advice = f"the given poses contradict the pictures; they would fit with {reading}"
-        return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
-    if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
-        advice = (
-            "the given poses contradict the pictures, however they are read: are they of this dive?"
+        return _unfit(
+            verdict, f"the given poses contradict the pictures; they would fit with {reading}"
         )
-        return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
+    if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
+        return _unfit(
+            verdict,
+            "the given poses contradict the pictures, however they are read: are they of this dive?",
+        )
     advice_lines = [_turn_advice(turn, config)] if helps else []
     straight = turned if helps else T
     arm_m = lever_arm(Motions.of(straight, posed))
@@ -185,6 +186,10 @@ def examine(
     return replace(
         verdict, navigation=replace(navigation, advice="; ".join(advice_lines)), placement=used
     )
+
+
+def _unfit(verdict: Verdict, advice: str) -> Verdict:
+    return replace(verdict, navigation=replace(verdict.navigation, fits=False, advice=advice))
 
 
 def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prior]:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from color_waters import clear_water
 
-from stereo_seecolor.config import InputConfig
-from stereo_seecolor.dive.checks import channel_order_notes
-from stereo_seecolor.inputs.channel_order import order_notes
+from stereo_seecolor.checks.channel_order import order_notes
+from stereo_seecolor.checks.sample import DiveImages
+from stereo_seecolor.checks.water import channel_order_notes
+from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 
@@ -54,6 +55,6 @@ def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
         path = tmp_path / f"{number:04d}.png"
         cv2.imwrite(str(path), image if number in exchanged else image[..., ::-1])
         pairs.append(Pair(path.stem, path, path))
-    notes = order_notes(pairs, InputConfig())
+    notes = order_notes(DiveImages(pairs, RunConfig()))
     assert len(notes) == bool(exchanged)
     assert all(f"{exchanged[0]:04d}.png and what follows" in line for line in notes)

@@ -6,10 +6,10 @@ import pytest
 
 from calibration import Rectification
 from calibration.formats import load_rig
+from stereo_seecolor.checks.neighbors import agreeing_points, misfit_notes, neighbor_that_fits
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.neighbors import agreeing_points, misfit_notes, neighbor_that_fits
 from stereo_seecolor.inputs.pairing import pair_folders
 
 SAMPLES = Path(__file__).parents[2] / "data_samples" / "reef"

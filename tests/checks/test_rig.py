@@ -9,8 +9,8 @@ import pytest
 
 from calibration import StereoRig
 from calibration.formats import load_rig
+from stereo_seecolor.checks.rig import first_notes
 from stereo_seecolor.commands.dive_rig import pairs_of
-from stereo_seecolor.commands.pre_checks import first_notes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
 

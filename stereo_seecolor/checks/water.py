@@ -1,5 +1,5 @@
-"""Checks of a dive's images against its water: channels exchanged, ranges that are no meters,
-images repeated.
+"""The water that was fitted to a dive against what water can be: channels exchanged, ranges that
+are no meters.
 """
 
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.records import Water
 
 # Detects images with red and blue exchanged, by the water that was fitted to them.
 
@@ -109,36 +109,3 @@ def _attenuation(water: Water) -> NDArray[np.float64]:
         return np.full(3, np.nan)
     rates = -np.log(water.attenuation(np.array(water.typical_range_m))) / water.typical_range_m
     return np.where(np.ptp(rates) < ALIKE * rates.mean(), np.nan, rates)
-
-
-# Images that a dive holds twice in a row, because a camera stalled or files were copied.
-
-BOTH = (
-    "both images are those of the pair before: the cameras stalled, or files were copied, and "
-    "what they show counts twice"
-)
-ONE = (
-    "the {} image is that of the pair before, and the other is not: a camera stalled, and "
-    "ranges are wrong by the motion since"
-)
-
-
-class RepeatedImages:
-    """Compares each pair of a dive, by the hashes of its files, with the one before it whose files
-    were read.
-    """
-
-    def __init__(self) -> None:
-        self._before: Mapping[str, str] = {}
-
-    def warning(self, row: FrameRow) -> str:
-        """A warning if images of this pair are those of the pair before; else ""."""
-        again = [
-            side
-            for side in ("left", "right")
-            if side in row.hashes and row.hashes[side] == self._before.get(side)
-        ]
-        self._before = row.hashes or self._before
-        if not again:
-            return ""
-        return BOTH if len(again) == 2 else ONE.format(again[0])

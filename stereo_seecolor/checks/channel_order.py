@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -41,16 +42,9 @@ Colors = NDArray[np.float64]
 """(3, quantiles) logarithms of the values of R, G, B."""
 
 
-def order_notes(pairs: Sequence[Pair], config: InputConfig) -> tuple[str, ...]:
-    """Name the left image from which on red and blue are exchanged against those before.
-
-    Args:
-        pairs: Of the dive, in order; images that cannot be read are left out, which the run names.
-        config: How the images are stored.
-
-    Returns:
-        One line, or nothing.
-    """
+def order_notes(images: DiveImages) -> tuple[str, ...]:
+    """The left image from which on red and blue are exchanged against those before."""
+    pairs, config = images.pairs, images.config.input
     looked_at = np.linspace(0, len(pairs) - 1, min(len(pairs), SETTINGS.looked_at)).astype(int)
     with suppress(InputError):
         before = _colors(pairs[0], config) if pairs else None

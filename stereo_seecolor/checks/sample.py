@@ -1,0 +1,79 @@
+"""What checks look at: the images of a dive, and pairs spread over it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.file_form import ImageFacts
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Image
+
+DECIDING_PAIRS = 3
+"""Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
+COUPLES = 5
+"""Pairs whose motion to a following one tests a calibration: each gives some hundred points."""
+FOLLOWING = (0, 1, 2, 4, 8, 16, 32)
+"""How many pairs later: frames of a video move little from one to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class DiveImages:
+    """The image files of a dive.
+
+    pairs: in order. config: settings, with the images as they are stored. facts: of raw and of deep
+    images (``inputs.file_form.stored_facts``).
+    """
+
+    pairs: Sequence[Pair]
+    config: RunConfig
+    facts: Mapping[Path, ImageFacts] = field(default_factory=dict)
+
+
+def evenly_spaced(pairs: Sequence[Pair], most: int) -> list[Pair]:
+    """At most ``most`` of the pairs, evenly over the dive."""
+    return [
+        pairs[i]
+        for i in np.unique(
+            np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int)
+        )
+    ]
+
+
+def neighbors(
+    pairs: Sequence[Pair], images: InputConfig
+) -> Iterator[Iterator[tuple[Image, Image]]]:
+    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow
+    it, for ``find_motion``.
+    """
+    for pair in evenly_spaced(pairs[:-1], COUPLES):
+        place = pairs.index(pair)
+        near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]
+        yield (both for _, both in readable(near, images))
+
+
+def read_both(pair: Pair, images: InputConfig) -> tuple[Image, Image]:
+    """The left and the right image. Raises InputError."""
+    return read_image(pair.left, images), read_image(pair.right, images)
+
+
+def first_images(
+    pairs: Sequence[Pair], images: InputConfig, most: int = DECIDING_PAIRS
+) -> Iterator[tuple[Image, Image]]:
+    """The images of the first pairs that can be read."""
+    return (both for _, both in islice(readable(pairs, images), most))
+
+
+def readable(
+    pairs: Sequence[Pair], images: InputConfig
+) -> Iterator[tuple[Pair, tuple[Image, Image]]]:
+    """The pairs that can be read, with their images."""
+    for pair in pairs:
+        with suppress(InputError):  # the run names it
+            yield pair, read_both(pair, images)
