@@ -124,6 +124,9 @@ class Verdict:
     attitude_residual_deg: Array
 
 
+CONTRADICTED = "the given poses contradict the pictures"
+
+
 def examine(
     given: Placement,
     survey: Survey,
@@ -162,14 +165,9 @@ def examine(
     if not reading and helps and is_rather_inverted(turned, turn, T, posed):
         reading = INVERTED
     if reading:
-        return _unfit(
-            verdict, f"the given poses contradict the pictures; they would fit with {reading}"
-        )
+        return _unfit(verdict, f"{CONTRADICTED}; they would fit with {reading}")
     if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
-        return _unfit(
-            verdict,
-            "the given poses contradict the pictures, however they are read: are they of this dive?",
-        )
+        return _unfit(verdict, f"{CONTRADICTED}, however they are read: are they of this dive?")
     advice_lines = [_turn_advice(turn, config)] if helps else []
     straight = turned if helps else T
     arm_m = lever_arm(Motions.of(straight, posed))
