@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.records import Water
+from stereo_seecolor.water.limits import LITTLE_RELIEF
 
 # Detects images with red and blue exchanged, by the water that was fitted to them.
 
@@ -71,7 +72,11 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     """A note where the ranges that the waters were fitted to are probably none in meters. given:
     they were not measured here.
     """
-    different = list({id(water): water for water in waters.values()}.values())
+    different = [
+        water
+        for water in {id(water): water for water in waters.values()}.values()
+        if not any(warning.startswith(LITTLE_RELIEF) for warning in water.warnings)
+    ]
     rates = np.array([_attenuation(water) for water in different])
     if not len(rates) or np.isnan(rates).all():
         return ()

@@ -250,6 +250,8 @@ def test_the_bound_of_lamps_is_that_of_two_ways(
     water = Water(zero + 0.01, zero + 0.3, zero, zero + 1, zero, zero, y, zero, white)
     lit = replace(water, fall_off=fall_off, typical_range_m=2.0)
     assert len(range_scale_notes({"1": lit}, given=True)) == doubted
+    flat = replace(lit, warnings=("little relief, 2.00 to 2.00 m: attenuation is the prior's",))
+    assert range_scale_notes({"1": flat}, given=True) == ()
 
 
 @pytest.mark.slow

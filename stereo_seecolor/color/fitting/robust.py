@@ -25,6 +25,7 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.records import Water
+from stereo_seecolor.water.limits import LITTLE_RELIEF
 from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Vector = NDArray[np.float64]
@@ -236,7 +237,7 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     if far_m > ROBUST_SETTINGS.little_relief * near_m:
         return ()
     return (
-        f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; "
+        f"{LITTLE_RELIEF}, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; "
         "use color.lock=survey",
     )
 
