@@ -235,11 +235,16 @@ def refuse_existing(*files: Path) -> None:
 
 
 def refuse_filled(folder: Path) -> None:
-    """Raise OutputError if ``folder`` holds anything, or is not a folder."""
+    """Raise OutputError if ``folder`` holds anything, is not a folder, or the current one."""
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise OutputError(
             f"{folder}: is there already: this goes into a new or an empty folder; nothing was "
             "touched"
+        )
+    if folder.is_dir() and folder.samefile(os.curdir):
+        raise OutputError(
+            f"{folder}: is the folder that you are in, in whose place another one would come: give "
+            "the name of a new one; nothing was touched"
         )
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import new_folder
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 
 POSES = "# time x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n"
@@ -80,3 +82,14 @@ def test_text_of_a_shared_folder_does_not_command_the_terminal(
     (out / ".state/lease.json").write_text(json.dumps(lease))
     _, printed, said = cli(*dive.command(out))
     assert not {"\x1b", "\x07", "\x9b"} & set(printed + said)
+
+
+@pytest.mark.parametrize("name", [".", "../here"])
+def test_a_new_folder_does_not_take_the_place_of_the_current_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(OutputError, match="is the folder that you are in"), new_folder(Path(name)):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]

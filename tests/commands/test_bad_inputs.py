@@ -16,7 +16,7 @@ from conftest import read_pixels
 from calibration import CalibrationError
 from calibration.field_checks.vertical_disparity import QuickCheck
 from calibration.formats import load_rig
-from stereo_seecolor.commands import pre_checks
+from stereo_seecolor.checks import rig as rig_checks
 
 
 def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
@@ -212,9 +212,9 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(
 
     if not points:
         monkeypatch.setattr(
-            pre_checks, "quick_check", lambda *_: QuickCheck(False, False, np.zeros(0))
+            rig_checks, "quick_check", lambda *_: QuickCheck(False, False, np.zeros(0))
         )
-        monkeypatch.setattr(pre_checks, "vertical_disparity", too_few)
+        monkeypatch.setattr(rig_checks, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[2] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
         (tmp_path / other).mkdir()

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_inputs_neighbors import renumber
 from test_inputs_video import smooth_frames, write_video
+from test_neighbors import renumber
 
 from calibration import CalibrationError
 from calibration.formats import load_rig, write_rig
