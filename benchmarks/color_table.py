@@ -121,7 +121,7 @@ def chart_rows(data: Path) -> Iterator[Row]:
         spread = spread_over_charts([chart for chart in seen if chart])[0].angle_deg
         return [float(np.nanmean(psi)), spread]
 
-    name = f"Sea-thru 3374 (8-bit copy), {len(targets)} charts at 4.7 to 9.8 m"
+    name = f"Sea-thru 3374, {len(targets)} charts"
     yield name, "real", "psi; change of a patch over range", by_column(of)
 
 
@@ -169,7 +169,7 @@ def reef_rows(data: Path) -> Iterator[Row]:
         report = evaluate_spread(out, others)
     of = {**{name.removeprefix("by "): spread for name, spread in report.others.items()}}
     of |= {"raw": report.raw, OURS: report.corrected}
-    title = f"acfr, the first {len(sand[OURS])} pairs of a reef dive"
+    title = f"acfr, first {len(sand[OURS])} pairs"
     spreads = [of[column] for column in COLUMNS]
     medians = [np.nanmedian(np.concatenate(sand[column]), axis=0) for column in COLUMNS]
     rows = {
@@ -180,7 +180,7 @@ def reef_rows(data: Path) -> Iterator[Row]:
             f"{s.angle_deg:.1f}; {s.luminance:.2f}" for s in spreads
         ],
         "border against center: R/G, B/G, %": [
-            ", ".join(f"{100 * s.border[i]:+.1f} ± {100 * s.border_error[i]:.1f}" for i in (1, 2))
+            ", ".join(f"{100 * s.border[i]:+.1f}±{100 * s.border_error[i]:.1f}" for i in (1, 2))
             for s in spreads
         ],
         "R/B of the farthest over the nearest": [f"{s.far_red_to_blue:.2f}" for s in spreads],
@@ -220,7 +220,7 @@ def drawn_dive_rows(data: Path) -> Iterator[Row]:
                     of = score_truth(known, truth)
                     scores[method].append((of.angle_deg, of.ciede2000))
             cells = cells_of({name: np.mean(of, axis=0) for name, of in scores.items()})
-            frames = f"drawn dive, {title}, {len(scores[OURS])} pairs, own ranges"
+            frames = f"drawn dive, {title}, {len(scores[OURS])} pairs"
             yield frames, "drawn", "angle, CIEDE2000", cells
 
 
@@ -246,9 +246,8 @@ def photograph_rows(data: Path) -> Iterator[Row]:
     ]
     for depth, kind in itertools.product(OPTICAL_DEPTHS[1:], KINDS):
         cases = cases_of(pictures, kind, range(1), depth)
-        title = f"{', '.join(STRONG)} in measured water: {kind}, optical depth"
         yield (
-            f"{title} {depth[0]:g} to {depth[1]:g}",
+            f"photographs, {kind}, {depth[0]:g}-{depth[1]:g}",
             "drawn",
             "angle; after scaling",
             by_column(
@@ -277,7 +276,7 @@ def benthic_rows(data: Path) -> Iterator[Row]:
         {method: [np.median(of[group]) for group in GROUPS] for method, of in angles.items()}
     )
     number = len(SPLIT) * BENTHIC_WATERS
-    title = f"{number} scenes of benthic spectra that the prior does not know, measured waters"
+    title = f"{number} benthic scenes, spectra not in the prior"
     yield title, "drawn", f"angle: {', '.join(GROUPS)}", cells
 
 
