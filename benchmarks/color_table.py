@@ -3,7 +3,8 @@
     python benchmarks/color_table.py [PART ...] [--write] [--data FOLDER]
 
 Prints the rows of the parts named, or of all. --write puts each part into the page as soon as it is
-measured: a row of the same data and measure is replaced, others stay. A part that fails is named,
+measured: a row of the same data and measure is replaced, others stay; rows that the README shows
+are replaced there, too. A part that fails is named,
 and the rest goes on.
 """
 
@@ -54,7 +55,7 @@ from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.run_folder.finished_run import open_run
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs/color-quality.md"
+PAGE, README = ROOT / "docs/color-quality.md", ROOT / "README.md"
 TABLE_BEGIN, TABLE_END = (
     "<!-- table: written by benchmarks/color_table.py --write -->",
     "<!-- end of table -->",
@@ -313,6 +314,12 @@ def with_rows(page: str, rows: list[str]) -> str:
     return "\n".join([before + TABLE_BEGIN, "", *head, *lines.values(), "", TABLE_END + after])
 
 
+def with_same_rows(readme: str, page: str) -> str:
+    """The README with the rows of the page's table that it shows, as they are there now."""
+    rows = {key(line): line for line in page.split(TABLE_BEGIN)[1].splitlines()}
+    return "\n".join(rows.get(key(line), line) for line in readme.splitlines()) + "\n"
+
+
 def key(line: str) -> tuple[str, ...]:
     """Data and measure of a row."""
     return tuple(line.split(" | ")[:3:2])
@@ -347,7 +354,9 @@ def main() -> None:
             traceback.print_exc()
             failed.append(name)
         if asked.write:
-            PAGE.write_text(with_rows(PAGE.read_text(encoding="utf-8"), rows), encoding="utf-8")
+            page = with_rows(PAGE.read_text(encoding="utf-8"), rows)
+            PAGE.write_text(page, encoding="utf-8")
+            README.write_text(with_same_rows(README.read_text(encoding="utf-8"), page), "utf-8")
     if failed:
         sys.exit(f"not measured: {', '.join(failed)}")
 

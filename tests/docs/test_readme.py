@@ -21,6 +21,14 @@ def test_readme_has_two_commands_that_use_the_constraints() -> None:
     assert all("-c constraints.txt" in block and block.count("\n") == 1 for block in setups)
 
 
+def test_colors_in_the_readme_are_rows_of_the_one_table() -> None:
+    page = (ROOT / "docs" / "color-quality.md").read_text(encoding="utf-8").splitlines()
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    head = next(line for line in page if line.startswith("| data | real or drawn"))
+    shown = readme[readme.index(head) : readme.index("", readme.index(head))]
+    assert len(shown) > 5 and set(shown) <= set(page)
+
+
 @pytest.mark.slow
 def test_readme_run_command_does_the_main_job(sample_run: SampleRun) -> None:
     pairs = len(list((ROOT / "data_samples/reef/left").iterdir()))
