@@ -67,6 +67,10 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
 
 def _file_handler(path: Path) -> logging.Handler:
     try:
+        if path.is_fifo():
+            raise OutputError(
+                f"--log-file {path}: is a named pipe, which waits for a reader: give another file"
+            )
         if path.is_file() and path.stat().st_size and not is_log(path):
             raise OutputError(
                 f"--log-file {path}: is there already, and is not a log of this program: give "

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import re
 from pathlib import Path
 
@@ -126,12 +127,15 @@ def test_the_log_is_appended_to(cli: Cli, tmp_path: Path) -> None:
         ("image.png", "is not a log of"),
         ("cam.yaml", "is not a log of"),
         ("folder", "cannot be written"),
+        pytest.param("pipe", "is a named pipe", marks=pytest.mark.posix),
     ],
 )
 def test_a_log_file_that_is_none(cli: Cli, tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "image.png").write_bytes(b"\x89PNG\0\0")
     (tmp_path / "cam.yaml").write_text("version: 1\n")
     (tmp_path / "folder").mkdir()
+    if name == "pipe":
+        os.mkfifo(tmp_path / name)
     code, _, said = cli("fuse", tmp_path / "nowhere", "--log-file", tmp_path / name)
     assert code == 1
     assert f"--log-file {tmp_path / name}: " in said
