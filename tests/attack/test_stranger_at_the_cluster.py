@@ -3,12 +3,14 @@ who lacks the run's keys.
 """
 
 import asyncio
+import gc
 import os
 import pickle
 import ssl
 import stat
 import urllib.error
 import urllib.request
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,6 +35,14 @@ def local() -> Iterator[DaskCompute]:
     with cluster("local:1") as compute:
         assert list(compute.each(abs, [-1, 2])) == [1, 2]
         yield compute
+
+
+@pytest.fixture(autouse=True)
+def no_sockets_for_the_next_test() -> Iterator[None]:
+    """Sockets of refused connections are closed where they are collected, with a warning: here."""
+    yield
+    with warnings.catch_warnings(action="ignore", category=ResourceWarning):
+        gc.collect()
 
 
 def open_ports() -> list[tuple[str, int]]:
