@@ -74,7 +74,6 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     check: RowCheck | None = None
     with suppress(CalibrationError):  # too few points to tell
         check = vertical_disparity(rig, first_images(chosen, images, LOOKED_AT))
-        check = replace(check, motion=_motion(pipeline, pairs))
     if check and check.refusal:
         raise InputError(check.refusal)
     if check is None or may_be_wrong(check):
@@ -84,7 +83,11 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
             evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images
         ):
             raise InputError(shift)
-    if check is None or check.acceptable:
+    if check is None:
+        return ()
+    with suppress(CalibrationError):
+        check = replace(check, motion=_motion(pipeline, pairs))
+    if check.acceptable:
         return ()
     return (
         f"calibration: {'; '.join(check.advice)}"
