@@ -46,6 +46,7 @@ REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
 Cli = Callable[..., tuple[int, str, str]]
+SLOW_FIXTURES = {"sample_run", "waters_a_frame", "finished_demo", "fused_dive", "flown_reef"}
 
 
 def contents(out: Path) -> dict[str, bytes]:
@@ -74,8 +75,12 @@ def make_files(root: Path, *names: str) -> Path:
     return root
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out on Windows what it cannot do."""
+    """Tests that use what takes long to make are slow; Windows leaves out what it cannot do."""
+    for item in items:
+        if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
     if sys.platform == "win32":
         for item in items:
             if item.get_closest_marker("posix"):

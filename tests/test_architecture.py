@@ -115,6 +115,7 @@ def imported_at_once(path: Path) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_run_starts_without_libraries_that_take_long_to_import() -> None:
     waiting, seen, slow = (
         [f"stereo_seecolor.{name}" for name in ("cli.app", "commands.run", "commands.view")],
@@ -169,6 +170,7 @@ def too_large(path: Path) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_functions_and_files_stay_short() -> None:
     assert not [line for path in MODULES.values() for line in too_large(path)]
 

@@ -48,6 +48,7 @@ READERS: tuple[Reader, ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
 @pytest.mark.parametrize("read", READERS)
 def test_no_text_takes_long_or_ends_in_a_traceback(tmp_path: Path, read: Reader, text: str) -> None:
@@ -60,6 +61,7 @@ def test_no_text_takes_long_or_ends_in_a_traceback(tmp_path: Path, read: Reader,
     assert "\n" not in str(raised.value) and len(str(raised.value)) < 1000
 
 
+@pytest.mark.slow
 def test_a_long_line_is_soon_no_trajectory(tmp_path: Path) -> None:
     for name, text in TEXTS.items():
         if name != "bytes":
@@ -79,6 +81,7 @@ def test_what_people_write_is_read() -> None:
         load_yaml(f"[{deep}]")
 
 
+@pytest.mark.slow
 def test_nothing_else_parses_text_of_users() -> None:
     """A reader of its own would have no bounds."""
     parsers = re.compile(

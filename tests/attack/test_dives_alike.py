@@ -41,6 +41,7 @@ def exchange(dive: Dive, first: str, second: str) -> None:
         two.write_bytes(held)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [run, range_maps])
 @pytest.mark.parametrize("frames", [("0001", "0002"), ("0002", "0003")])
 def test_dives_that_begin_with_the_same_frame_are_two(
@@ -56,6 +57,7 @@ def test_dives_that_begin_with_the_same_frame_are_two(
     assert go(other, out, command, overwrite=True).all_done
 
 
+@pytest.mark.slow
 def test_another_dive_at_the_same_path_is_another(dive: Dive, tmp_path: Path) -> None:
     """A memory card that is used again has the same path and the same names."""
     out = tmp_path / "out"
@@ -68,6 +70,7 @@ def test_another_dive_at_the_same_path_is_another(dive: Dive, tmp_path: Path) ->
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_a_dive_with_other_names_and_the_same_first_frame_is_another(
     dive: Dive, tmp_path: Path
 ) -> None:
@@ -80,6 +83,7 @@ def test_a_dive_with_other_names_and_the_same_first_frame_is_another(
         go(other, out)
 
 
+@pytest.mark.slow
 def test_a_correction_of_another_dives_images_is_refused(dive: Dive, tmp_path: Path) -> None:
     go(dive, tmp_path / "ranges")
     for place in ("a", "b"):
@@ -92,6 +96,7 @@ def test_a_correction_of_another_dives_images_is_refused(dive: Dive, tmp_path: P
         correct(images, tmp_path / "b/range", tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", ["nothing", "grew", "grew before", "lost the first", "lost the last"]
 )
@@ -111,6 +116,7 @@ def test_a_dive_that_moved_and_changed_goes_on(dive: Dive, tmp_path: Path, chang
     )
 
 
+@pytest.mark.slow
 def test_a_stopped_run_of_a_dive_that_moved_goes_on(dive: Dive, tmp_path: Path) -> None:
     from conftest import AtPair
 

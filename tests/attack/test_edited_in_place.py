@@ -48,6 +48,7 @@ def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> object
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("same_time", [True, False])
 @pytest.mark.parametrize(
     ("settings", "overwrite"), [((), True), (("matching.min_confidence=0.7",), False)]
@@ -72,6 +73,7 @@ def test_a_product_edited_in_the_middle_is_kept_aside(
         assert content in [place.read_bytes() for place in (path, aside) if place.exists()], path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("same_time", [True, False])
 def test_a_mesh_edited_in_the_middle_outlives_the_next_map(
     make_dive: Callable[..., Dive], tmp_path: Path, same_time: bool
@@ -87,6 +89,7 @@ def test_a_mesh_edited_in_the_middle_outlives_the_next_map(
     assert (out / "map/mesh.ply").read_bytes() == LARGE + b"next"
 
 
+@pytest.mark.slow
 def test_a_page_edited_in_the_middle_is_kept_aside(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -97,6 +100,7 @@ def test_a_page_edited_in_the_middle_is_kept_aside(
     assert (out / "set_aside/index.html").read_bytes() == mine
 
 
+@pytest.mark.slow
 def test_an_unchanged_result_copied_with_a_new_time_is_replaced_and_not_kept_twice(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:

@@ -39,6 +39,7 @@ def test_the_log_of_a_run_may_lie_in_its_folder(make_dive, cli, tmp_path: Path) 
     assert cli(*dive.command(tmp_path / "other"))[0] == 1
 
 
+@pytest.mark.slow
 def test_a_plan_replaces_plans_alone(make_dive, cli, tmp_path: Path) -> None:
     dive, file = make_dive(2), tmp_path / "out/.state/plan.json"
     file.parent.mkdir(parents=True)

@@ -58,6 +58,7 @@ def test_what_every_command_may_replace_is_known() -> None:
     assert set(REPLACES) == set(every_command())
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("given", ["poses", "config", "exposures", "control points", "scale bars"])
 def test_no_input_of_a_run_may_lie_in_its_results(
@@ -81,6 +82,7 @@ def test_no_input_of_a_run_may_lie_in_its_results(
     assert contents(out) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [run, range_maps, rectify])
 def test_a_link_in_a_folder_of_images_does_not_hide_where_they_lie(
     dive: Dive, tmp_path: Path, command: Callable[..., object]
@@ -103,6 +105,7 @@ def test_a_link_in_a_folder_of_images_does_not_hide_where_they_lie(
     assert {path: path.read_bytes() for path in out.glob("rectified*/*")} == before
 
 
+@pytest.mark.slow
 def test_a_folder_of_images_above_its_results_is_no_input_among_them(dive: Dive) -> None:
     """Images beside OUT, and OUT in the folder of the images."""
     for overwrite in (False, True):
@@ -116,6 +119,7 @@ def test_a_folder_of_images_above_its_results_is_no_input_among_them(dive: Dive)
         ).all_done
 
 
+@pytest.mark.slow
 def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -125,6 +129,7 @@ def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: 
     assert (contents(out), (out / RIG).read_bytes()) == (before, rig)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "name"),
     [((), RIG), (("color.lock=survey",), WATER), (("color.lock=survey",), "run.json")],
@@ -140,6 +145,7 @@ def test_a_run_may_read_what_it_leaves_as_it_is(
     assert name == "run.json" or (out / name).read_bytes() == content
 
 
+@pytest.mark.slow
 def test_a_rig_that_refinement_replaces_is_refused(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -159,6 +165,7 @@ def measured_water(out: Path) -> Path:
     return out / "water_measured.json"
 
 
+@pytest.mark.slow
 def test_a_measured_water_is_used_where_it_lies_and_never_removed_by_the_run_that_reads_it(
     dive: Dive, tmp_path: Path
 ) -> None:
@@ -180,6 +187,7 @@ def test_a_measured_water_is_used_where_it_lies_and_never_removed_by_the_run_tha
     assert not water.exists()
 
 
+@pytest.mark.slow
 def test_a_fusion_refuses_the_track_of_the_map_that_it_replaces(dive: Dive, tmp_path: Path) -> None:
     out = finished(dive, tmp_path / "out")
     before = contents(out)
@@ -188,6 +196,7 @@ def test_a_fusion_refuses_the_track_of_the_map_that_it_replaces(dive: Dive, tmp_
     assert contents(out) == before
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_part_is_not_merged_into_itself(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
     out = tmp_path / "out"
@@ -198,6 +207,7 @@ def test_a_part_is_not_merged_into_itself(dive: Dive, tmp_path: Path, overwrite:
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_range_maps_of_out_are_refused_as_inputs_of_their_correction(
     dive: Dive, tmp_path: Path
 ) -> None:

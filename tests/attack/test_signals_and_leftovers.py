@@ -70,6 +70,7 @@ def test_leftovers_of_a_killed_run_go_and_a_users_files_stay(
     assert all(file.read_bytes() == b"half" for file in mine)
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 def test_what_a_killed_export_left_goes_with_the_next_and_nothing_else(tmp_path: Path) -> None:
     code = (

@@ -333,6 +333,7 @@ FILES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 @pytest.mark.parametrize("name", FILES)
 def test_damaged_files_give_one_line_soon(name: str, tmp_path: Path) -> None:

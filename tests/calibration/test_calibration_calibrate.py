@@ -119,6 +119,7 @@ def test_views_all_from_the_front_do_not_pass_for_good() -> None:
         assert report.verdict[0] == "do it again"
 
 
+@pytest.mark.slow
 def test_few_views_in_one_corner_are_not_good() -> None:
     views = projected_views(pinhole_rig(), BOARD, 4, 0.1, np.random.default_rng(0))
     _, report = calibrate(views, BOARD)
@@ -241,6 +242,7 @@ def photographed(
     return image, camera.project(target.points_m @ T[:3, :3].T + T[:3, 3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [(0.3, -0.2, 0.1), (-0.4, 0.3, 2.0), (0.1, 0.5, -3.0)])
 def test_grids_of_apriltags_are_found_at_any_turn(tilt, tmp_path: Path) -> None:
     board = parse_target(GRID)
@@ -252,6 +254,7 @@ def test_grids_of_apriltags_are_found_at_any_turn(tilt, tmp_path: Path) -> None:
     assert np.sqrt(((corners.pixels - truth[corners.ids]) ** 2).sum(axis=1).mean()) < 0.1
 
 
+@pytest.mark.slow
 def test_grids_of_apriltags_are_found_in_haze_and_where_rows_count_downwards(
     tmp_path: Path,
 ) -> None:
@@ -336,6 +339,7 @@ def test_target_files_of_kalibr(tmp_path: Path) -> None:
             parse_target(str(file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drop", "place"), [((0,), "from view1 on"), ((4, 9), "from view5 on")])
 def test_sides_out_of_step_are_named_and_no_rig_is_made(drop: tuple[int, ...], place: str) -> None:
     views = projected_views(pinhole_rig(), BOARD, 20, 0.1, np.random.default_rng(2))

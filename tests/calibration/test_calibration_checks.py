@@ -45,6 +45,7 @@ def test_good_rig_is_beyond_suspicion(rig: StereoRig) -> None:
     assert check.row_error_px == pytest.approx(0.1, abs=0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("toe_in", [0.0, 0.03, -0.05])
 def test_air_calibration_in_water_is_told_by_the_images(toe_in: float) -> None:
     rig = port_rig(0.02, toe_in=toe_in)
@@ -54,6 +55,7 @@ def test_air_calibration_in_water_is_told_by_the_images(toe_in: float) -> None:
     assert "made in air" in check.advice[0] and "--set input.flat_port=30mm:10mm" in check.advice[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.25, 1.5, 2.0])
 def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None:
     rig = pinhole_rig()
@@ -63,6 +65,7 @@ def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None
     assert "cut out of the calibrated ones" in check.advice[0]
 
 
+@pytest.mark.slow
 def test_a_small_cut_that_looks_like_a_moved_camera_is_said_with_what_it_does_to_ranges() -> None:
     """A lens that is mounted higher than the other is so by more in the enlarged images: an offset
     of the rows.
@@ -96,6 +99,7 @@ def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(
         )
 
 
+@pytest.mark.slow
 def test_rectified_images_given_with_the_raw_calibration_are_named() -> None:
     rig = pinhole_rig()
     rectified = Rectification.from_rig(rig).rectified_rig()
@@ -122,6 +126,7 @@ def test_rectified_images_given_with_the_raw_calibration_are_named() -> None:
         assert not judge_matches(given, [matches_of(truth, given)]).rectified_already
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lower_px", [0.0, 1.0])
 def test_one_camera_on_both_sides_is_named(lower_px: float) -> None:
     """Also of a rig whose rectification moves both images alike, or apart."""
@@ -134,6 +139,7 @@ def test_one_camera_on_both_sides_is_named(lower_px: float) -> None:
         assert check.advice[0].startswith("both sides show one camera's picture")
 
 
+@pytest.mark.slow
 def test_pairs_of_a_moving_camera_are_no_rig_that_has_moved() -> None:
     rig, rng = pinhole_rig(), np.random.default_rng(5)
     poses = [rng.normal(0, 0.006, 4) for _ in range(6)]
@@ -146,6 +152,7 @@ def test_pairs_of_a_moving_camera_are_no_rig_that_has_moved() -> None:
     assert not judge_matches(rig, drifted).no_rig
 
 
+@pytest.mark.slow
 def test_camera_turned_since_is_explained() -> None:
     rig = pinhole_rig()
     turn = np.eye(4)
@@ -163,6 +170,7 @@ def three(truth: StereoRig, seen_as: StereoRig) -> list[Matches]:
     return [matches_of(truth, seen_as, seed=seed) for seed in range(3)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", GOOD, ids=["pinhole", "fisheye", "port"])
 def test_a_yaw_is_told_by_the_keystone_with_its_error_of_ranges(rig: StereoRig) -> None:
     assert not judge_matches(rig, three(rig, rig)).keystone.is_found
@@ -176,6 +184,7 @@ def test_a_yaw_is_told_by_the_keystone_with_its_error_of_ranges(rig: StereoRig) 
     )
 
 
+@pytest.mark.slow
 def test_ranges_are_too_long_after_a_yaw_outward() -> None:
     rig = pinhole_rig()
     turned, at = moved_rig(rig, np.array([0, 0, 0, 0.005])), np.array([[600.0, 500.0]])
@@ -194,6 +203,7 @@ def test_ranges_are_too_long_after_a_yaw_outward() -> None:
     assert (too_long - 1) * seen.range_error > 0
 
 
+@pytest.mark.slow
 def test_lenses_without_their_distortion_are_no_camera_that_has_moved() -> None:
     rig = pinhole_rig()
     left, right = (replace(camera, distortion=np.zeros(5)) for camera in (rig.left, rig.right))
@@ -203,6 +213,7 @@ def test_lenses_without_their_distortion_are_no_camera_that_has_moved() -> None:
     assert "no lens distortion" in "; ".join(suspicions(straight))
 
 
+@pytest.mark.slow
 def test_other_zoom_is_a_vertical_scale() -> None:
     rig = pinhole_rig()
     zoomed = rig.right.K.copy()
@@ -293,6 +304,7 @@ def test_cameras_without_a_common_view() -> None:
         Rectification.from_rig(replace(rig, T_right_left=T))
 
 
+@pytest.mark.slow
 def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> None:
     left, right = (
         cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right")
@@ -308,6 +320,7 @@ def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> N
     assert nothing.range_m.size == 0
 
 
+@pytest.mark.slow
 def test_images_of_many_pixels_are_matched_at_a_coarser_step_and_as_exactly() -> None:
     left, right = (
         cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right")

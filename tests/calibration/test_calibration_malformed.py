@@ -109,6 +109,7 @@ def test_corpus_is_large_enough() -> None:
     assert len(CORPUS) >= 60
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 @pytest.mark.parametrize("name", CORPUS)
 def test_one_clear_line_soon(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,6 +157,7 @@ def test_any_edit_gives_a_rig_or_one_line(
     assert isinstance(found, StereoRig) or "\n" not in found
 
 
+@pytest.mark.slow
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(start=st.floats(0, 1), cut=st.integers(0, 60), put=st.text(max_size=12))
 def test_any_edit_of_a_ros_pair_gives_a_rig_or_one_line(

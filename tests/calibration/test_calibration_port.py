@@ -109,6 +109,7 @@ def test_range_is_right_at_the_working_range(distance_m: float, toe_in: float) -
     assert error.row_error_px[0] < 0.1
 
 
+@pytest.mark.slow
 def test_range_stays_usable_away_from_the_working_range() -> None:
     error = port_error(port_rig(0.03), np.array([0.5, 0.75, 1.0, 2.0, 3.0, 5.0]))
     assert error.range_error.max() < 0.005
@@ -209,6 +210,7 @@ def test_rig_without_port_has_no_port_error() -> None:
         port_error(replace(port_rig(), port=None), np.array([1.0]))
 
 
+@pytest.mark.slow
 def test_one_setting_describes_a_port(tmp_path: Path) -> None:
     """As the block of cam.yaml, for every reading of a file that can be read in several ways."""
     from stereo_seecolor.commands.dive_rig import behind_port

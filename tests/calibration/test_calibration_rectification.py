@@ -102,6 +102,7 @@ def test_products_are_upright_as_the_left_camera_saw_them(angle_deg: float) -> N
     assert rectification.upright(matching).shape == (height, width, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle_deg", [0, 3, 88, 180, -90, 40])
 @pytest.mark.parametrize("skew", [0.0, 6.0])
 def test_pictures_follow_the_geometry(angle_deg: float, skew: float) -> None:
@@ -188,6 +189,7 @@ def test_nearest_quarter_turn(turns: int, roll_deg: float) -> None:
     assert quarter_turns_of(R) == turns % 4
 
 
+@pytest.mark.slow
 @given(turns=st.integers(0, 7))
 def test_turned_geometry_is_that_of_the_turned_image(turns: int) -> None:
     pair = plan_rectification(pinhole_rig()).pair

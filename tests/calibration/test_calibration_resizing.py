@@ -57,6 +57,7 @@ def test_a_right_image_alone_of_another_size_is_not_mended_by_the_calibration() 
     )
 
 
+@pytest.mark.slow
 def test_a_right_camera_whose_images_are_turned(scene: Scene) -> None:
     rig, frame = turned_dive(scene, 0)
     pair = scene.pair.turned(1)

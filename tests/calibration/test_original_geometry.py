@@ -187,6 +187,7 @@ def test_a_point_keeps_its_pixel(cli: Cli, tmp_path: Path, suffix: str) -> None:
         assert (corrected[~known].max(axis=1) > 0).mean() > 0.99, "the whole picture is corrected"
 
 
+@pytest.mark.slow
 def test_a_rectified_rig_gives_the_same_twice(
     cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -225,6 +226,7 @@ def test_overwrite_leaves_no_originals(
     assert not (out / "original").exists()
 
 
+@pytest.mark.slow
 def test_a_file_of_others_among_originals_is_refused(
     cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:

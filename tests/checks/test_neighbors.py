@@ -20,6 +20,7 @@ def renumber(folder: Path, by: int) -> None:
         path.rename(folder / f"{int(path.stem) + by + 20:04d}.png")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("by", "fits"), [(0, None), (1, 1), (-1, -1), (2, 2), (3, 3)])
 def test_the_neighbor_that_fits_is_named(make_dive, by: int, fits: int | None) -> None:
     dive = make_dive(8)

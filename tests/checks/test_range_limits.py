@@ -29,6 +29,7 @@ def test_settings_that_take_all_points(scene: str) -> None:
     assert [limit.option for limit in range_limits(range_m, MatchingConfig())] == options
 
 
+@pytest.mark.slow
 def test_a_run_says_what_lies_beyond_its_ranges(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
     code, printed, said = cli(*dive.command(tmp_path / "out"), "--set", "matching.max_range_m=1.5")
@@ -39,6 +40,7 @@ def test_a_run_says_what_lies_beyond_its_ranges(make_dive, cli, tmp_path) -> Non
     )
 
 
+@pytest.mark.slow
 def test_inspect_sets_the_range_that_a_dive_needs(make_dive) -> None:
     dive = make_dive(2)
     rig = load_rig(dive.root / "cam.yaml")

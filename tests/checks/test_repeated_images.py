@@ -10,6 +10,7 @@ import pytest
 from conftest import REEF, Dive
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stalled", ["LR", "L", "R"])
 def test_images_that_come_twice_are_named(
     make_dive: Callable[..., Dive], cli, tmp_path: Path, stalled: str

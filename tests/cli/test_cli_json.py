@@ -101,6 +101,7 @@ def test_campaigns_and_plans(make_dive, parsed, tmp_path) -> None:
     assert (plan["pairs"], plan["measured"]) == (2, 2)
 
 
+@pytest.mark.slow
 def test_shards_and_states(make_dive, parsed, tmp_path) -> None:
     dive = make_dive(2)
     (dive.root / "R/0001.png").write_bytes(b"")

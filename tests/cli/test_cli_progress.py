@@ -23,6 +23,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
+@pytest.mark.slow
 def test_without_a_terminal_lines_say_how_far_it_is(make_dive, cli: Cli, tmp_path: Path) -> None:
     dive = make_dive(3)
     (dive.root / "R/0001.png").write_bytes(b"")
@@ -45,6 +46,7 @@ def test_a_pair_that_failed_is_neither_tried_nor_named_in_the_passes_after(
     assert re.search(r"^waters: 10 of 10, [\d.]+ s$", said, re.M)
 
 
+@pytest.mark.slow
 def test_with_json_the_lines_are_json(make_dive, cli: Cli, tmp_path: Path) -> None:
     dive = make_dive(2)
     (dive.root / "R/0001.png").write_bytes(b"")
@@ -92,6 +94,7 @@ def test_lines_come_now_and_then(clock: list[float], capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err.count("\n") == 1 + 99 // 4
 
 
+@pytest.mark.slow
 def test_the_log_tells_the_story_of_a_run(make_dive, cli: Cli, tmp_path: Path) -> None:
     dive, log = make_dive(2), tmp_path / "logs/run.log"
     (dive.root / "R/0001.png").write_bytes(b"")
@@ -144,6 +147,7 @@ def test_a_log_file_that_is_none(cli: Cli, tmp_path: Path, name: str, message: s
     assert (tmp_path / "cam.yaml").read_text() == "version: 1\n"
 
 
+@pytest.mark.slow
 def test_verbose_is_the_log_on_standard_error(make_dive, cli: Cli, tmp_path: Path) -> None:
     _, _, said = cli(*make_dive(1).command(tmp_path / "out"), "--verbose")
     assert "INFO stereo_seecolor.progress: ranges: begins, 1 in all" in said

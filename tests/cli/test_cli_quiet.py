@@ -73,6 +73,7 @@ def test_everything_is_as_before_afterwards(capfd: pytest.CaptureFixture[str]) -
     assert "C again" in said
 
 
+@pytest.mark.slow
 def test_libraries_hear_of_their_threads_before_they_are_imported() -> None:
     code = (
         "import sys; sys.argv = ['x', '--version']\n"

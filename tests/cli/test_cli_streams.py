@@ -45,6 +45,7 @@ def test_output_to_a_full_device_is_an_error_in_one_line(words) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_gone_ends_the_program_in_silence() -> None:
     read, write = os.pipe()
     os.close(read)
@@ -66,6 +67,7 @@ def test_messages_that_cannot_be_written_are_no_error() -> None:
     assert (ended.returncode, ended.stdout) == (1, "")
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 def test_closed_streams_are_no_error() -> None:
     ended = subprocess.run(["sh", "-c", f"{sys.executable} -m stereo_seecolor config >&- 2>&-"])
@@ -112,6 +114,7 @@ def test_ctrl_c_any_number_of_times(make_dive, tmp_path: Path, times: int) -> No
     assert not list(out.rglob("*.png.part"))
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 def test_ctrl_c_before_the_work_begins() -> None:
     code = (

@@ -54,6 +54,7 @@ def test_what_has_no_range_does_not_count() -> None:
     assert exposure_warnings(gray(0, 0, 0), RANGE_M * np.nan, "srgb") == ()
 
 
+@pytest.mark.slow
 def test_frames_of_a_dive_are_named(make_dive: Callable[..., Dive], cli, tmp_path: Path) -> None:
     dive = make_dive(3)
     for path in sorted(dive.root.rglob("*.png")):

@@ -53,6 +53,7 @@ def bars() -> np.ndarray:
     return light
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rim", [port(0.06), port(0.01), bars()], ids=["soft port", "sharp port", "bars"]
 )

@@ -40,6 +40,7 @@ def same(a, b):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_survey_lock_is_the_fit_to_all_pixels_together(method):
     frames = [reef(seed) for seed in range(4)]
@@ -126,6 +127,7 @@ def test_black_frames_get_the_survey_s_water():
     assert same(waters["0"], waters["1"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
 def test_a_dive_without_light_says_so_in_every_frame(lock):
     image, range_m = reef(0)

@@ -46,6 +46,7 @@ def test_tables_are_equal(depth):
 MATRIX = np.array([[1.4, -0.3, -0.1], [-0.2, 1.5, -0.3], [0.05, -0.45, 1.4]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("encoding", ["srgb", "as-is"])
 @pytest.mark.parametrize(("highlights", "matrix"), [(1.0, None), (3.0, None), (3.0, MATRIX)])

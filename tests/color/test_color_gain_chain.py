@@ -89,6 +89,7 @@ def test_noise_is_no_gain(found: Differences) -> None:
     assert not solve_chain(found, np.zeros(FRAMES)).gains.any()
 
 
+@pytest.mark.slow
 def test_gains_that_were_chosen_with_the_pattern_are_used() -> None:
     gains = 0.05 * varying()  # offsets too small to be worth it by themselves
     found = chained(gains, 0.002)

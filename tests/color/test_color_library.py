@@ -52,6 +52,7 @@ def test_tensors_in_tensors_out(dtype: type) -> None:
     assert repr(found).startswith("Correction((60, 80, 3) torch.uint")
 
 
+@pytest.mark.slow
 def test_a_batch_shares_its_water_and_its_exposure() -> None:
     images, ranges = (
         np.stack(parts) for parts in zip(*(frame(seed) for seed in range(3)), strict=True)
@@ -100,6 +101,7 @@ def test_a_correction_reads_in_one_line() -> None:
     assert len(text) < 130
 
 
+@pytest.mark.slow
 def test_baselines_are_functions() -> None:
     image, range_m = frame()
     for baseline in (gray_world, sea_thru):

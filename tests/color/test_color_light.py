@@ -127,6 +127,7 @@ def test_pattern_and_gains_come_back() -> None:
     assert found.content()["luminance"]["used"][0] == "pattern"
 
 
+@pytest.mark.slow
 def test_frames_that_differ_in_color_get_a_gain_for_each_channel() -> None:
     gains = 0.1 * np.random.default_rng(3).standard_normal((FRAMES, 3))
     gains -= gains.mean(axis=0)
@@ -137,6 +138,7 @@ def test_frames_that_differ_in_color_get_a_gain_for_each_channel() -> None:
     assert np.abs(measured - gains).max() < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.01, 0.4])
 def test_even_light_is_left_alone(noise: float) -> None:
     found = solved(False, np.zeros((FRAMES, 3)), noise)
@@ -297,6 +299,7 @@ def radial(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(-0.3 * (x**2 + y**2))
 
 
+@pytest.mark.slow
 def test_a_sun_that_sinks_is_not_taken_for_a_slope_across_the_track() -> None:
     gains = np.linspace(0.7, -0.7, FRAMES)
     names = [f"{i:02d}" for i in range(FRAMES)]
@@ -351,6 +354,7 @@ def test_light_survives_json() -> None:
     assert light.fingerprint != replace(light, shading={}).fingerprint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear"), (np.uint16, "srgb")]
 )
@@ -429,6 +433,7 @@ def test_a_dive_is_as_long_as_the_reef_that_its_frames_show() -> None:
     assert np.isfinite(correlated_count(0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pictures", "patches", "used"),
     [(0.3, 800, (True, False)), (1.2, 800, (True, True)), (0.3, 100, (False, False))],
@@ -490,6 +495,7 @@ def redder_at_borders(light: Light, seen: list[SeenWindow]) -> float:
     return float(np.polyfit(radius2(pixel), np.log(direct[:, 0] / direct[:, 1]), 1)[0])
 
 
+@pytest.mark.slow
 def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() -> None:
     seen, names = bowl(), [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(seen, names, SIZE, ALL)
@@ -499,6 +505,7 @@ def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() 
     assert after < 0.5 * before, (before, after)
 
 
+@pytest.mark.slow
 def test_frames_that_no_window_shows_cost_nothing_beside_the_water() -> None:
     seen, names = (
         bowl(),
@@ -515,6 +522,7 @@ def test_frames_that_no_window_shows_cost_nothing_beside_the_water() -> None:
     assert (lights[0].coefficients != short.solved.coefficients).any()
 
 
+@pytest.mark.slow
 def test_a_water_that_hides_all_spots_leaves_the_light_as_it_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

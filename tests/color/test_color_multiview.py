@@ -53,6 +53,7 @@ def rate(water: Water) -> NDArray[np.float64]:
     return np.asarray(np.log(near / far) / (RANGES_M[1] - RANGES_M[0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WATER_NAMES)
 def test_known_water_comes_back(name: WaterName) -> None:
     truth = water_named(name)
@@ -65,6 +66,7 @@ def test_known_water_comes_back(name: WaterName) -> None:
     assert np.isnan(found.standard_errors["white"]).all()
 
 
+@pytest.mark.slow
 def test_a_red_reef_gives_the_same_water() -> None:
     """No gray world: what the reef looks like doesn't matter."""
     truth = water_named("coastal-green")
@@ -74,6 +76,7 @@ def test_a_red_reef_gives_the_same_water() -> None:
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.06)
 
 
+@pytest.mark.slow
 def test_moving_light_does_not_mislead() -> None:
     truth = water_named("coastal-green")
     clean = sightings_through(truth, reef(3000))
@@ -83,6 +86,7 @@ def test_moving_light_does_not_mislead() -> None:
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_wrong_matches_weigh_little() -> None:
     truth = water_named("blue-ocean")
     clean = sightings_through(truth, reef(3000))
@@ -94,6 +98,7 @@ def test_wrong_matches_weigh_little() -> None:
     )
 
 
+@pytest.mark.slow
 def test_same_sightings_same_water() -> None:
     observations = sightings_through(water_named("turbid"), reef(300))
     first, second = (fit_observations(observations, "srgb") for _ in range(2))
@@ -146,6 +151,7 @@ def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) ->
     np.testing.assert_allclose(np.log(found.attenuation(z)), np.log(truth.attenuation(z)), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_clipped_places_and_edges_are_left_out(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
     geometry, frames = dive[0], dive[1][:4]
     usual = find_observations(frames, geometry, "srgb")

@@ -65,6 +65,7 @@ def random_raw(rng):
     return torch.from_numpy(rng.uniform(-3, 1, (4, 3, 1)))
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([8, 16]),
@@ -109,6 +110,7 @@ def test_losses_and_gradients_of_a_table_are_those_of_its_pixels(
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("final_sigmoid", [False, True])
 def test_training_takes_the_path_that_it_takes_on_every_pixel(final_sigmoid):
     """torch.optim.Adam on pixels, our steps on their table: the same weights after a hundred
@@ -176,6 +178,7 @@ def losses(table, water, encoding="as-is"):
     )
 
 
+@pytest.mark.slow
 def test_backscatter_is_found_where_every_range_has_something_dark():
     image, range_m = scene(0, (200, 300))
     own = corrector()
@@ -194,12 +197,14 @@ def test_a_water_of_either_form_is_kept_and_exposed(final_sigmoid):
     assert ((water.backscatter(z) > 0) & (water.backscatter(z) < 1)).all()
 
 
+@pytest.mark.slow
 def test_a_picture_can_be_had_after_every_step_and_more_steps_are_better():
     table = corrector().measure(*scene(1))
     with_steps = [losses(table, corrector(iterations=steps).fit(table)) for steps in (1, 30, 500)]
     assert (np.diff(np.sum(with_steps, axis=1)) < 0).all()
 
 
+@pytest.mark.slow
 def test_a_frame_of_the_same_scene_needs_few_steps():
     own = corrector()
     first, table = own.fit_frame(*scene(0)), own.measure(*scene(1))
@@ -209,6 +214,7 @@ def test_a_frame_of_the_same_scene_needs_few_steps():
     assert warm < 1.1 * losses(table, own.fit(table)).sum()
 
 
+@pytest.mark.slow
 def test_only_linked_frames_begin_from_the_frame_before():
     """A folder of unrelated pictures: each water is that of the picture alone."""
     own = Corrector(ColorConfig(method="paper", lock="frame"))
@@ -232,6 +238,7 @@ def test_steps_end_when_the_time_is_up():
     assert time.perf_counter() - began_s < 60
 
 
+@pytest.mark.slow
 def test_a_water_of_the_other_form_is_no_start():
     printed, plain = (
         corrector(final_sigmoid=True, iterations_per_frame=5),
@@ -242,6 +249,7 @@ def test_a_water_of_the_other_form_is_no_start():
     assert np.array_equal(from_other.w, corrector(iterations=5).fit(table).w)
 
 
+@pytest.mark.slow
 def test_without_relief_the_water_is_the_one_it_began_from():
     own = corrector()
     water = own.fit(own.measure(*scene(0, relief=0.0)))
@@ -252,6 +260,7 @@ def test_without_relief_the_water_is_the_one_it_began_from():
     assert "another frame's is used" in frame.warnings[0]
 
 
+@pytest.mark.slow
 def test_nothing_but_tensors_is_loaded_for_it():
     """torch.optim and torch.func take a second to import."""
     code = (
@@ -310,6 +319,7 @@ def backscatter_after_training(loss, steps=250):
         return (network(z) - truth).abs().max().item(), network(z).max().item()
 
 
+@pytest.mark.slow
 def test_printed_sign_of_the_backscatter_penalty_rewards_negative_direct_signals():
     _, most = backscatter_after_training(
         lambda direct: (direct.clamp(min=0) + 1000 * direct.clamp(max=0)).mean()
@@ -326,6 +336,7 @@ def test_printed_final_sigmoid_keeps_backscatter_above_a_half_unless_weights_may
     assert paper.backscatter(negative, z, final_sigmoid=True).max() < 0.3
 
 
+@pytest.mark.slow
 def test_a_clamped_rate_never_comes_back_and_ours_does():
     z = torch.linspace(1, 5, 100)
     wanted = torch.exp(-0.5 * z)
@@ -365,6 +376,7 @@ def test_one_pixel_of_one_color_has_a_loss_and_gradients_that_are_numbers():
     ).all()
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_real_frames_come_out_whole(real_data, method):

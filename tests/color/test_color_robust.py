@@ -119,6 +119,7 @@ def test_green_loses_no_more_against_blue_than_in_any_sea() -> None:
         assert coefficients[1] - coefficients[2] < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("particles", "warned"), [(0.0, False), (0.02, True)])
 def test_lamp_lit_particles_are_named_where_they_are_taken_for_white(
     particles: float, warned: bool
@@ -151,6 +152,7 @@ def test_known_water_is_taken_out(water: Water) -> None:
     )
 
 
+@pytest.mark.slow
 def test_true_attenuation_lies_within_a_few_standard_errors() -> None:
     rng = np.random.default_rng(3)
     range_m = slope()
@@ -221,6 +223,7 @@ def test_same_table_same_water() -> None:
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
+@pytest.mark.slow
 def test_a_surveys_sum_is_fitted_like_a_frame() -> None:
     rng = np.random.default_rng(8)
     total = MomentTable.empty()
@@ -270,6 +273,7 @@ def test_few_far_pixels_are_of_a_range_of_their_own() -> None:
     assert seen.pixels.sum() == range_m.size
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.integers(0, 2**31),
@@ -366,6 +370,7 @@ def test_kept_colors_of_the_sea_floor_are_those_of_the_spectra() -> None:
         np.testing.assert_allclose(getattr(kept, name), getattr(made, name), atol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
     import cv2

@@ -80,6 +80,7 @@ def left_of_waves(maps: list[NDArray[np.float32]], size: tuple[int, int]) -> flo
     return float(np.std(left - left.mean(axis=0)) / np.std(true - true.mean(axis=0)))
 
 
+@pytest.mark.slow
 def test_waves_that_move_over_the_reef_are_found_and_no_pattern_is_made_of_them() -> None:
     found = solved(windows(1.0, (1, 1, 1), 0.02))
     assert found.light is not None
@@ -93,12 +94,14 @@ def test_waves_that_move_over_the_reef_are_found_and_no_pattern_is_made_of_them(
     assert without.luminance.after.between_views > 4 * found.luminance.after.between_views
 
 
+@pytest.mark.slow
 def test_waves_of_another_color_than_the_light_are_found_in_color() -> None:
     found = solved(windows(0.3, (1.5, 1.0, 0.5), 0.01))
     assert found.color.use.shading
     assert found.color.after.between_views < 0.5 * found.color.before.between_views
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.01, 0.4])
 def test_even_light_has_no_shading(noise: float) -> None:
     assert solved(windows(0.0, (1, 1, 1), noise)).light is None
@@ -113,6 +116,7 @@ def test_the_map_of_a_shading_is_its_terms() -> None:
     assert np.abs(found.mean(axis=(0, 1))).max() < 1e-3  # brightness as a whole is the gain's
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [40, 300])
 def test_the_shading_of_a_chain_of_frames_comes_back(frames: int) -> None:
     """By the dense solver and by the one for long dives; some parts are seen wrongly."""

@@ -33,6 +33,7 @@ def fitted(frames, lock="auto"):
     return fitter, fitter.waters()
 
 
+@pytest.mark.slow
 def test_frames_that_share_a_water_get_that_of_the_survey():
     frames = frames_under(*[CLEAR] * 6)
     fitter, waters = fitted(frames)
@@ -40,6 +41,7 @@ def test_frames_that_share_a_water_get_that_of_the_survey():
     assert all(same(waters[name], survey) for name, survey in fitted(frames, "survey")[1].items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lights", [(CLEAR, GREEN), (GREEN, BLUE), (BLUE, CLEAR, BLUE)])
 def test_the_dive_is_cut_where_the_water_changes(lights):
     fitter, waters = fitted(frames_under(*(light for light in lights for _ in range(4))))
@@ -53,6 +55,7 @@ def test_the_dive_is_cut_where_the_water_changes(lights):
     assert not same(waters["4"], waters["3"])
 
 
+@pytest.mark.slow
 def test_unrelated_pictures_are_not_forced_into_one_water():
     frames = frames_under(CLEAR, GREEN, BLUE)
     fitter, waters = fitted(frames)
@@ -61,6 +64,7 @@ def test_unrelated_pictures_are_not_forced_into_one_water():
     assert same(waters["1"], own)
 
 
+@pytest.mark.slow
 def test_long_dives_are_held_in_a_bounded_number_of_chunks(monkeypatch):
     monkeypatch.setattr(segments, "SETTINGS", segments.SegmentSettings(most_chunks=4))
     fitter, waters = fitted(frames_under(*[CLEAR] * 8, *[GREEN] * 5))
@@ -68,6 +72,7 @@ def test_long_dives_are_held_in_a_bounded_number_of_chunks(monkeypatch):
     assert list(waters) == [str(i) for i in range(13)]
 
 
+@pytest.mark.slow
 def test_frames_without_a_known_range_go_with_those_before_them():
     frames = frames_under(CLEAR, CLEAR, CLEAR, GREEN, GREEN, GREEN)
     frames[3] = (frames[3][0], np.full_like(frames[3][1], np.nan))
@@ -76,6 +81,7 @@ def test_frames_without_a_known_range_go_with_those_before_them():
     assert waters["3"] is waters["2"]
 
 
+@pytest.mark.slow
 def test_frames_that_show_the_same_are_not_cut_apart():
     corrector = Corrector(ColorConfig(input_encoding="as-is"))
     fitter = corrector.survey_fitter(linked=["2", "3"])
@@ -85,6 +91,7 @@ def test_frames_that_show_the_same_are_not_cut_apart():
     assert fitter.segments == [["0", "1", "2", "3"], ["4", "5"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lock", ["auto", "survey"])
 def test_frames_that_were_added_up_before_give_the_water_of_the_same_frames(lock):
     frames = frames_under(*[CLEAR] * 4, *[GREEN] * 4)

@@ -154,6 +154,7 @@ def test_where_noise_stops_a_channel_the_others_stand_in():
     )
 
 
+@pytest.mark.slow
 def test_frames_of_a_survey_share_their_roll_off():
     corrector = Corrector(ColorConfig(lock="survey"))
     fitter = corrector.survey_fitter()

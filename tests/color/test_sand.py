@@ -32,6 +32,7 @@ def test_sand_alone_gets_no_red_cast(depths_m: tuple[float, float]) -> None:
     assert 0.85 * green < red < 1.12 * green and blue < 1.05 * green
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth_m", [None, 5.0])
 def test_the_white_of_lamps_is_not_that_of_a_depth(depth_m: float | None) -> None:
     """Lamps have a prior of their own, unless a depth is set."""

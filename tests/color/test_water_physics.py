@@ -85,6 +85,7 @@ def tables() -> list:
     return found
 
 
+@pytest.mark.slow
 def test_a_batch_of_frames_is_fitted_as_each_alone() -> None:
     config, seen = ColorConfig(), tables()
     together = fit_all(seen, config)

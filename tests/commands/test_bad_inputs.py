@@ -19,6 +19,7 @@ from calibration.formats import load_rig
 from stereo_seecolor.checks import rig as rig_checks
 
 
+@pytest.mark.slow
 def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     (dive.root / "R/0001.png").unlink()
@@ -129,6 +130,7 @@ def test_bad_calibrations_in_one_line(make_dive, cli, tmp_path, key, value, mess
     assert message in said
 
 
+@pytest.mark.slow
 def test_a_suspicious_calibration_is_used_and_named(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
     rig = yaml.safe_load((dive.root / "cam.yaml").read_text())
@@ -155,6 +157,7 @@ def test_calibration_that_is_no_yaml(make_dive, cli, tmp_path) -> None:
     assert said.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     words = [
@@ -259,6 +262,7 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
     assert not (tmp_path / "out" / "frames.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_pair_of_the_same_picture_fails_alone(make_dive, cli, tmp_path) -> None:
     dive = make_dive(3)
     names = [sorted((dive.root / side).iterdir())[1] for side in ("L", "R")]
@@ -322,6 +326,7 @@ def test_range_map_of_another_size(cli, tmp_path) -> None:
     assert "the range map is 9x8 px but its image a.png is 9x9" in printed
 
 
+@pytest.mark.slow
 def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(
     make_dive, cli, tmp_path
 ) -> None:

@@ -138,6 +138,7 @@ def test_range_maps_with_unknown_pixels_are_named_too(tmp_path: Path) -> None:
         inspect([tmp_path])
 
 
+@pytest.mark.slow
 def test_single_images_and_patterns_stand_for_their_folders(make_dive, cli) -> None:
     dive = make_dive(2)
     images = [str(path) for side in ("L", "R") for path in sorted((dive.root / side).iterdir())]
@@ -206,6 +207,7 @@ def test_folders_that_show_different_scenes_are_no_sides(tmp_path: Path) -> None
     assert shlex.split(found.run_command)[3:6:2] == ["LEFT", "RIGHT"]
 
 
+@pytest.mark.slow
 def test_a_pair_of_open_water_is_no_misfit(make_dive) -> None:
     dive = make_dive(3)
     for seed, side in enumerate("LR"):
@@ -215,6 +217,7 @@ def test_a_pair_of_open_water_is_no_misfit(make_dive) -> None:
     assert inspect([dive.root]).misfits == ()
 
 
+@pytest.mark.slow
 def test_swapped_sides_are_exchanged_in_the_run_line(make_dive) -> None:
     dive = make_dive(1)
     for old, new in (("L", "x"), ("R", "L"), ("x", "R")):
@@ -265,6 +268,7 @@ def test_without_a_calibration_it_says_what_to_do(make_dive, cli) -> None:
     assert "--calib CALIBRATION" in found["run_command"]
 
 
+@pytest.mark.slow
 def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
     dive = make_dive(1)
     (dive.root / "old.yaml").write_bytes((dive.root / "cam.yaml").read_bytes())

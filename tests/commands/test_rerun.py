@@ -81,6 +81,7 @@ def test_water_of_one_dive_serves_another(make_dive, cli, tmp_path) -> None:
     assert (tmp_path / "b/water.json").read_bytes() == (tmp_path / "a/water.json").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [

@@ -11,6 +11,7 @@ import pytest
 from conftest import contents, read_pixels
 
 
+@pytest.mark.slow
 def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     code, printed, said = cli(*dive.command(out))
@@ -53,6 +54,7 @@ def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     assert json.loads((out / "water.json").read_text())["format"] == "stereo-seecolor/water"
 
 
+@pytest.mark.slow
 def test_cloud_holds_the_measured_points_in_the_corrected_colors(make_dive, cli, tmp_path) -> None:
     cli(*make_dive(1).command(tmp_path / "out"))
     _, _, body = (tmp_path / "out/clouds/0000.ply").read_bytes().partition(b"end_header\n")
@@ -93,6 +95,7 @@ def test_image_formats(make_dive, cli, tmp_path, image_format) -> None:
     assert image.any()
 
 
+@pytest.mark.slow
 def test_gray_images_go_through(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
     for path in dive.root.glob("?/*.png"):
@@ -130,6 +133,7 @@ def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_
         assert (tmp_path / "colors/corrected" / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.slow
 def test_rectified_images_need_no_more_rectification(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(1), tmp_path / "out"
     assert cli(*dive.command(out, command="rectify"))[0] == 0

@@ -199,6 +199,7 @@ def _flipped(content: bytes, place: int) -> bytes:
     return bytes(changed)
 
 
+@pytest.mark.slow
 def test_importing_a_compiled_function_leaves_numba_alone() -> None:
     code = "import sys; import stereo_seecolor.matching.disparity; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

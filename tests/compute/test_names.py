@@ -4,6 +4,7 @@ import json
 import pickle
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -50,6 +51,7 @@ def test_items_are_kept_by_name_each_object_once():
         assert one.get("e") is None
 
 
+@pytest.mark.slow
 def test_streamed_json_is_the_text_of_what_it_stands_for(tmp_path):
     content = {"a": {"x": [1.5, None], "y": {}}, "b": ["1", "2"], "none": {}, "empty": []}
     streamed = {

@@ -211,6 +211,7 @@ def test_every_page_is_in_the_sites_index() -> None:
     assert sorted(listed) == sorted(page for page in pages if page != "index")
 
 
+@pytest.mark.slow
 def test_reference_pages_are_those_of_this_program() -> None:
     command = [sys.executable, str(DOCS / "reference.py"), "--check"]
     checked = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)

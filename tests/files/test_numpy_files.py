@@ -30,6 +30,7 @@ def frequent_collection():
     gc.set_threshold(*before)
 
 
+@pytest.mark.slow
 def test_threads_read_arrays_while_garbage_is_collected(
     tmp_path: Path, frequent_collection: None
 ) -> None:

@@ -55,6 +55,7 @@ def test_what_is_no_image_is_named_in_a_line(given: Any, said: str) -> None:
     assert str(caught.value).startswith("f1: the left image: ") and "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_paths_may_be_text(finished_demo: DemoResult) -> None:
     out = finished_demo.out
     frame = stereo_seecolor.open_run(str(out)).frames[0]

@@ -80,6 +80,7 @@ def test_zeros_to_the_end_of_a_copy_are_a_seam(kind: str, place: float) -> None:
     assert seam(content[:kept] + bytes(len(content) - kept)) is not None
 
 
+@pytest.mark.slow
 def test_most_bytes_whose_change_is_seen_in_a_jpeg_are_found() -> None:
     found = changed = 0
     random = np.random.default_rng(0)
@@ -176,6 +177,7 @@ def pages(*images: np.ndarray, **how: object) -> bytes:
     return stream.getvalue()
 
 
+@pytest.mark.slow
 def test_forms_of_files_that_cost_colors_are_named(tmp_path: Path) -> None:
     rgb = read_pixels(LEFTS[0])[..., ::-1]
     assert notes(tmp_path, "a.png", pillow("PNG")(rgb)) == ""

@@ -212,6 +212,7 @@ def test_monochrome_images_are_told_by_their_pixels() -> None:
     assert not is_monochrome(gray)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lock", ["frame", "survey"])
 def test_a_run_carries_what_the_camera_recorded(make_dive, tmp_path: Path, lock: str) -> None:
     dive = make_dive(2)

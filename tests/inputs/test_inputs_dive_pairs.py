@@ -101,6 +101,7 @@ def test_patterns_that_fit_nothing_or_both_sides(tmp_path: Path) -> None:
         list_images(root / "*/links", "left images")
 
 
+@pytest.mark.slow
 def test_inspect_says_how_to_take_all_hours(tmp_path: Path) -> None:
     root = make_files(tmp_path, *HOURS)
     assert find_sides([root]).together == (root / "*/left", root / "*/right")

@@ -16,6 +16,7 @@ ODD_STEMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ODD_STEMS)
 def test_a_run_over_odd_names(make_dive, tmp_path: Path, kind: str) -> None:
     dive = make_dive(2)
@@ -36,6 +37,7 @@ def test_a_run_over_odd_names(make_dive, tmp_path: Path, kind: str) -> None:
         assert (tmp_path / "out" / "corrected" / f"{row['name']}.png").is_file()
 
 
+@pytest.mark.slow
 def test_two_empty_files_are_said_to_be_empty(make_dive, tmp_path: Path) -> None:
     dive = make_dive(2)
     for side in "LR":

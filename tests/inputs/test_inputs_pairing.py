@@ -358,6 +358,7 @@ def test_natural_order_is_total(texts: list[str]) -> None:
     assert sorted(backwards, key=natural_key) == sorted(texts, key=natural_key)
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.from_regex(r"[a-bA-B_ ]{0,2}[0-9]{0,3}[a-b]?[0-9]{0,2}", fullmatch=True), max_size=12
@@ -371,6 +372,7 @@ def test_natural_order_reads_digits_as_numbers(names: list[str]) -> None:
     assert sorted(names, key=natural_key) == sorted(names, key=parts)
 
 
+@pytest.mark.slow
 @given(st.lists(st.from_regex("[aA]b_[0-9]{3}(-[0-9])?", fullmatch=True), max_size=12))
 def test_names_are_sorted_by_their_natural_key(names: list[str]) -> None:
     expected = sorted(names, key=natural_key)

@@ -48,6 +48,7 @@ def test_eight_bits_and_what_is_set_stay(tmp_path: Path) -> None:
     assert settled(InputConfig(), [deep]).significant_bits == 10
 
 
+@pytest.mark.slow
 def test_a_dive_of_ten_bits_runs_as_it_is(make_dive, tmp_path: Path) -> None:
     """Unscaled, its brightest pixel would be 1.6 % of white, and the left image "black"."""
     dive = make_dive(1, dtype=np.uint16)

@@ -114,6 +114,7 @@ def test_side_by_side(tmp_path: Path) -> None:
         read_image(paired(odd, odd).pairs[0].left)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "codec", "pix"),
     [

@@ -46,6 +46,7 @@ def test_two_monochrome_cameras_give_one_channel(
     np.testing.assert_array_equal(frame.color[..., 0], frame.color[..., 2])
 
 
+@pytest.mark.slow
 def test_color_with_monochrome_matches_and_stays_in_color(make_dive, tmp_path: Path) -> None:
     dive = make_dive(2)
     make_gray(dive.root / "R")
@@ -55,6 +56,7 @@ def test_color_with_monochrome_matches_and_stays_in_color(make_dive, tmp_path: P
     assert corrected(tmp_path / "out", ".png").ndim == 3
 
 
+@pytest.mark.slow
 def test_a_monochrome_camera_sees_less_water_in_what_is_corrected(
     make_dive, tmp_path: Path
 ) -> None:

@@ -158,6 +158,7 @@ def test_reference_in_local_meters(tmp_path: Path) -> None:
     assert trajectory.origin is None
 
 
+@pytest.mark.slow
 @given(st.tuples(*[st.floats(-180, 180)] * 3))
 def test_yaw_pitch_roll_are_metashapes(
     tmp_path_factory: pytest.TempPathFactory, angles: tuple[float, float, float]

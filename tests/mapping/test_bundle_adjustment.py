@@ -121,6 +121,7 @@ def test_exact_sightings_give_exact_poses() -> None:
     assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

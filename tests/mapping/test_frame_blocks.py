@@ -34,6 +34,7 @@ def equations(joined: np.ndarray, seed: int) -> tuple[FrameBlocks, np.ndarray, n
     return blocks, whole, g
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(
     count=st.integers(1, 30),

@@ -141,6 +141,7 @@ def test_a_fish_that_others_see_through_is_carved_away_by_open3d(tmp_path: Path)
     assert not (read_cloud(tmp_path / "cloud.ply")["color"] == [255, 0, 255]).all(axis=1).any()
 
 
+@pytest.mark.slow
 def test_a_tile_that_no_frame_reaches_is_empty() -> None:
     blocks = np.zeros((1, 3), np.int32)
     tiling = Tiling((), 0.02, 6, 1)

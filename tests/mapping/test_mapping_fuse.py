@@ -88,6 +88,7 @@ def test_poses_of_the_raw_camera_put_things_where_the_rectified_image_shows_them
     np.testing.assert_allclose(projected[:, :2] / projected[:, 2:], shown, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_behind_a_flat_port_the_rectified_cameras_center_moves_as_well() -> None:
     window = FlatWindow(0.05, 0.01, np.array([0.0, 0, 1]))
     rig = toed_in_rig(FlatPort(window, window, 2.0, 1.34))
@@ -101,6 +102,7 @@ def test_behind_a_flat_port_the_rectified_cameras_center_moves_as_well() -> None
     np.testing.assert_allclose(projected[:, :2] / projected[:, 2:], shown, atol=0.5)
 
 
+@pytest.mark.slow
 def test_a_run_writes_down_how_rectification_turned_the_camera(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

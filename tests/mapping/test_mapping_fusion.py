@@ -133,6 +133,7 @@ def test_a_fish_that_others_see_through_is_carved_away(tmp_path: Path) -> None:
     assert not (cloud["color"] == [255, 0, 255]).all(axis=1).any()
 
 
+@pytest.mark.slow
 def test_sure_measurements_outweigh_unsure_ones(tmp_path: Path) -> None:
     sure, unsure = flat_frame(0), flat_frame(1)
     unsure = dataclasses.replace(
@@ -160,6 +161,7 @@ def test_a_view_counts_by_how_fine_its_pixels_are(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("why", ["clipped", "unrecoverable"])
 def test_a_doubtful_color_hardly_counts(tmp_path: Path, why: str) -> None:
     good, bad = (
@@ -282,6 +284,7 @@ def test_tiles_of_frames_that_were_made_anew_are_not_kept(tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_named_and_what_is_done_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -370,6 +373,7 @@ def test_a_ball_is_closed_and_of_its_size() -> None:
     )  # positive: outside is outside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_points_lie_where_the_distance_along_an_edge_is_zero(seed: int) -> None:
     rough = np.random.default_rng(seed).normal(0, 0.01, (216, 8, 8, 8))
@@ -380,6 +384,7 @@ def test_the_points_lie_where_the_distance_along_an_edge_is_zero(seed: int) -> N
     assert nearest_distance_m(surface.points_m, wanted, 0.1).max() < 1e-4 * volume.voxel_m
 
 
+@pytest.mark.slow
 def test_a_rough_surface_has_no_holes_but_where_voxels_are_unknown() -> None:
     rough = np.random.default_rng(3).normal(0, 1, (216, 8, 8, 8))
     volume = volume_of(lambda x, y, z: rough, 0, unknown=0)  # every case of a cube

@@ -210,6 +210,7 @@ def test_each_pass_of_a_map_in_components_has_its_own_progress(tmp_path: Path) -
     assert "fusing tiles, component 2 of 2" in {what for what, _, _ in told}
 
 
+@pytest.mark.slow
 def test_ranges_too_uncertain_for_the_voxels_take_no_memory(tmp_path: Path) -> None:
     """An oblique view: the bottom near, and far away a wall whose ranges are off by meters."""
     near = flat_frame(0)
@@ -251,6 +252,7 @@ def test_voxels_follow_from_what_the_images_resolve_at_their_range(
     assert with_voxel(MappingConfig(voxel_m=0.03), frames, PAIR).voxel_m == 0.03
 
 
+@pytest.mark.slow
 def test_the_map_says_which_voxels_it_chose(tmp_path: Path) -> None:
     config = CONFIG.model_copy(update={"voxel_m": None, "tile_m": None})
     build_map([flat_frame(0)], PAIR, tmp_path, config, track(1))

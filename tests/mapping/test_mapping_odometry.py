@@ -253,6 +253,7 @@ def test_priors_hold_the_map_to_navigation() -> None:
     assert np.abs(solved[:, :2, 3] - T[:, :2, 3]).max() < 0.3
 
 
+@pytest.mark.slow
 def test_without_gtsam_the_map_is_made_and_says_what_is_missing(
     reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -63,6 +63,7 @@ def landmarks(column: int, row: int) -> NDArray[np.float64]:
     )
 
 
+@pytest.mark.slow
 def test_lines_that_lie_side_by_side_are_recognized() -> None:
     dive = Lawnmower(3 * LINE_FRAMES)
     pairs = by_appearance(dive, Threads(1))
@@ -72,6 +73,7 @@ def test_lines_that_lie_side_by_side_are_recognized() -> None:
     assert min(b - a for a, b in pairs) >= PLACE_RECOGNITION_SETTINGS.min_apart
 
 
+@pytest.mark.slow
 def test_frames_that_show_nothing_look_like_none() -> None:
     blank = tuple(range(50, 60))
     pairs = by_appearance(Lawnmower(2 * LINE_FRAMES, blank), Threads(1))
@@ -80,12 +82,14 @@ def test_frames_that_show_nothing_look_like_none() -> None:
     assert by_appearance(Lawnmower(LINE_FRAMES, tuple(range(LINE_FRAMES))), Threads(1)) == []
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_what_is_recognized() -> None:
     assert by_appearance(Lawnmower(2 * LINE_FRAMES), Threads(1)) == by_appearance(
         Lawnmower(2 * LINE_FRAMES), Threads(3)
     )
 
 
+@pytest.mark.slow
 def test_the_work_grows_with_the_frames_and_not_with_their_square(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

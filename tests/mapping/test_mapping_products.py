@@ -218,6 +218,7 @@ def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     assert (rgba[:3, ~painted] == 0).all()
 
 
+@pytest.mark.slow
 def test_the_mosaic_has_the_mean_color_of_all_views_and_no_step_between_them(
     tmp_path: Path,
 ) -> None:
@@ -353,6 +354,7 @@ def test_rasters_with_blocks_without_a_surface_open_in_programs_that_know_no_gda
         np.testing.assert_array_equal(np.moveaxis(np.atleast_3d(pixels), -1, 0), expected)
 
 
+@pytest.mark.slow
 def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     lines = (tmp_path / "reef_metrics.csv").read_text().splitlines()

@@ -168,6 +168,7 @@ def test_errors_that_all_images_share_are_found() -> None:
     assert errors.values == pytest.approx([1.5, 0, 0.8, 0, 0, 0, 0, 0, 0, 0], abs=0.15)
 
 
+@pytest.mark.slow
 def test_lenses_that_are_off_differently_leave_a_cubic_disparity_which_is_found() -> None:
     errors = find_image_errors(views(0.0, 0.0, cubic_px=0.8), PAIR)
     assert errors is not None

@@ -19,6 +19,7 @@ def lawnmower() -> np.ndarray:
     return T
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not available(), reason="needs GTSAM")
 def test_false_loops_are_told_from_the_drift_of_a_long_dive() -> None:
     T, rng = lawnmower(), np.random.default_rng(0)

@@ -55,6 +55,7 @@ def _normals(corners: np.ndarray) -> np.ndarray:
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 def test_a_bottom_stays_within_the_bound() -> None:
     position, triangles = bottom()
     found = simplify(position, triangles, BOUND_M)

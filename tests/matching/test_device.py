@@ -166,6 +166,7 @@ def test_triton_kernels_compile_for_a_jetson_orin_and_an_h100(capability, monkey
     assert built(source, target=GPUTarget("cuda", capability, 32)).asm["cubin"]
 
 
+@pytest.mark.slow
 def test_the_shapes_of_the_paths_fit_on_the_meta_device():
     assert paths("meta").shape == (2, 7, 3, 16)
 

@@ -225,6 +225,7 @@ def test_what_lies_just_outside_the_right_image_is_not_matched_with_its_border(s
     assert np.isfinite(found.disparity)[~outside].mean() > 0.99
 
 
+@pytest.mark.slow
 def test_ranges_outside_the_limits_are_unknown() -> None:
     found = match(scene(), MatchingConfig(min_range_m=1.75, max_range_m=2.0))
     assert np.nanmin(found.range_m) >= 1.75 and np.nanmax(found.range_m) <= 2.0
@@ -253,6 +254,7 @@ def test_filling_is_marked_and_leaves_the_measured_alone() -> None:
     np.testing.assert_array_equal(filled.measured_m, measured.range_m)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("value", "complaint"),
     [

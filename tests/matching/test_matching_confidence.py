@@ -80,6 +80,7 @@ def test_samples_are_interpolated_to_the_size_of_the_image() -> None:
         )  # samples stand half a pixel off the middle
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [EVERYTHING, slice(16, 37)])
 def test_a_pixel_with_the_gray_of_what_lies_behind_is_fattened(rows: slice) -> None:
     """A near surface from column 40 on, whose disparity spreads 4 pixels over the far, darker

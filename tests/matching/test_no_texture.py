@@ -32,6 +32,7 @@ def dive(make_dive: Callable[..., Dive]) -> Dive:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unknown", CODES)
 def test_a_pair_of_open_water_is_done_and_marked(
     dive: Dive, unknown: str, cli, tmp_path: Path
@@ -70,6 +71,7 @@ def test_a_pair_of_open_water_is_done_and_marked(
         assert typical_m == pytest.approx(np.nanmedian(known_m), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_dive_of_nothing_but_open_water_says_so(dive: Dive, cli, tmp_path: Path) -> None:
     for seed, path in enumerate(sorted(dive.root.rglob("*.png"))):
         open_water(path, seed)

@@ -83,6 +83,7 @@ def test_random_images_in_random_bands(
     assert_equal_to_reference(*pair(seed, *size, shift, noise), band)
 
 
+@pytest.mark.slow
 def test_one_band_for_all_tiles() -> None:
     disparity = assert_equal_to_reference(
         *pair(1, 40, 64, 9, 200.0), Band.everywhere((40, 64), 0, 15)

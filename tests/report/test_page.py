@@ -78,6 +78,7 @@ def colors(path: Path) -> np.ndarray:
 # What it shows
 
 
+@pytest.mark.slow
 def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
     assert report(out).made == 2
     assert data(out)["shown"] == {
@@ -92,6 +93,7 @@ def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
     assert abs(after - corrected).max() < 1 < abs(before - corrected).max()
 
 
+@pytest.mark.slow
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
     assert data(out)["calibration"].startswith(
@@ -102,6 +104,7 @@ def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Pat
     assert data(out)["calibration_std"] == 0.005
 
 
+@pytest.mark.slow
 def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> None:
     rig = native.read(out / "rig.yaml")
     (out / "rig.yaml").write_bytes(
@@ -112,6 +115,7 @@ def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> 
     assert "as the calibration itself states (Kalibr)" in data(out)["calibration"]
 
 
+@pytest.mark.slow
 def test_a_setting_says_how_well_lengths_are_known(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -121,6 +125,7 @@ def test_a_setting_says_how_well_lengths_are_known(
     assert "set by measuring.length_error" in data(tmp_path / "out")["calibration"]
 
 
+@pytest.mark.slow
 def test_inputs_are_found_from_another_folder(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,6 +139,7 @@ def test_inputs_are_found_from_another_folder(
     assert "before" in data(tmp_path / "out")["shown"]["0000"]
 
 
+@pytest.mark.slow
 def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     rig = native.read(out / "rig.yaml")
     refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
@@ -147,6 +153,7 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_every_plot_has_a_title(out: Path) -> None:
     report(out)
     found = data(out)
@@ -161,6 +168,7 @@ def test_every_plot_has_a_title(out: Path) -> None:
     assert not {f"plots.{plot}" for plot in found["plots"].keys() | written} - found["texts"].keys()
 
 
+@pytest.mark.slow
 def test_a_dive_without_faults_is_called_good(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -181,6 +189,7 @@ def test_something_small_that_moves_is_no_reason_to_doubt_a_dive() -> None:
     assert not judge_so_far(rows(12.0)).good
 
 
+@pytest.mark.slow
 def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(3)
     (dive.root / "L/0001.png").write_bytes(b"")
@@ -195,6 +204,7 @@ def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_pa
     assert data(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
 
 
+@pytest.mark.slow
 def test_a_run_without_a_good_frame_has_a_page(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -207,6 +217,7 @@ def test_a_run_without_a_good_frame_has_a_page(
     assert "No frame went through all stages." in (tmp_path / "out/index.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_names_with_markup_stay_text(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     for side in "LR":
@@ -220,6 +231,7 @@ def test_names_with_markup_stay_text(make_dive: Callable[..., Dive], tmp_path: P
     assert NASTY in data(tmp_path / "out")["names"]
 
 
+@pytest.mark.slow
 def test_the_page_allows_no_network_and_no_inline_script(out: Path) -> None:
     report(out)
     page = (out / "index.html").read_text("utf-8")
@@ -287,6 +299,7 @@ def test_the_page_takes_at_most_15_percent_of_a_lean_folder(
     assert page <= 0.15 * whole
 
 
+@pytest.mark.slow
 def test_a_page_is_made_once(out: Path) -> None:
     report(out)
     before = {path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()}
@@ -297,6 +310,7 @@ def test_a_page_is_made_once(out: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_what_a_run_makes_of_its_frames_in_memory_is_what_their_files_give(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -330,6 +344,7 @@ def test_a_frame_that_changed_is_made_again(make_dive: Callable[..., Dive], tmp_
     assert (result.made, result.kept) == (len(changed), 3 - len(changed))
 
 
+@pytest.mark.slow
 def test_pictures_of_inputs_that_are_gone_are_kept(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -341,6 +356,7 @@ def test_pictures_of_inputs_that_are_gone_are_kept(
     assert (out / "page/before/0001.jpg").exists()
 
 
+@pytest.mark.slow
 def test_without_inputs_the_page_shows_what_there_is(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -351,6 +367,7 @@ def test_without_inputs_the_page_shows_what_there_is(
     assert data(out)["shown"]["0001"] == ["thumbnails", "after", "ranges"]
 
 
+@pytest.mark.slow
 def test_a_damaged_frame_is_named_and_left_out(out: Path) -> None:
     (out / "range/0001.tiff").write_bytes(b"broken")
     result = report(out)
@@ -388,6 +405,7 @@ def test_a_pair_that_is_gone_takes_its_pictures_along(
     assert data(out)["names"] == ["0000", "0001"]
 
 
+@pytest.mark.slow
 def test_an_edited_page_is_kept_aside(out: Path) -> None:
     report(out)
     (out / "index.html").write_text("my own notes")
@@ -398,6 +416,7 @@ def test_an_edited_page_is_kept_aside(out: Path) -> None:
     assert "stereo-seecolor" in (out / "index.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["index.html", "page/notes.txt", "page/after/notes.txt", "page/mine/x.js"]
 )
@@ -410,6 +429,7 @@ def test_files_of_others_where_the_page_goes_are_refused(out: Path, name: str) -
     assert not (out / "page/dive.js").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["page", "page/after"])
 def test_a_link_out_of_the_folder_is_not_followed(out: Path, tmp_path: Path, name: str) -> None:
     (tmp_path / "elsewhere").mkdir()
@@ -426,6 +446,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_chart_is_shown_before_and_after_beside_its_published_colors(
     out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -458,6 +479,7 @@ def test_patches_of_the_published_colors_have_no_difference() -> None:
 # Written by the run itself
 
 
+@pytest.mark.slow
 def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
@@ -481,6 +503,7 @@ class Watch:
         self.seen.append(self.page.read_text("utf-8"))
 
 
+@pytest.mark.slow
 def test_while_a_run_works_its_page_says_how_far_it_is(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -510,6 +533,7 @@ def test_while_a_run_works_its_page_says_how_far_it_is(
     assert "1 of 3 pairs failed." in final
 
 
+@pytest.mark.slow
 def test_no_page_says_that_a_run_works_that_has_ended_by_an_error(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
@@ -530,6 +554,7 @@ def test_no_page_says_that_a_run_works_that_has_ended_by_an_error(
 # The command line
 
 
+@pytest.mark.slow
 def test_run_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path, cli: Cli) -> None:
     code, text, _ = cli(*make_dive(2).command(tmp_path / "out"))
     assert code == 0
@@ -537,6 +562,7 @@ def test_run_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path, cli
     assert (tmp_path / "out/index.html").exists()
 
 
+@pytest.mark.slow
 def test_report_says_which_frames_it_does_not_show(out: Path, cli: Cli) -> None:
     (out / "range/0001.tiff").write_bytes(b"broken")
     code, text, _ = cli("report", out)
@@ -545,6 +571,7 @@ def test_report_says_which_frames_it_does_not_show(out: Path, cli: Cli) -> None:
     assert "1 frame shown, 0 of them kept" in text
 
 
+@pytest.mark.slow
 def test_report_as_json(out: Path, cli: Cli) -> None:
     _, text, _ = cli("report", out, "--json")
     assert json.loads(text)["made"] == 2
@@ -578,6 +605,7 @@ def test_coded_standard_errors_are_exact_to_three_percent() -> None:
     np.testing.assert_allclose(found, expected, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_tables_rows_are_read_back_as_they_were(out: Path) -> None:
     from stereo_seecolor.run_folder.frames_csv import frames_csv, read_frames
 

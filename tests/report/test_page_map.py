@@ -72,6 +72,7 @@ def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
     return {tuple(int(v) for v in triangle.ravel()) for triangle in corners}
 
 
+@pytest.mark.slow
 def test_what_is_packed_comes_out_again() -> None:
     mesh, step_m = hills(), 0.0005
     mesh = replace(mesh, colors=mesh.colors & 0xFC | 2)  # of those that the page can show

@@ -53,6 +53,7 @@ def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_
     assert not DiskSpace.checked(tmp_path, 1000, 31e6).is_low
 
 
+@pytest.mark.slow
 def test_the_need_is_printed_before_the_work_begins(
     make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path
 ) -> None:

@@ -128,6 +128,7 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     assert contents(out) == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_what_a_killed_worker_left_of_a_record_costs_no_frame_its_files(
     make_dive, tmp_path
 ) -> None:
@@ -229,6 +230,7 @@ def test_inputs_vanishing_midway_are_named(make_dive, tmp_path) -> None:
     assert summary.count("ok") == 5
 
 
+@pytest.mark.slow
 def test_read_only_inputs_and_links(make_dive, tmp_path) -> None:
     dive = make_dive(2)
     linked = tmp_path / "linked dive é"
@@ -241,6 +243,7 @@ def test_read_only_inputs_and_links(make_dive, tmp_path) -> None:
     assert summary.all_done
 
 
+@pytest.mark.slow
 def test_kept_tables_that_are_damaged_are_counted_again(make_dive, tmp_path) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     run_in_process(dive, out)

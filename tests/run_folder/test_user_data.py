@@ -90,6 +90,7 @@ def statuses(out: Path) -> dict[str, str]:
 # A folder that never was the program's
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize(
     "name",
@@ -134,6 +135,7 @@ def test_out_may_be_a_link_itself(dive: Dive, tmp_path: Path) -> None:
 # A folder of the program's, with files of the user's in it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -153,6 +155,7 @@ def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: st
         assert mine.read_bytes() == PRECIOUS
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize(
     "name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), "water_measured.json"]
@@ -218,6 +221,7 @@ def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(
 # Inputs inside OUT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["water.json", "run.json", "rig.yaml"])
 def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, given: str) -> None:
     out = tmp_path / "out"
@@ -239,6 +243,7 @@ def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, give
     assert contents(out) == before
 
 
+@pytest.mark.slow
 @BOTH
 def test_range_maps_are_not_overwritten_by_their_own_correction(
     dive: Dive, tmp_path: Path, overwrite: bool
@@ -253,6 +258,7 @@ def test_range_maps_are_not_overwritten_by_their_own_correction(
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_images_inside_out_are_not_deleted(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     rectify(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
@@ -279,6 +285,7 @@ def test_a_run_may_take_the_water_of_its_own_folder(dive: Dive, tmp_path: Path) 
 # Other dives, other commands, other programs
 
 
+@pytest.mark.slow
 def test_another_dives_results_are_refused_without_the_flag(
     dive: Dive, make_dive, tmp_path: Path
 ) -> None:  # type: ignore[no-untyped-def]
@@ -303,6 +310,7 @@ def test_two_programs_never_write_into_one_folder(
         command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
 
 
+@pytest.mark.slow
 def test_rectified_images_are_refused_where_a_run_lies(dive: Dive, tmp_path: Path) -> None:
     go(dive, tmp_path / "out")
     with pytest.raises(OutputError, match="another dive or command"):
@@ -312,6 +320,7 @@ def test_rectified_images_are_refused_where_a_run_lies(dive: Dive, tmp_path: Pat
 # Moved and copied
 
 
+@pytest.mark.slow
 def test_a_moved_dive_and_a_moved_out_go_on(dive: Dive, tmp_path: Path) -> None:
     go(dive, tmp_path / "out")
     dive.root.rename(tmp_path / "moved dive")
@@ -320,6 +329,7 @@ def test_a_moved_dive_and_a_moved_out_go_on(dive: Dive, tmp_path: Path) -> None:
     assert (summary.kept, summary.all_done) == (3, True)
 
 
+@pytest.mark.slow
 def test_a_copied_out_is_still_the_programs(dive: Dive, tmp_path: Path) -> None:
     first = go(dive, tmp_path / "out")
     shutil.copytree(tmp_path / "out", tmp_path / "copy", copy_function=shutil.copyfile)
@@ -328,6 +338,7 @@ def test_a_copied_out_is_still_the_programs(dive: Dive, tmp_path: Path) -> None:
     assert not (tmp_path / "copy/set_aside").exists()
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_read_without_its_inputs(dive: Dive, tmp_path: Path) -> None:
     go(dive, tmp_path / "out")
     shutil.rmtree(dive.root)
@@ -358,6 +369,7 @@ def products_of(folder: Path, name: str) -> dict[str, bytes]:
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
 
 
+@pytest.mark.slow
 def test_old_products_of_a_pair_that_fails_now_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
     """A disk that fails, or is not mounted, must not cost the results of a dive whose images cannot
     be read any more.
@@ -381,6 +393,7 @@ def test_old_products_of_a_pair_that_fails_now_are_kept_aside(dive: Dive, tmp_pa
     )
 
 
+@pytest.mark.slow
 def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -398,6 +411,7 @@ def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path
     assert "no longer in the dive" not in " ".join(go(dive, out).notes)
 
 
+@pytest.mark.slow
 def test_ranges_by_another_calibration_leave_no_old_colors(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -411,6 +425,7 @@ def test_ranges_by_another_calibration_leave_no_old_colors(dive: Dive, tmp_path:
         SurveyFrames(open_run(out))
 
 
+@pytest.mark.slow
 def test_ranges_by_the_same_settings_keep_the_colors(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out, "color.lock=survey")
@@ -441,6 +456,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
     assert len(SurveyFrames(open_run(out))) == 3
 
 
+@pytest.mark.slow
 def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     options = RunOptions(
@@ -452,6 +468,7 @@ def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "writes", [7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 28, 3) if n != 7)]
 )
@@ -480,6 +497,7 @@ def test_a_full_disk_loses_nothing(
     assert not list(out.rglob(".writing-*"))
 
 
+@pytest.mark.slow
 def test_every_product_is_on_the_disk_before_it_gets_its_name(
     dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -512,6 +530,7 @@ def test_every_product_is_on_the_disk_before_it_gets_its_name(
     assert [path for path, safe in products if not safe] == []
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_flushed_is_named_and_not_left_behind(
     dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -543,6 +562,7 @@ def test_a_folder_lost_while_files_are_written_is_named(tmp_path: Path) -> None:
         OwnedFiles(tmp_path).write_temporaries(contents_of_a_pair())
 
 
+@pytest.mark.slow
 def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -554,6 +574,7 @@ def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> 
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_a_folder_turned_into_a_file_is_left_alone(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)

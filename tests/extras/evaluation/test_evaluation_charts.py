@@ -228,6 +228,7 @@ def test_folders_of_other_tools_are_scored_and_black_is_unknown(
     assert np.isfinite(rows["holed"].ciede2000)
 
 
+@pytest.mark.slow
 def test_wrong_folders_of_other_tools(
     folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:
@@ -315,6 +316,7 @@ def test_images_without_a_chart_are_named(folders: tuple[Path, Path]) -> None:
         evaluate_charts(*folders)
 
 
+@pytest.mark.slow
 def test_targets_of_other_images_are_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
     file = tmp_path / "targets.json"
     file.write_text("{}")
@@ -365,6 +367,7 @@ def test_unknown_ranges_are_left_out_by_ours(chart_image: tuple[np.ndarray, np.n
     assert np.isfinite(results[OURS][:, 100:]).all()
 
 
+@pytest.mark.slow
 def test_a_patch_that_fades_with_range_is_spread(
     chart_image: tuple[np.ndarray, np.ndarray],
 ) -> None:

@@ -63,6 +63,7 @@ def test_lab_agrees_with_opencv():
     )  # OpenCV interpolates in a table
 
 
+@pytest.mark.slow
 @given(st.floats(0.01, 10), st.lists(st.floats(0.01, 1), min_size=3, max_size=3))
 def test_psi_does_not_see_exposure_and_equals_the_papers_formula(
     exposure: float, color: list[float]

@@ -48,6 +48,7 @@ def test_nothing_else_is_a_card(seed: int) -> None:
         assert white_cards(under_water(image, 2.0)) == ()
 
 
+@pytest.mark.slow
 def test_a_chart_comes_before_cards() -> None:
     chart = placed(
         rubble(1), CLASSIC, np.array([[20, 20], [140, 20], [140, 100], [20, 100]], float)
@@ -58,6 +59,7 @@ def test_a_chart_comes_before_cards() -> None:
     ] == ["chart"]
 
 
+@pytest.mark.slow
 def test_a_card_takes_the_range_of_its_border() -> None:
     image, range_m = (
         under_water(with_card(rubble(1), CORNERS), 2.0),
@@ -92,6 +94,7 @@ def test_a_card_is_believed_where_its_color_can_be_that_of_white() -> None:
     assert believed([near, far], some_water()) == [near, far]
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_real_frames_without_a_card_show_none(real_data: Path) -> None:
     paths = [

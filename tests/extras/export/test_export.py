@@ -52,6 +52,7 @@ def test_the_run_is_left_as_it_is(fused: Path, tmp_path: Path, format: str) -> N
     assert sorted(path.name for path in tmp_path.iterdir()) == ["to"]
 
 
+@pytest.mark.slow
 def test_colmap_reads_the_model(fused: Path, tmp_path: Path) -> None:
     import pycolmap
 
@@ -277,6 +278,7 @@ def test_tiles_for_globes_lie_where_the_map_lies(fused: Path, tmp_path: Path) ->
         np.testing.assert_allclose([*north_east, height], [world[1], world[0], world[2]], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_map_of_no_known_place_has_tiles_in_its_world(fused: Path, tmp_path: Path) -> None:
     export(fused, "3d-tiles", tmp_path / "to")
     root = json.loads((tmp_path / "to" / "tileset.json").read_text())["root"]
@@ -325,6 +327,7 @@ def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:
     assert export(fused, "glb", tmp_path / "empty").files == 1
 
 
+@pytest.mark.slow
 def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(fused, out)
@@ -438,6 +441,7 @@ def test_stamps_of_bags_come_back_to_the_nanosecond() -> None:
     assert (stamp("a", 12.5), stamp("a", None)) == (12_500_000_000, 5_000_000_000)
 
 
+@pytest.mark.slow
 def test_a_run_is_recorded_with_or_without_a_map(make_dive, cli, tmp_path: Path) -> None:
     from rosbags.rosbag2 import Reader
 
@@ -505,6 +509,7 @@ def test_biigle_gets_a_row_for_each_image(fused: Path, tmp_path: Path) -> None:
     assert (rows[0]["taken_at"], rows[0]["lat"]) == ("", "")
 
 
+@pytest.mark.slow
 def test_laspy_reads_the_cloud_level_by_level(
     fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

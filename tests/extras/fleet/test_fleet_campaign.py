@@ -24,6 +24,7 @@ def write(file: Path, *dives: str, more: str = "") -> Path:
 SIDES = "left: dive/L, right: dive/R, calib: dive/cam.yaml"
 
 
+@pytest.mark.slow
 def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path) -> None:
     dive = make_dive(2)
     (dive.root / "R/0001.png").rename(dive.root / "later.png")
@@ -99,6 +100,7 @@ class Interrupts:
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_a_campaign_that_is_stopped_says_so_of_its_dive_and_goes_on(make_dive, tmp_path) -> None:
     make_dive(2)
     entries = [
@@ -123,6 +125,7 @@ def test_a_campaign_that_is_stopped_says_so_of_its_dive_and_goes_on(make_dive, t
     assert campaign(file, only_failed=True).all_done
 
 
+@pytest.mark.slow
 def test_a_dive_whose_map_fails_has_its_frames_and_the_reason(
     make_dive, tmp_path, monkeypatch
 ) -> None:

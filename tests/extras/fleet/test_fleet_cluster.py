@@ -91,6 +91,7 @@ def test_what_is_no_cluster_is_refused(name: str) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
     file = tmp_path / "cluster.yaml"
     for text, message in (
@@ -113,6 +114,7 @@ def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
             pass
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stereo_seecolor.extras.fleet.cluster.connect.SCHEDULER_TIMEOUT_S", 0.2)
     with (
@@ -200,6 +202,7 @@ async def raising(error: BaseException) -> None:
     raise error
 
 
+@pytest.mark.slow
 def test_a_program_of_another_version_on_a_worker_is_said(
     local: DaskCompute, monkeypatch: pytest.MonkeyPatch
 ) -> None:

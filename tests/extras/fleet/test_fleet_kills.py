@@ -117,6 +117,7 @@ class NewWorkers(Threads):
     tiles = each
 
 
+@pytest.mark.slow
 def test_a_worker_that_begins_at_the_very_end_sees_the_shared_folder(
     make_dive, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ assert local_workers._one_thread()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     sys.platform != "linux", reason="only Linux says how many threads a process has"
 )

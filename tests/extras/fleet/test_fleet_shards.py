@@ -113,6 +113,7 @@ def _fitted(part: Path, tmp_path: Path) -> Path:
     return tmp_path / "fitted/water.json"
 
 
+@pytest.mark.slow
 def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     monkeypatch.setattr(reports, "EVERY_S", 0.0)
     dive = make_dive(3)
@@ -152,6 +153,7 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     assert "is empty" in printed
 
 
+@pytest.mark.slow
 def test_folders_without_a_run_are_told_apart_and_dives_of_a_campaign_found(
     make_dive, tmp_path, cli
 ) -> None:
@@ -166,6 +168,7 @@ def test_folders_without_a_run_are_told_apart_and_dives_of_a_campaign_found(
     assert "holds no finished run" in said
 
 
+@pytest.mark.slow
 def test_a_merge_that_stops_at_the_water_expects_no_correction(make_dive, tmp_path) -> None:
     dive = make_dive(2)
     seen = []
@@ -202,6 +205,7 @@ def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> No
     assert (tiles.ends_s, tiles.run_ends_s) == (1020, None)
 
 
+@pytest.mark.slow
 def test_the_end_of_a_run_follows_from_its_plan(make_dive, tmp_path, cli) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     plan(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out=out)
@@ -226,6 +230,7 @@ def test_the_end_of_a_run_follows_from_its_plan(make_dive, tmp_path, cli) -> Non
     assert "page and map not counted; by the plan)" in status_text(told)
 
 
+@pytest.mark.slow
 def test_a_killed_run_is_told_from_one_under_way(make_dive, tmp_path) -> None:
     dive = make_dive(2)
     out = tmp_path / "out"

@@ -285,6 +285,7 @@ def test_what_is_written(
         compare(dives[0], tmp_path / "flat")
 
 
+@pytest.mark.slow
 def test_a_motion_is_found_among_wrong_matches() -> None:
     rng = np.random.default_rng(0)
     b = rng.uniform(-2, 2, (200, 3))
@@ -299,6 +300,7 @@ def test_a_motion_is_found_among_wrong_matches() -> None:
     assert lost is None or lost.inliers.sum() < 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1.01, 0.99])
 def test_the_scale_of_two_surveys_is_known_within_its_error(scale: float) -> None:
     """Over all draws its error is as stated; a tenth of the ground rose."""
@@ -424,6 +426,7 @@ def hills(rng: np.random.Generator, std_m: float, cells: float) -> Array:
     return std_m * noise / noise.std()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reach", [0.0, 2.0, 6.0])
 def test_the_error_of_a_volume_holds_what_cells_share(reach: float) -> None:
     """A Gaussian blur of s cells makes 4 pi s^2 cells share one error; over patches the totals

@@ -101,6 +101,7 @@ def test_the_error_of_a_length_is_that_of_range_and_click() -> None:
     assert area.total_std(0.01) == pytest.approx(np.hypot(area.std, 0.02 * area.value))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["length", "area"])
 def test_stated_errors_are_those_of_repeated_clicks(kind: str) -> None:
     rng, surface = np.random.default_rng(3), plane(slope=0.5, std_m=1e-6)
@@ -298,6 +299,7 @@ def test_of_an_outline_half_off_the_surface_the_known_part_is_measured() -> None
     assert f"{found.known:.0%} of the outline" in found.note
 
 
+@pytest.mark.slow
 def test_an_unknown_part_of_an_outline_is_in_its_standard_error() -> None:
     pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
     depth_m = np.tile(np.linspace(1.5, 2.5, 320), (240, 1))
@@ -374,6 +376,7 @@ def test_a_table_of_places_is_measured(out: Path, tmp_path: Path) -> None:
     assert point.z_m == pytest.approx(1.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None:
     rows = (
         "a,0000,area,,60,60",
@@ -388,6 +391,7 @@ def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None
     assert (found[1]["measure"], found[1]["value"]) == ("b", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
@@ -415,6 +419,7 @@ def test_a_table_that_cannot_be_used_is_named(
         measure(out, table(tmp_path / "points.csv", *rows))
 
 
+@pytest.mark.slow
 def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("x,y\n1,2\n")
     with pytest.raises(
@@ -423,6 +428,7 @@ def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None
         measure(out, tmp_path / "points.csv")
 
 
+@pytest.mark.slow
 def test_places_on_a_map_need_a_map(out: Path, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("measure,frame,kind,label,x_m,y_m\na,,point,,1,2\n")
     with pytest.raises(InputError, match="holds no terrain"):

@@ -151,6 +151,7 @@ def test_a_volume_stands_above_ground_that_slopes() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_mesh_counts_what_overhangs() -> None:
     ground = mesh_of(lambda x, y: 0 * x)
     table = ground.moved(np.block([[np.eye(3), np.array([[0], [0], [0.2]])], [np.zeros(3), 1]]))
@@ -169,6 +170,7 @@ def test_the_mesh_counts_what_overhangs() -> None:
     )  # a cell at the edge is half covered
 
 
+@pytest.mark.slow
 def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
     """Surveys of one dome with errors of known size: their volumes differ by as much as each of
     them says.
@@ -188,6 +190,7 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
     assert 0.6 < volumes.std(ddof=1) / said.mean() < 1.6
 
 
+@pytest.mark.slow
 def test_a_height_is_that_of_the_coral_and_not_of_its_highest_error() -> None:
     rng, clean, rows = np.random.default_rng(2), mesh_of(dome), []
     for _ in range(12):
@@ -204,6 +207,7 @@ def test_a_height_is_that_of_the_coral_and_not_of_its_highest_error() -> None:
     assert mapped_m > 0.004 and abs(off_m) < 0.6 * mapped_m and held > 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wave_m", "tall_m"), [(0.3, 0.0), (0.3, 0.02), (0.2, 0.02), (0.3, 0.04)])
 def test_structure_is_that_of_the_ground_and_not_of_its_noise(wave_m: float, tall_m: float) -> None:
     """Waves, smoothed as matching does, with noise of 5 mm: what the map has is too rough by many
@@ -260,6 +264,7 @@ def half_seen(height: Callable[[Array, Array], Array]) -> SiteMesh:
     return SiteMesh(mesh.points_m, mesh.normals, mesh.color, mesh.triangles[seen])
 
 
+@pytest.mark.slow
 def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
     """A dome shifted to the seen side: the rest is flat, which the half that was seen does not
     tell.
@@ -286,6 +291,7 @@ def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
     assert level is not None and level.standard_error.surface_m2 < 0.2 * level.measured.surface_m2
 
 
+@pytest.mark.slow
 def test_outlines_that_overlap_count_what_they_share_once() -> None:
     mesh = mesh_of(lambda x, y: 0 * x)
     outlines = [circle(RIM_M, name, "coral") for name in "ab"]
@@ -335,6 +341,7 @@ def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_map(tmp_path_factory.mktemp("run") / "out", flat_frames(5))
 
 
+@pytest.mark.slow
 def test_terrain_is_surer_where_more_frames_saw_it(fused: Path) -> None:
     posed, mesh = open_posed_run(fused), read_mesh(fused)
     terrain = terrain_of(mesh, grid_of(mesh, 0.02))
@@ -365,6 +372,7 @@ def write_geojson(path: Path, rings: dict[str, list[list[float]]], **members: ob
 SQUARE = [[0.2, -0.2], [0.6, -0.2], [0.6, 0.2], [0.2, 0.2]]
 
 
+@pytest.mark.slow
 def test_metrics_of_a_run_with_outlines(
     fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]
 ) -> None:

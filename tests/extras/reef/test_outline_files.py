@@ -53,6 +53,7 @@ def test_a_system_that_is_no_member_but_a_name_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["urn:ogc:def:crs:EPSG::99999", "EPSG:wrong", "my system"])
 def test_a_system_that_is_not_known_is_named(name: str, tmp_path: Path) -> None:
     with pytest.raises(

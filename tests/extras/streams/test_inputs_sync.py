@@ -57,6 +57,7 @@ def test_a_flash_alone_is_enough_for_the_nearest_frame(tmp_path: Path) -> None:
     assert abs(error_s(found, 0.72, 0.0)) < 1 / RATE_HZ
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "codes", "offset_s"),
     [
@@ -292,6 +293,7 @@ def test_an_offset_can_be_given(tmp_path: Path) -> None:
         choose_frames(*videos, InputConfig(video_offset_s=9.0))
 
 
+@pytest.mark.slow
 def test_without_evidence_frames_of_the_same_number_are_pairs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

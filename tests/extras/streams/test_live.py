@@ -96,6 +96,7 @@ def test_a_folder_that_vanishes_is_waited_for(incoming) -> None:
     assert (found.name, source.waiting) == ("0001", "")
 
 
+@pytest.mark.slow
 def test_live_gives_what_a_sliding_run_gives(incoming, cli, tmp_path) -> None:
     dive, folder, arrive = incoming
     source, images = watch(folder), {}
@@ -199,6 +200,7 @@ def test_pairs_wait_when_two_are_still_being_written() -> None:
     assert len(session.counts.products_s) == 3
 
 
+@pytest.mark.slow
 def test_a_window_of_colors_is_flat_too(make_dive) -> None:
     pipeline = Pipeline(_rig(make_dive(1).root), RunConfig())
     image = np.random.default_rng(0).integers(0, 200, (40, 50, 3), np.uint8)
@@ -250,6 +252,7 @@ def test_a_full_disk_ends_it_and_ctrl_c_too() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_path) -> None:
     dive, folder, arrive = incoming
     for number in range(4):
@@ -265,6 +268,7 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     assert (code, "in a new or an empty folder; nothing was touched" in said) == (1, True)
 
 
+@pytest.mark.slow
 def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
     dive, folder, arrive = incoming
     arrive(0)
@@ -285,6 +289,7 @@ def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
     dive, folder, arrive = incoming
     arrive(0)
@@ -324,6 +329,7 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
             pass
 
 
+@pytest.mark.slow
 def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
     dive, folder, arrive = incoming
     arrive(2)
@@ -332,6 +338,7 @@ def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
     assert (found.done, found.failed, found.dropped, found.last_error) == (1, 0, 0, "")
 
 
+@pytest.mark.slow
 def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
     dive = make_dive(4)
     name_by_stamps(dive.root)
@@ -357,6 +364,7 @@ def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
     assert done + dropped == 4
 
 
+@pytest.mark.slow
 def test_the_page_for_other_machines_needs_its_token(incoming) -> None:
     with served(Preview(LiveCounts()), 0, "127.0.0.2") as address:
         assert len(address.rstrip("/").rsplit("/", 1)[1]) >= 20
@@ -367,6 +375,7 @@ def test_the_page_for_other_machines_needs_its_token(incoming) -> None:
                 urllib.request.urlopen(bare + path)
 
 
+@pytest.mark.slow
 def test_a_recording_and_every_second_pair_are_kept(make_dive, cli, tmp_path) -> None:
     from rosbags.rosbag2 import Reader
 
