@@ -2,6 +2,8 @@
 
 import io
 import json
+import runpy
+import sys
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -14,6 +16,7 @@ from PIL import Image
 from stereo_seecolor.compute import sequences
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.files import encode
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import quickly_decoded, read_array
 from stereo_seecolor.files.encode import (
@@ -56,6 +59,14 @@ def test_pictures_of_every_shape_keep_every_pixel(dtype: type) -> None:
         pixels = RNG.integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
         read = decoded(encode_png(pixels))
         np.testing.assert_array_equal(read[..., ::-1] if pixels.ndim == 3 else read, pixels)
+
+
+def test_pictures_are_written_without_the_fast_library_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = RNG.integers(0, 255, (6, 7, 3), dtype=np.uint8)
+    monkeypatch.setitem(sys.modules, "isal.isal_zlib", None)
+    without = runpy.run_path(str(encode.__file__))
+    assert without["fast_error"] is zlib.error
+    np.testing.assert_array_equal(decoded(without["encode_png"](pixels))[..., ::-1], pixels)
 
 
 def test_smooth_pictures_deflate() -> None:
