@@ -5,11 +5,12 @@ after.
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.checks.sample import DiveImages
+from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -45,10 +46,10 @@ Colors = NDArray[np.float64]
 def order_notes(images: DiveImages) -> tuple[str, ...]:
     """The left image from which on red and blue are exchanged against those before."""
     pairs, config = images.pairs, images.config.input
-    looked_at = np.linspace(0, len(pairs) - 1, min(len(pairs), SETTINGS.looked_at)).astype(int)
+    looked_at = evenly_spaced(range(len(pairs)), SETTINGS.looked_at)
     with suppress(InputError):
         before = _colors(pairs[0], config) if pairs else None
-        for first, last in zip(looked_at.tolist(), looked_at[1:].tolist(), strict=False):
+        for first, last in pairwise(looked_at):
             after = _colors(pairs[last], config)
             if before is not None and _are_exchanged(before, after):
                 place = _first_exchanged(pairs, first, last, config)

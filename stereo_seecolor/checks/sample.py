@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from stereo_seecolor.inputs.file_form import ImageFacts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
+
+Item = TypeVar("Item")
 
 DECIDING_PAIRS = 3
 """Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
@@ -36,14 +39,10 @@ class DiveImages:
     facts: Mapping[Path, ImageFacts] = field(default_factory=dict)
 
 
-def evenly_spaced(pairs: Sequence[Pair], most: int) -> list[Pair]:
-    """At most ``most`` of the pairs, evenly over the dive."""
-    return [
-        pairs[i]
-        for i in np.unique(
-            np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int)
-        )
-    ]
+def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:
+    """At most ``most`` of the items, pairs or their places, evenly over the dive."""
+    places = np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int)
+    return [items[i] for i in np.unique(places)]
 
 
 def neighbors(
