@@ -38,6 +38,11 @@ class RobustConfig(StageConfig):
         "water. At most 200, the depth that daylight reaches.",
     )
 
+    @property
+    def fits_white(self) -> bool:
+        """Whether the white point is fitted with the water."""
+        return self.white_point in ("scene", "gray")
+
     @field_validator("white_point", mode="wrap")
     @classmethod
     def _one_line(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:

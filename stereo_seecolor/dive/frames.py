@@ -279,11 +279,8 @@ def light_key(light: Light | None) -> str:
 
 
 def color_settings(config: RunConfig, light: Light | None) -> str:
-    """Hash of all that corrected frames depend on besides their ranges and their water; a device
-    gives the same.
-    """
-    color = config.color.model_dump(exclude={"device"})
-    return content_key(color, config.output.model_dump(), light_key(light))
+    """Hash of all that corrected frames depend on besides their ranges and their water."""
+    return content_key(config.color.model_dump(), config.output.model_dump(), light_key(light))
 
 
 def correct_frame(

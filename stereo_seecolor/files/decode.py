@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import regular_bytes
+from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.encode import (
     AVERAGE,
     BLACK_IS_ZERO,
@@ -205,10 +205,7 @@ def read_array(path: Path) -> NDArray[Any]:
 
     Raises InputError if the file is gone, cut short or damaged.
     """
-    try:
-        content = regular_bytes(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    content = read_bytes(path)
     if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(
         JPEG_END
     ):  # OpenCV fills the rest with gray

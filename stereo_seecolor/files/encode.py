@@ -217,11 +217,7 @@ ImageFormat = Literal["png", "png16", "tiff", "tiff32", "jpg"]
 JPEG_QUALITY = 95  # no blocks are seen; above, files grow fast
 
 
-def encode_image(
-    rgb: NDArray[np.generic],
-    image_format: ImageFormat,
-    exif: bytes = b"",
-) -> bytes:
+def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat, exif: bytes = b"") -> bytes:
     """Encode an RGB image (H, W, 3); it is written as one channel where red, green and blue are
     equal everywhere.
 

@@ -264,7 +264,7 @@ def _methods_of_white(facts: DiveFacts) -> list[str]:
     the three channels'.
     """
     robust = facts.run.config.color.robust
-    if robust.white_point in ("scene", "gray"):
+    if robust.fits_white:
         errors = facts.water.standard_errors.get("white") if facts.water else None
         known = facts.water is not None and errors is not None and bool(np.isfinite(errors).all())
         percent = (

@@ -144,7 +144,7 @@ def _water(
     errors[:4] = standard_errors(
         values, correlated_covariance(curvature, precision, seen.light.shape[-1])
     )[:4]
-    if config.robust.white_point in ("scene", "gray"):
+    if config.robust.fits_white:
         errors[4] *= (
             error_with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
         )

@@ -129,8 +129,9 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
     mean, covariance = (part.copy() for part in water_prior(settings.water_depth_m))
     if settings.attenuation == "constant":
         mean, covariance = _set(mean, covariance, slice(3, 6), np.zeros(3), together=0.0)
-    if settings.white_point not in ("scene", "gray"):
-        white = np.zeros(3) if settings.white_point == "none" else np.log(settings.white_point)
+    if not settings.fits_white:
+        known = settings.white_point
+        white = np.log(known) if isinstance(known, tuple) else np.zeros(3)
         mean, covariance = _set(
             mean, covariance, slice(12, WATER), white - white.mean(), together=SET.white_brightness
         )

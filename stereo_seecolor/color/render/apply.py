@@ -26,12 +26,12 @@ def correct(
     """Correct an image, at its size and bit depth. Where the range is unknown it is black, or raw
     by ``config.unknown_pixels``.
     """
+    from stereo_seecolor.color.render import torch_apply  # loads torch, which --help does without
+
     check_pair(image, range_m)
     bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     by_range = gains(water, config, tone.exposure)
-    from stereo_seecolor.color.render import torch_apply
-
     tables = display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
     shown, clipped = torch_apply.on_processor(flat, bits, by_range, tables)
     whole = Shown(
@@ -72,10 +72,10 @@ def correct_linear(
     image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
+    from stereo_seecolor.color.render import torch_apply
+
     check_pair(image, range_m)
     by_range, bits = gains(water, config, exposure), range_bits(range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
-    from stereo_seecolor.color.render import torch_apply
-
     shown = display(8 * image.dtype.itemsize, config.input_encoding, 1.0)
     return torch_apply.linear(flat, bits, by_range, shown).reshape(image.shape)

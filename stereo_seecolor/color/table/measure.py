@@ -1,7 +1,8 @@
-"""Makes the moment table of an image and its range map, on the processor or a CUDA device."""
+"""Makes the moment table of an image and its range map."""
 
 import numpy as np
 
+from stereo_seecolor.color.table import counting
 from stereo_seecolor.color.table.moment_table import VALUE_BINS, MomentTable
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Image, Map
@@ -14,8 +15,6 @@ def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
     every: only the middle one of each ``every`` rows is counted.
     Raises ColorError for other shapes or types.
     """
-    from stereo_seecolor.color.table import counting
-
     check_pair(image, range_m)
     depth = 8 if image.dtype == np.uint8 else 16
     return MomentTable(*counting.count(image, range_m, VALUE_BINS[depth], every), depth)
