@@ -1,6 +1,6 @@
 """Checks of a calibration against images of a dive: what is wrong, with the evidence in numbers."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,6 +17,7 @@ from calibration.field_checks.matches import (
     row_inliers,
 )
 from calibration.field_checks.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
+from calibration.geometry import RectifiedPair
 from calibration.port import FLAT_PORT
 from calibration.rectification import (
     DIAGONAL_DEG,
@@ -192,7 +193,7 @@ def kept_fractions(rig: StereoRig) -> tuple[float, float]:
 
 
 Array = NDArray[np.float64]
-__all__ = ["RowCheck", "judge_matches", "suspicions", "vertical_disparity"]
+__all__ = ["RowCheck", "judge_matches", "rows_off_px", "suspicions", "vertical_disparity"]
 INDICES = np.arange(1.0, 1.4401, 0.02)  # none to beyond water; found to 0.02 on a real dive
 
 
@@ -207,27 +208,21 @@ def vertical_disparity(
     return judge_matches(rig, [find_matches(rectification, left, right) for left, right in pairs])
 
 
-def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
+def rows_off_px(rig: StereoRig, found: Sequence[Matches]) -> float:
+    """Median vertical disparity, pixels, of matches in the rectified images of each pair. Raises
+    CalibrationError for too few.
+    """
+    left, right, _ = _points_near_rows(plan_rectification(rig).matching_pair, found)
+    return float(np.median(np.abs(right[:, 1] - left[:, 1])))
+
+
+def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
     """Judge the rows as vertical_disparity does, from matches in the rectified images of each
     pair.
     """
     plan = plan_rectification(rig)
     pair, R_left, R_right = plan.matching_pair, plan.R_left_matching, plan.R_right_matching
-    left, right = (
-        np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)])
-        for side in ("left", "right")
-    )
-    numbers = np.repeat(np.arange(len(found)), [len(matches.left) for matches in found])
-    if len(left) >= MIN_MATCHES:
-        kept = row_inliers(left, right, pair)
-        left, right, numbers = left[kept], right[kept], numbers[kept]
-    if len(left) < MIN_MATCHES:
-        raise CalibrationError(
-            f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, "
-            f"{MIN_MATCHES} are needed: "
-            "give pairs with texture, and see whether both images show the same scene at the same "
-            "time"
-        )
+    left, right, numbers = _points_near_rows(pair, found)
     raw = (left, right)
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
     rows = right[:, 1] - left[:, 1]
@@ -258,6 +253,30 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
         apart_px=float(np.median(np.hypot(*(in_images[1] - in_images[0]).T))),
         between_pairs_px=_between_pairs_px(unexplained, numbers),
     )
+
+
+def _points_near_rows(
+    pair: RectifiedPair, found: Sequence[Matches]
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """(n, 2) matched points of the left and right images that agree about the rows, and (n,) the
+    number of the pair of each. Raises CalibrationError for too few.
+    """
+    left, right = (
+        np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)])
+        for side in ("left", "right")
+    )
+    numbers = np.repeat(np.arange(len(found)), [len(matches.left) for matches in found])
+    if len(left) >= MIN_MATCHES:
+        kept = row_inliers(left, right, pair)
+        left, right, numbers = left[kept], right[kept], numbers[kept]
+    if len(left) < MIN_MATCHES:
+        raise CalibrationError(
+            f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, "
+            f"{MIN_MATCHES} are needed: "
+            "give pairs with texture, and see whether both images show the same scene at the same "
+            "time"
+        )
+    return left, right, numbers
 
 
 def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:

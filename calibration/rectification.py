@@ -1,7 +1,7 @@
 """Rectification: resample both images onto one image plane with aligned rows."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, TypeVar, cast
 
 import cv2
@@ -66,8 +66,12 @@ class RectificationPlan:
         return float(np.degrees(roll(self.R_left)))
 
 
+@lru_cache(maxsize=16)
 def plan_rectification(rig: StereoRig) -> RectificationPlan:
-    """The rectified geometry of ``rig``. Raises CalibrationError for views that do not overlap."""
+    """The rectified geometry of ``rig``. Raises CalibrationError for views that do not overlap.
+
+    It is kept for the last rigs asked about: a rig equals itself alone, and does not change.
+    """
     if rig.is_rectified:
         K = rig.left.K
         pair = RectifiedPair(

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.checks import judge_matches
+from calibration.checks import rows_off_px
 from calibration.errors import CalibrationError
 from calibration.field_checks.matches import (
+    QUICK,
     Images,
     Matches,
     raw_matches,
@@ -352,7 +353,13 @@ def resolve_convention(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
     The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough
     points in both images.
     """
-    return settle_matches(rig, raw_matches(rig, pairs)) if rig.alternatives else rig
+    if not rig.alternatives:
+        return rig
+    images = list(pairs)
+    try:
+        return settle_matches(rig, raw_matches(rig, images, QUICK))
+    except CalibrationError:  # too few points, which are not all that there are
+        return settle_matches(rig, raw_matches(rig, images))
 
 
 def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
@@ -363,7 +370,7 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     failure = CalibrationError("no reading of the calibration fits the images")
     for reading in readings:
         try:
-            errors_px.append(judge_matches(reading, rectified_matches(reading, raw)).row_error_px)
+            errors_px.append(rows_off_px(reading, rectified_matches(reading, raw)))
         except CalibrationError as error:
             errors_px.append(np.inf)
             failure = error

@@ -108,10 +108,12 @@ def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int
     return np.where(apart[np.arange(len(points)), nearest] <= within_px, nearest, -1)
 
 
-def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
+def raw_matches(
+    rig: StereoRig, pairs: Iterable[Images], limits: MatchLimits = MATCHES_LIMITS
+) -> list[Matches]:
     """Find matched points of both raw images of each pair, by matching the rectified ones."""
     rectification = Rectification.from_rig(rig)
-    found = [find_matches(rectification, left, right) for left, right in pairs]
+    found = [find_matches(rectification, left, right, limits) for left, right in pairs]
     return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
 
 
