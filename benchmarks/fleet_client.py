@@ -104,7 +104,7 @@ class Sampled:
         ):
             commands.run(SAMPLE / "left", SAMPLE / "right", SAMPLE / "cam.yaml", out)
         self.frame = next(iter(Manifest(out).frames()))
-        files = sorted((out / ".state/tables").rglob("*.table"))
+        files = sorted((out / ".state/tables").rglob("*.kept"))
         tables = [MomentTable.unpacked(zlib.decompress(file.read_bytes()[64:])) for file in files]
         self.counted = CountedFrames.of(
             ((str(k), tables[k % len(tables)]) for k in range(GROUP)), ColorConfig()

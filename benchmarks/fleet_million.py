@@ -284,7 +284,7 @@ def kept_tables(out: Path) -> list[MomentTable]:
     """Of the frames of a run."""
     import zlib
 
-    found = sorted((out / ".state" / "tables").rglob("*.table"))
+    found = sorted((out / ".state" / "tables").rglob("*.kept"))
     return [MomentTable.unpacked(zlib.decompress(path.read_bytes()[64:])) for path in found]
 
 

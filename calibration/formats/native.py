@@ -139,8 +139,13 @@ def write(rig: StereoRig, path: Path) -> None:
 
 
 def to_bytes(rig: StereoRig) -> bytes:
+    """The bytes of a native rig file."""
+    return yaml.safe_dump(to_content(rig), sort_keys=False, default_flow_style=None).encode()
+
+
+def to_content(rig: StereoRig) -> dict[str, Any]:
     """The content of a native rig file, from which ``parse`` makes the same numbers exactly."""
-    content = {
+    content: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
         "medium": rig.medium,
@@ -158,7 +163,7 @@ def to_bytes(rig: StereoRig) -> bytes:
         ]
     if rig.errors is not None:
         content["errors"] = asdict(rig.errors)
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
+    return content
 
 
 def _camera_content(camera: Camera) -> dict[str, Any]:

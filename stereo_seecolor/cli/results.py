@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.calibrate import CalibrationResult, CheckResult
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.report.page import PageSummary
+    from stereo_seecolor.run_folder.cache import Compared
     from stereo_seecolor.run_folder.frames_csv import ProductSummary, RunSummary
-    from stereo_seecolor.run_folder.kept_records import Compared
 
 
 # The JSON content of results for --json (docs/json.md), and their exit codes.

@@ -25,8 +25,8 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.video_file import is_video
 from stereo_seecolor.plugins import load
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
+from stereo_seecolor.run_folder.cache import KeptRefinement
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.kept_records import KeptRefinement
 from stereo_seecolor.version import __version__
 
 REFINING_PAIRS = 8
@@ -179,15 +179,15 @@ class DiveRefinement:
         rig. Raises OutputError, and CalibrationError for a wrong rig.
         """
         key = content_key(__version__, native.to_bytes(rig), self.images.model_dump())
-        earlier = KeptRefinement.load(self.folder.root)
-        if earlier and earlier[0].key == key and self._holds(earlier[0]):
+        earlier = KeptRefinement.load(self.folder.root, key)
+        if earlier and self._holds(earlier[0]):
             return earlier[1], earlier[0].note
         used, note = self._refined(rig)
         pairs = {
             pair.name: self._hashes(pair)
             for pair in evenly_spaced(self.pairing.pairs, REFINING_PAIRS)
         }
-        KeptRefinement(key, pairs, note).save(self.folder.root, used)
+        KeptRefinement(native.to_content(used), pairs, note).save(self.folder.root, key)
         return used, note
 
     def _refined(self, rig: StereoRig) -> tuple[StereoRig, str]:

@@ -11,10 +11,10 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.progress import Both
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import RunSummary
-from stereo_seecolor.run_folder.kept_records import Compared, Cost, KeptPlan, used_bytes
 from stereo_seecolor.run_folder.layout import INDEX
 from stereo_seecolor.run_folder.reports import RunDescription
 

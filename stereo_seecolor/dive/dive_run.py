@@ -17,10 +17,10 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.cache import KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary
 from stereo_seecolor.run_folder.kept_pixels import KeptPixels
-from stereo_seecolor.run_folder.kept_records import KeptPlan
 from stereo_seecolor.run_folder.layout import SET_ASIDE, Stage
 from stereo_seecolor.run_folder.reports import USUAL, Expected, ProgressFile
 

@@ -28,6 +28,7 @@ from stereo_seecolor.inputs.images import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
+from stereo_seecolor.run_folder import cache
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_products import (
     Files,
@@ -37,7 +38,6 @@ from stereo_seecolor.run_folder.frame_products import (
     range_files,
 )
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
-from stereo_seecolor.run_folder.kept_records import keep_table, kept_table
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 
@@ -210,7 +210,7 @@ def count_colors(
     path = frames.folder.root / table_file(pair.name, ranged.record.subfolder)
     key = content_key(ranged.key, light_key(light), frames.config.color.input_encoding)
     with clock("read"):
-        packed = kept_table(path, key)
+        packed = cache.kept(path, key)
     if packed:
         return ranged.row, MomentTable.unpacked(packed)
     image, range_map = _pixels(frames, ranged, clock)
@@ -218,7 +218,7 @@ def count_colors(
     with clock("color"):
         table = frames.source.corrector.measure(image, range_map.measured_m)
     with clock("write"):
-        keep_table(path, key, table.packed())
+        cache.keep(path, key, [table.packed()])
     return ranged.row, table
 
 

@@ -36,9 +36,9 @@ from stereo_seecolor.dive.pairs import Groups, Named, chosen
 from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, FrameRow, Water
+from stereo_seecolor.run_folder.cache import KeptFit, KeptLight
 from stereo_seecolor.run_folder.dive_files import waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.kept_records import KeptFit, KeptLight
 from stereo_seecolor.run_folder.layout import Stage
 
 NO_OVERLAP = (
@@ -113,11 +113,11 @@ def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
     if source.geometry is None or len(run.pairs) < 2 or not any(allowed):
         return NO_LIGHT
     key = _fit_key(run, ranges, None)
-    kept = KeptLight.load(run.folder.root)
-    if kept is None or run.options.verify or not key or kept.key != key:
-        kept = replace(_solve_light(run, ranges, allowed), key=key or "")
+    kept = KeptLight.load(run.folder.root, key) if key and not run.options.verify else None
+    if kept is None:
+        kept = _solve_light(run, ranges, allowed)
         if key:
-            kept.save(run.folder.root)
+            kept.save(run.folder.root, key)
     run.notes += (kept.note,) if kept.note else ()
     if not kept.light:
         return DiveLight(linked=kept.linked)
@@ -147,7 +147,7 @@ def _solve_light(run: DiveRun, ranges: Ranges, allowed: LightTerms) -> KeptLight
     )
     found = search.solve(allowed)
     content = found.light.content() if found.light and found.light.light else None
-    return KeptLight("", found.light.note if found.light else NO_OVERLAP, content, found.linked)
+    return KeptLight(found.light.note if found.light else NO_OVERLAP, content, found.linked)
 
 
 def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, Water]:
@@ -155,8 +155,8 @@ def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, W
     fitted now.
     """
     key = _fit_key(run, ranges, light.light)
-    kept = KeptFit.load(run.folder.root)
-    if key and kept and kept.key == key and not run.options.verify:
+    kept = KeptFit.load(run.folder.root, key) if key and not run.options.verify else None
+    if kept:
         waters = kept.waters(run.folder.root, [pair.name for pair in run.pairs])
         if waters is not None:
             run.notes += kept.notes
@@ -176,7 +176,7 @@ def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, W
         notes += range_scale_notes(waters, given=not run.frames.source.makes_ranges)
     run.notes += notes
     if key:
-        KeptFit.of(key, notes, waters_content(waters, light.content)).save(run.folder.root)
+        KeptFit.of(notes, waters_content(waters, light.content)).save(run.folder.root, key)
     return waters
 
 

@@ -12,9 +12,9 @@ from typing import Self
 from calibration.errors import counted
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
+from stereo_seecolor.run_folder.cache import forget_refinement
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
-from stereo_seecolor.run_folder.kept_records import forget_refinement
 from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS, refuse_links
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest

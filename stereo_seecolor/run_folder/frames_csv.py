@@ -20,9 +20,9 @@ from stereo_seecolor.files.contained import regular_bytes
 from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.files.keys import ContentKey
 from stereo_seecolor.records import FrameRow, Status
+from stereo_seecolor.run_folder.cache import Compared
 from stereo_seecolor.run_folder.finished_run import TrackPoint
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.kept_records import Compared
 from stereo_seecolor.run_folder.layout import PRODUCTS, Stage
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest, StageRecord
 

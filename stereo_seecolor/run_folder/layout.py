@@ -17,7 +17,8 @@ ORIGINAL = "original"
 """Holds products in the left camera's own pixels, whose files are named as its images."""
 STATE = ".state"
 """The program's own folder: manifest, tables."""
-LOCK, LEASE, PLAN = "lock", "lease.json", "plan.json"
+KEPT = ".kept"
+LOCK, LEASE, PLAN = "lock", "lease.json", f"plan{KEPT}"
 """In the program's own folder while a run writes into OUT."""
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
@@ -162,19 +163,9 @@ def state(root: Path, *parts: str) -> Path:
     return root.joinpath(STATE, *parts)
 
 
-def refinement_files(root: Path) -> tuple[Path, Path]:
-    """The files of a refined rig: the rig itself, and the record of what it was refined from."""
-    return state(root, "refined_rig.yaml"), state(root, "refinement.json")
-
-
 def video_pairs_file(root: Path) -> Path:
     """The file that says which frames of two videos are pairs."""
     return state(root, "video_pairs.json")
-
-
-def fit_file(root: Path) -> Path:
-    """The file that says what the waters were fitted to."""
-    return state(root, "fit.json")
 
 
 def lease_file(root: Path) -> Path:
@@ -187,24 +178,21 @@ def progress_file(root: Path) -> Path:
     return state(root, "progress.json")
 
 
-def plan_file(root: Path) -> Path:
-    """The file of the run's predicted cost."""
-    return state(root, PLAN)
-
-
-def light_file(root: Path) -> Path:
-    """The file of the dive's light, and of what it was solved from."""
-    return state(root, "light.json")
-
-
 def scratch_folder(root: Path) -> Path:
     """The folder of pixels that a later pass of the run needs."""
     return state(root, "scratch")
 
 
+def cache_file(root: Path, name: str) -> Path:
+    """The file of the run's cache for that name; moment tables are of the same form
+    (``table_file``).
+    """
+    return state(root, f"{name}{KEPT}")
+
+
 def table_file(name: str, subfolder: str) -> str:
     """The file of a frame's moment table, relative to OUT."""
-    return in_subfolder(f"{STATE}/tables/{name}.table", subfolder)
+    return in_subfolder(f"{STATE}/tables/{name}{KEPT}", subfolder)
 
 
 def record_subfolder(name: str) -> str:

@@ -32,9 +32,9 @@ from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.capture import ExposureTable
 from stereo_seecolor.mapping.markers.tables import read_bars
+from stereo_seecolor.run_folder.cache import kept
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.frames_csv import read_rows
-from stereo_seecolor.run_folder.kept_records import kept_table
 
 TABLES = ("frames.csv", "map/poses.csv", "map/reef_metrics.csv")
 RECORDS = ("run.json", "map/map.json")
@@ -196,9 +196,9 @@ READ = {
     "range_std/0001.tiff": ("metrics", "fuse", "evaluate"),
     ".state/frames/0001.json": ("metrics", "merge", "water"),
     ".state/manifest.json": ("metrics", "merge", "water"),
-    ".state/tables/0001.table": ("merge",),
-    ".state/fit.json": ("merge",),
-    ".state/light.json": ("merge",),
+    ".state/tables/0001.kept": ("merge",),
+    ".state/fit.kept": ("merge",),
+    ".state/light.kept": ("merge",),
 }
 """File of OUT -> commands that read it."""
 
@@ -283,7 +283,7 @@ def test_a_named_pipe_in_the_place_of_a_file_of_out_is_not_waited_for(tmp_path: 
     for read in (read_array, load_object, read_rows, read_vertices, read_triangles):
         with pytest.raises((InputError, OSError), match="is a named pipe, not a file"):
             read(path)
-    assert kept_table(path, "key") is None
+    assert kept(path, "key") is None
 
 
 def test_a_cell_of_any_length_is_one_line(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def test_the_log_of_a_run_may_lie_in_its_folder(make_dive, cli, tmp_path: Path) 
 
 @pytest.mark.slow
 def test_a_plan_replaces_plans_alone(make_dive, cli, tmp_path: Path) -> None:
-    dive, file = make_dive(2), tmp_path / "out/.state/plan.json"
+    dive, file = make_dive(2), tmp_path / "out/.state/plan.kept"
     file.parent.mkdir(parents=True)
     words = ("plan", *dive.command(tmp_path / "out")[1:])
     for content in ("my plan", '{"pairs": 3}', "[]"):

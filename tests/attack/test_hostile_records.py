@@ -166,7 +166,7 @@ def test_links_that_lead_out_are_neither_read_nor_written_through(
     hostile: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out, mine = hostile
-    for name in ("corrected/0000.png", ".state/light.json", "rig.yaml", "range/new"):
+    for name in ("corrected/0000.png", ".state/light.kept", "rig.yaml", "range/new"):
         copy = tmp_path / "copy"
         shutil.copytree(out, copy)
         (copy / name).unlink(missing_ok=True)

@@ -235,7 +235,7 @@ def test_range_maps_of_out_are_refused_as_inputs_of_their_correction(
         ("fuse", "maps/trajectory.tum", False),
         ("report", "index.html", True),
         ("report", "run.json", False),
-        ("plan", ".state/plan.json", True),
+        ("plan", ".state/plan.kept", True),
         ("export", "map/trajectory.tum", False),
         ("run", "map/../map/trajectory.tum", True),
         ("run", "map/../poses.tum", False),

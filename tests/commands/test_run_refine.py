@@ -50,16 +50,16 @@ def test_a_moved_rig_is_refined_once(
     assert open_run(out).rig.refinement == refined.refinement
     assert open_run(out).config.input.refine
 
-    before, kept = contents(out), (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns
+    before, kept = contents(out), (out / ".state" / "refined_rig.kept").stat().st_mtime_ns
     code, printed, _ = cli(*dive.command(out, "--refine"))
     assert code == 0 and "4 of them kept" in printed and "calibration: refined" in printed
     assert contents(out) == before
-    assert (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns == kept
+    assert (out / ".state" / "refined_rig.kept").stat().st_mtime_ns == kept
 
     shutil.copy(dive.root / "L" / "0000.png", dive.root / "L" / "0004.png")
     shutil.copy(dive.root / "R" / "0001.png", dive.root / "R" / "0004.png")
     cli(*dive.command(out, "--refine"))
-    assert (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns != kept, (
+    assert (out / ".state" / "refined_rig.kept").stat().st_mtime_ns != kept, (
         "more pairs than it rests on"
     )
 
@@ -115,6 +115,6 @@ def test_overwrite_refines_again(cli: Cli, make_dive: Callable[..., Dive], tmp_p
     dive, out = make_dive(3), tmp_path / "out"
     turn_right_camera(dive)
     cli(*dive.command(out, "--refine"))
-    kept = (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns
+    kept = (out / ".state" / "refined_rig.kept").stat().st_mtime_ns
     assert cli(*dive.command(out, "--refine", "--overwrite"))[0] == 0
-    assert (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns != kept
+    assert (out / ".state" / "refined_rig.kept").stat().st_mtime_ns != kept

@@ -202,6 +202,17 @@ def test_links_of_the_top_level_texts_lead_somewhere() -> None:
             assert (ROOT / link).exists(), f"{page.name}: {link}"
 
 
+def test_files_of_the_code_that_texts_name_are_there() -> None:
+    files = [
+        "/" + path.relative_to(ROOT).as_posix()
+        for folder in ("stereo_seecolor", "calibration", "benchmarks", "tests", "docs", "examples")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
+    for page in (*PAGES, *ROOT.glob("*.md")):
+        for name in re.findall(r"`([a-z_0-9/]+\.py)`", page.read_text(encoding="utf-8")):
+            assert any(file.endswith("/" + name) for file in files), f"{page.name}: {name}"
+
+
 def test_every_page_is_in_the_sites_index() -> None:
     trees = re.findall(
         r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL

@@ -268,7 +268,7 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(
     assert run_in_process(dive, out).notes == notes
     assert notes[0].startswith("light: no two frames were found to show the same spots")
     assert len(fits) == first
-    (out / ".state" / "fit.json").write_text("{}")
+    (out / ".state" / "fit.kept").write_text("{}")
     run_in_process(dive, out)
     assert len(fits) > first
     assert contents(out) == before

@@ -87,7 +87,7 @@ def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merg
     files = [
         path
         for path in (tmp_path / "merged/.state").rglob("*")
-        if path.suffix in (".json", ".table")
+        if path.suffix in (".json", ".kept")
     ]
     assert {path.parent.parent.name for path in files if path.stem.isdigit()} == {
         "spread",

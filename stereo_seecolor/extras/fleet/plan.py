@@ -19,9 +19,9 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.cache import KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import RunSummary
-from stereo_seecolor.run_folder.kept_records import KeptPlan, settings_key
 from stereo_seecolor.run_folder.ownership import refuse_inputs
 from stereo_seecolor.run_folder.reports import USUAL
 
@@ -91,14 +91,13 @@ def plan(
     if out:
         kept = KeptPlan(
             pairs=pairs,
-            settings=settings_key(opened.pipeline.config),
             core_seconds_per_pair=per_pair,
             fit_s=found.fit_s,
             disk_bytes=found.disk_bytes,
             memory_bytes=found.memory_bytes,
             pass_seconds=measured.pass_seconds,
         )
-        kept.save(out)
+        kept.save(out, opened.pipeline.config)
     return found
 
 
