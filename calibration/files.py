@@ -71,6 +71,31 @@ YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
 """
 
 
+_WIDE = ((b"\xff\xfe\0\0", "utf-32"), (b"\0\0\xfe\xff", "utf-32"), (b"\xff\xfe", "utf-16"),
+         (b"\xfe\xff", "utf-16"))  # fmt: skip
+"""Byte order marks, and what they mark."""
+
+
+def decode_text(raw: bytes) -> str:
+    """The text of a file in any encoding that programs write: UTF-8, UTF-16 and UTF-32, with byte
+    order mark or without, else Windows's (cp1252) where no byte is a control character.
+
+    Raises UnicodeDecodeError for what is not text.
+    """
+    if encoding := next((name for mark, name in _WIDE if raw.startswith(mark)), ""):
+        return raw.decode(encoding).rstrip("\0")
+    if len(raw) % 2 == 0 and raw[:1] != b"\0" and not raw[1:64:2].strip(b"\0"):
+        return raw.decode("utf-16-le").rstrip("\0")
+    if len(raw) % 2 == 0 and raw[1:2] != b"\0" and not raw[:64:2].strip(b"\0"):
+        return raw.decode("utf-16-be").rstrip("\0")
+    try:
+        return raw.rstrip(b"\0").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw):
+            raise
+        return raw.decode("cp1252", errors="replace")
+
+
 class TooMuchError(ValueError):
     """A text of more values, levels or bytes than any file of its kind has."""
 

@@ -127,6 +127,7 @@ ORTHONORMAL_TOLERANCE = 1e-3  # of R R^T - 1: files with four digits pass, a wro
 MAX_BASELINE_M = 2.0  # rigs of divers and vehicles are shorter: more is a mistake of unit
 MIN_BASELINE_M = 0.005  # the same
 MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
+LEAST_FOCAL_PX = 10.0  # shorter ones are millimeters or parts of the width of the image
 WIDEST_SLOPE = 20.0  # tan of 87 degrees
 RAY_TOLERANCE_PX = (
     0.01  # how far a ray may come back from its pixel: beyond, the distortion folds over
@@ -164,6 +165,12 @@ class Camera:
         if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
             raise CalibrationError(
                 f"focal lengths must be positive, got fx={self.K[0, 0]:g}, fy={self.K[1, 1]:g}"
+            )
+        if min(self.K[0, 0], self.K[1, 1]) < LEAST_FOCAL_PX:
+            raise CalibrationError(
+                f"focal lengths of {self.K[0, 0]:.4g} and {self.K[1, 1]:.4g} cannot be in pixels: "
+                "if they are parts of the image's width and height, multiply both rows of K by "
+                "these; if they are millimeters, divide by the size of a pixel"
             )
         if (
             self.K[0, 1] == 0

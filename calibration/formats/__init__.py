@@ -2,6 +2,7 @@
 is a module.
 """
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -272,6 +273,11 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
         )
     if opencv.matches(document):
         return opencv.parse(document, image_size)
+    files = re.findall(r"[\w./-]+\.(?:csv|npy|txt|xml|json|ya?ml|mat)\b", repr(document.content))
+    if len(files) > 1:
+        raise CalibrationError(
+            f"holds no numbers but names of files, such as {files[0]}: give the folder with these"
+        )
     keys = ", ".join(map(repr, list(document.content)[:6]))
     raise CalibrationError(
         f"is not a calibration known here (its keys: {keys:.120}); see docs/calibration.md for the "

@@ -58,6 +58,10 @@ FORWARD, BACKWARD = (
     "the transform takes left to right axes",
     "the transform takes right to left axes",
 )
+FROM_CAMERA, INTO_CAMERA = (
+    "the poses of the two cameras lead from their axes",
+    "the poses of the two cameras lead into their axes",
+)
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
@@ -144,13 +148,22 @@ def _alone(parts: Parts, role: Role) -> str:
 
 
 def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
-    """The transform, and where its sense is open and would put the right camera to the left, its
-    inverse before it.
+    """The transform, and where its sense is open the other one, before it where the first would put
+    the right camera to the left.
     """
-    x, y, _ = -pose.T[:3, :3].T @ pose.T[:3, 3]
-    if pose.is_open and x < -abs(y):
+    backward = _is_backward(pose.T)
+    if pose.other is not None:
+        senses = [(INTO_CAMERA if pose.is_into else FROM_CAMERA, pose.T)]
+        senses.append((FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other))
+        return senses[::-1] if backward and not _is_backward(pose.other) else senses
+    if pose.is_open and backward:
         return [(BACKWARD, inverse_transform(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]
+
+
+def _is_backward(T: np.ndarray) -> bool:
+    x, y, _ = -T[:3, :3].T @ T[:3, 3]
+    return bool(x < -abs(y))
 
 
 def write(rig: StereoRig, path: Path) -> None:

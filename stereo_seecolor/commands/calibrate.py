@@ -135,7 +135,7 @@ def convert_calib(
     if resize:
         rig = resized_rig(rig, parse_size(resize))
     write_rig(rig, out, to)
-    notes = list(rig.doubts)
+    notes = list(suspicions(replace(rig, alternatives=())))
     if rig.alternatives:
         notes.append(
             f"{rig.reading}: taken, but the file can be read in {len(rig.alternatives) + 1} ways: "

@@ -1,10 +1,10 @@
 """A calibration file as keys and values, whatever it is written in."""
 
-import configparser
 import re
 import stat
 import tomllib
 from collections import Counter
+from contextlib import suppress
 from json import JSONDecodeError
 from operator import itemgetter
 from pathlib import Path
@@ -14,147 +14,19 @@ from xml.etree import ElementTree
 import yaml
 
 from calibration.errors import CalibrationError
-from calibration.files import MAX_VALUES, TooMuchError, load_json, load_toml, load_yaml
-from calibration.formats import colmap, metashape
-from calibration.formats.others import calib_filter
+from calibration.files import (
+    MAX_VALUES,
+    TooMuchError,
+    decode_text,
+    load_json,
+    load_toml,
+    load_yaml,
+)
+from calibration.formats import metashape
 from calibration.formats.reading.binary import is_binary, load_binary
 from calibration.formats.reading.folder import foreign
-from calibration.formats.reading.leaves import MAX_NUMBERS
+from calibration.formats.reading.notations import named_numbers, numbers_of_text, read
 from calibration.formats.reading.section import Section
-
-# Notations of calibrations that are lines of numbers: ``P0: 718.8 0 ...``, ``cam0=[...]``,
-# tables, sections.
-
-LEAST_FOCAL_PX = 10  # tells a projection from a pose, whose numbers are cosines
-OST_KEYS = {
-    "camera matrix": "camera_matrix",
-    "distortion": "distortion_coefficients",
-    "rectification": "rectification_matrix",
-    "projection": "projection_matrix",
-}
-
-
-def read(text: str) -> dict[str, Any] | None:
-    """Keys and values of a text in one of these notations; None if it is in none."""
-    if re.search(r"^(cam0|\w*IntrinsicMatrix\w*)\s*=\s*\[", text, re.MULTILINE):
-        return _parse_lines(
-            re.sub(r"\[[^\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "="
-        )
-    if re.search(r"^P(_rect_0)?[0-3]:[ \t]*[-+.\d]", text, re.MULTILINE):
-        return _parse_lines(text, ":")
-    if text.startswith("# oST version"):
-        return _parse_ost(text)
-    if re.search(r"^\d+ [A-Z_]+ \d+ \d+ [-\d.]", text, re.MULTILINE):
-        return {colmap.CAMERAS: _table(text)}
-    if re.search(r"^\d+ \d+ CAMERA \d+", text, re.MULTILINE):
-        return {colmap.RIGS: _table(text)}
-    if re.search(r"^\[[\w ]+\]\s*$", text, re.MULTILINE):
-        return _parse_toml(text)
-    if (numbers := calib_filter.read(text)) is not None:
-        return numbers
-    if (rows := _rows_of_twelve(text)) is not None:
-        return {f"P{camera}": row for camera, row in enumerate(rows)}
-    return _matrices(text) or _report(text)
-
-
-def _parse_lines(text: str, mark: str) -> dict[str, Any]:
-    """Middlebury's and MATLAB's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0:
-    718.8 0 607.1 ...``.
-    """
-    pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
-    return {key.strip(): _value(value.strip(" \t;")) for key, value in pairs}
-
-
-def _value(text: str) -> str | list[str]:
-    """Numbers, of a matrix row by row; of text in quotes, as MATLAB writes it, the text."""
-    if text[:1] in ("'", '"'):
-        return text.strip("'\"")
-    return text.strip("[]").replace(";", " ").replace(",", " ").split()
-
-
-def _parse_toml(text: str) -> dict[str, Any]:
-    """TOML, as Anipose and Pose2Sim write it, or an INI file."""
-    try:
-        return load_toml(text)
-    except tomllib.TOMLDecodeError:
-        return _parse_ini(text)
-
-
-def _matrices(text: str) -> dict[str, Any] | None:
-    """A matrix alone, as numpy.savetxt writes it, or K, R, t and distortion with blank lines
-    between (KRTD).
-    """
-    try:
-        blocks = [
-            [float(word) for word in re.split(r"[\s,;]+", block.strip())]
-            for block in re.split(r"\n\s*\n", text.strip())
-        ]
-    except ValueError:
-        return None
-    if [len(block) for block in blocks[:3]] == [9, 9, 3]:
-        return dict(zip("KRTD", blocks, strict=False))
-    return (
-        {"matrix": blocks[0]} if len(blocks) == 1 and 2 <= len(blocks[0]) <= MAX_NUMBERS else None
-    )
-
-
-def _report(text: str) -> dict[str, Any] | None:
-    """A text for people: lines that end with a matrix as NumPy prints it, or stand above one; None
-    without two of them.
-    """
-    found = re.findall(
-        r"^[ \t]*([A-Za-z][^\n:=\[]*?)[ \t]*[:=]?\s*(\[[-+.\deE\s\[\]]*\])\s*$", text, re.MULTILINE
-    )
-    matrices = {name: matrix.replace("[", " ").replace("]", " ").split() for name, matrix in found}
-    matrices = {name: words for name, words in matrices.items() if len(words) > 2}
-    return matrices if len(matrices) > 1 else None
-
-
-def _parse_ini(text: str) -> dict[str, Any]:
-    parser = configparser.RawConfigParser()
-    parser.optionxform = str  # type: ignore[assignment,method-assign]
-    try:
-        parser.read_string(text)
-    except configparser.Error as error:
-        raise CalibrationError(f"cannot be parsed: {' '.join(str(error).split())[:200]}") from error
-    return {name: dict(parser.items(name)) for name in parser.sections()}
-
-
-def _table(text: str) -> list[list[str]]:
-    return [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
-
-
-def _parse_ost(text: str) -> dict[str, Any]:
-    """ost.txt, which ROS's calibrator packs beside its YAML: a section a camera, a line that names
-    each matrix before its rows.
-    """
-    cameras: dict[str, Any] = {}
-    size: dict[str, Any] = {}
-    for name, body in re.findall(r"^\[(.+)\]\s*$([^\[]*)", text, re.MULTILINE):
-        found = re.findall(r"^([a-z][a-z ]*)$([^a-z]*)", body, re.MULTILINE)
-        values = {key.strip(): numbers.split() for key, numbers in found}
-        if name == "image":
-            size = {f"image_{key}": value for key, value in values.items()}
-        else:
-            cameras[name] = {OST_KEYS.get(key, key): value for key, value in values.items()} | {
-                "camera_name": name
-            }
-    return {name: camera | size for name, camera in cameras.items()}
-
-
-def _rows_of_twelve(text: str) -> list[list[str]] | None:
-    """KITTI's projections without their names: two or four lines of twelve numbers, the first three
-    a focal length in pixels.
-    """
-    rows = [line.split() for line in text.splitlines() if line.strip()]
-    if len(rows) not in (2, 4) or any(len(row) != 12 for row in rows):
-        return None
-    try:
-        focal = all(float(row[0]) > LEAST_FOCAL_PX and float(row[10]) == 1 for row in rows)
-    except ValueError:
-        return None
-    return rows if focal else None
-
 
 # A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML,
 # JSON, INI, ``key=value``, or binary.
@@ -188,11 +60,17 @@ def load_document(path: Path) -> Section:
     try:
         content = _parse(text)
         _check_bounded(content)
+        content = _with_numbers(content)
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from error
     except (RecursionError, TooMuchError) as error:
         raise CalibrationError(f"{path}: {TOO_MUCH}") from error
     except (yaml.YAMLError, ValueError, ElementTree.ParseError) as error:
+        if "python/" in str(error):
+            raise CalibrationError(
+                f"{path}: holds Python objects, as yaml.dump writes NumPy's arrays, which could "
+                "run code: write the arrays with .tolist()"
+            ) from error
         raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
     return Section(str(path), content)
 
@@ -217,7 +95,7 @@ def _read_text(path: Path) -> str:
                 f"{path}: is larger than {MAX_BYTES // 1024} kB: a calibration file holds a few "
                 "kB, is it the right file?"
             )
-        text = path.read_text(encoding="utf-8-sig")
+        text = decode_text(path.read_bytes())
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
@@ -233,8 +111,8 @@ def _read_text(path: Path) -> str:
                 "too)"
             ) from error
         raise CalibrationError(
-            f"{path}: is not UTF-8 text (byte {error.start}): a calibration is a text file, is it "
-            "the right one?"
+            f"{path}: is not text (byte {error.start}): a calibration is a text file, is it the "
+            "right one?"
         ) from error
     if not text.strip():
         raise CalibrationError(f"{path}: is empty")
@@ -243,6 +121,7 @@ def _read_text(path: Path) -> str:
 
 def _parse(text: str) -> dict[str, Any]:
     start = text.lstrip()
+    content: Any
     if start.startswith("<"):
         content = _parse_xml(start)
     elif start.startswith(("{", "[{")) or re.match(r"\[\s*\{", start):
@@ -250,13 +129,57 @@ def _parse(text: str) -> dict[str, Any]:
     elif (lines := read(text)) is not None:
         content = lines
     else:
-        content = _parse_yaml(_repair(text))
+        content = _parse_notations(text)
+    if isinstance(content, list) and content and all(isinstance(one, dict) for one in content):
+        content = _numbered(content)
     if not isinstance(content, dict):
         raise CalibrationError(
             f"is not a calibration: it holds {type(content).__name__} where keys and values are "
             "expected"
         )
     return {str(key): value for key, value in content.items()}
+
+
+def _numbered(mappings: list[dict[Any, Any]]) -> dict[Any, Any]:
+    """A list of cameras as a mapping of them; a list of one, as COLMAP's, as the one."""
+    if len(mappings) == 1:
+        return mappings[0]
+    return {str(i): mapping for i, mapping in enumerate(mappings)}
+
+
+def _parse_notations(text: str) -> Any:
+    """YAML, else TOML without sections, else names and numbers in any other notation."""
+    try:
+        content = _parse_yaml(_repair(text))
+        if isinstance(content, dict | list):
+            return content
+        failure = None
+    except yaml.constructor.ConstructorError:
+        raise
+    except yaml.YAMLError as error:
+        content, failure = None, error
+    with suppress(tomllib.TOMLDecodeError):
+        return load_toml(text)
+    if (numbers := named_numbers(text)) is not None:
+        return numbers
+    if failure:
+        raise failure
+    return content
+
+
+def _with_numbers(value: Any, inside: bool = False) -> Any:
+    """The content with numbers where text holds nothing else: ``"500 0 322"``, ``"0,5"`` in a
+    list.
+    """
+    if isinstance(value, dict):
+        return {key: _with_numbers(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_with_numbers(inner, True) for inner in value]
+    if not isinstance(value, str) or re.fullmatch(r"[-+\w.]*", value):
+        plain = isinstance(value, str) and re.fullmatch(r"[-+]?[\d.]+[dD][-+]?\d+", value)
+        return float(re.sub("[dD]", "e", value)) if plain else value
+    numbers = numbers_of_text(value, one=inside)
+    return value if numbers is None else numbers[0] if len(numbers) == 1 else numbers
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -279,22 +202,38 @@ def _opencv_matrix(loader: _Loader, node: yaml.Node) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
 
 
+def _tuple(loader: _Loader, node: yaml.Node) -> Any:
+    return loader.construct_sequence(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:python/tuple", _tuple)
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 _Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _opencv_matrix)
 
 
 def _parse_yaml(text: str) -> Any:
-    return load_yaml(text, _Loader, MAX_DEPTH)
+    """Of several documents in one file, such as the messages that ROS prints, one mapping of those
+    that differ by more than their header.
+    """
+    try:
+        return load_yaml(text, _Loader, MAX_DEPTH)
+    except yaml.composer.ComposerError:
+        parts = [part for part in re.split(r"^---\s*$", text, flags=re.MULTILINE) if part.strip()]
+        documents = list(filter(None, (load_yaml(part, _Loader, MAX_DEPTH) for part in parts)))
+        if not documents or not all(isinstance(document, dict) for document in documents):
+            raise
+        different = {
+            repr({key: value for key, value in document.items() if key != "header"}): document
+            for document in documents
+        }
+        return _numbered(list(different.values()))
 
 
 def _repair(text: str) -> str:
     """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:
-    rotation_matrix:` on one line; of the messages that ROS prints, each ended by `---`, take the
-    first.
+    rotation_matrix:` on one line.
     """
     text = re.sub(r"\A\s*%YAML.*\n(---.*\n)?", "", text)
-    if re.search(r"^(header|height):", text, re.MULTILINE):
-        text = re.split(r"^---\s*$", text.removeprefix("---\n"), maxsplit=1, flags=re.MULTILINE)[0]
     text = re.sub(r"^(\s*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
     indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
     if indent:
@@ -307,14 +246,16 @@ def _repair(text: str) -> str:
     return text
 
 
+_JSON_COMMENTS = re.compile(r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', re.DOTALL)
+
+
 def _parse_json(text: str) -> Any:
     try:
         content = load_json(text, _once_each)
     except JSONDecodeError:
-        return _parse_yaml(text)  # a YAML flow mapping starts like JSON
-    return (
-        content[0] if isinstance(content, list) and len(content) == 1 else content
-    )  # COLMAP's list of one rig
+        plain = _JSON_COMMENTS.sub(lambda found: found[1] or "", text)
+        return _parse_yaml(plain)  # a YAML flow mapping starts like JSON
+    return content
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -340,14 +281,25 @@ def _parse_xml(text: str) -> dict[str, Any]:
 
 
 def _xml_value(element: ElementTree.Element, depth: int = 0) -> Any:
+    """Numbers or words; a mapping of the elements in it, or of its attributes."""
     if depth > MAX_DEPTH:
         raise CalibrationError(TOO_MUCH)
-    if len(element) and all(child.tag == "_" for child in element):
+    tags = {child.tag for child in element}
+    if len(element) and (tags == {"_"} or (len(tags) == 1 < len(element) and _are_rows(element))):
         return [_xml_value(child, depth + 1) for child in element]
-    if len(element):
-        return _once_each([(child.tag, _xml_value(child, depth + 1)) for child in element])
     words = (element.text or "").split()
+    own = {} if words else {key: value for key, value in element.items() if key != "type_id"}
+    if len(element) or own:
+        named = [
+            (child.get("name") or child.get("id") or child.tag, _xml_value(child, depth + 1))
+            for child in element
+        ]
+        return _once_each([*named, *own.items()])
     return words[0] if len(words) == 1 else words
+
+
+def _are_rows(element: ElementTree.Element) -> bool:
+    return not any(len(child) or child.attrib for child in element)
 
 
 def _check_bounded(content: Any) -> None:

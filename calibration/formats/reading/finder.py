@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.formats.reading.leaves import (
     LEAST_FOCAL_PX,
+    SIDES,
     Leaf,
     Numbers,
     leaves,
@@ -20,9 +21,8 @@ from calibration.formats.reading.leaves import (
     words,
 )
 
-Role = Literal["K", "D", "R", "T", "P", "pose", "place", "body", "size", "baseline"]
+Role = Literal["K", "D", "R", "T", "P", "pose", "place", "body", "size", "baseline", "angles"]
 Side = Literal["left", "right", "both", "reversed", ""]
-DISTORTIONS = (4, 5, 8, 12, 14)
 EMPTY = {
     "matrix",
     "mat",
@@ -35,6 +35,8 @@ EMPTY = {
     "cam",
     "camera",
     "coefficients",
+    "row",
+    "rows",
 }
 """Words that say nothing without another: the key above is asked."""
 IGNORED = {
@@ -59,12 +61,17 @@ K_WORDS = {
     "cameramatrix",
     "cammatrix",
 }
-D_WORDS = {"d", "kc", "coeffs", "coeff"}
+D_WORDS = {"d", "kc", "coeffs", "coeff", "coefs", "coef"}
 R_WORDS = {"r", "rmat", "rvec", "om", "rstereo", "stereor", "rodrigues"}
 T_WORDS = {"t", "tvec", "trns", "tstereo", "stereot"}
 P_WORDS = {"p", "proj"}
-POSE_WORDS = {"t", "extrinsic", "extrinsics", "pose", "stereo"}
-BODY_WORDS = {"sc", "bs", "body"}
+POSE_WORDS = {"t", "rt", "extrinsic", "extrinsics", "pose", "stereo"}
+QUATERNION_WORDS = {"q", "quat", "quaternion", "qvec", "xyzw", "wxyz"}
+ANGLE_WORDS = {"euler", "rpy", "angles", "deg", "degrees", "roll", "pitch", "yaw"}
+"""Of a rotation whose order of turns differs between tools."""
+COMMON = {"world", "w", "map", "vehicle", "robot", "base", "rig", "body", "b", "imu", "i"}
+"""Axes in which the poses of both cameras may be given."""
+OUT_OF_CAMERA = {"sc", "bs", "wc", "bc", "ic"}
 PLACE_WORDS = {"position", "center", "centre", "place"}
 SIZE_WORDS = {
     "wh",
@@ -86,11 +93,12 @@ ORTHONORMAL = 0.01
 @dataclass(frozen=True, eq=False)
 class Parts:
     """The leaves of a file by role and side. many: how many cameras it has, where these are more
-    than two.
+    than two. doubts: that no name tells which camera is the left one.
     """
 
     table: Mapping[tuple[Role, Side], list[Leaf]]
     many: int = 0
+    doubts: tuple[str, ...] = ()
 
     def get(self, role: Role, side: Side = "") -> Leaf | None:
         """The leaf of a role, where there are more one that is named so, the outermost; None
@@ -110,7 +118,7 @@ class Parts:
 
 def find(content: Mapping[str, Any]) -> Parts:
     """The parts of a rig in a file's content."""
-    found = [(role, leaf) for leaf in leaves(content) if (role := _role(leaf))]
+    found = [(role, leaf) for leaf in map(_lens_alone, leaves(content)) if (role := _role(leaf))]
     marks = {id(leaf): _marks(role, leaf) for role, leaf in found}
     lenses = [(leaf, marks[id(leaf)]) for role, leaf in found if role == "K"]
     numbers = sorted({mark for _, own in lenses for mark in own} & {"0", "1", "2"})
@@ -119,11 +127,16 @@ def find(content: Mapping[str, Any]) -> Parts:
     table: dict[tuple[Role, Side], list[Leaf]] = {}
     for role, leaf in found:
         table.setdefault((role, _side(marks[id(leaf)], first)), []).append(leaf)
+    doubts: tuple[str, ...] = ()
     if (
         len(lenses) == 2 and len(table.get(("K", ""), [])) == 2
     ):  # cameras under two names that tell no side
-        table |= _in_order([leaf for leaf, _ in lenses], found)
-    return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers))
+        own = _in_order([leaf for leaf, _ in lenses], found)
+        table |= own
+        if own:
+            left = ".".join(lenses[0][0].path[:-1])
+            doubts = (f"no name tells which camera is the left one: the first, {left}, is taken",)
+    return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers), doubts)
 
 
 def is_rotation(numbers: Numbers) -> bool:
@@ -166,6 +179,8 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
     """The sides that the innermost key with any names; the ``r`` of a rotation is none."""
     for key in reversed(leaf.path):
         said = list(words(key))
+        if "cnm" in said:  # Kalibr's T_cn_cnm1, of the camera before
+            continue
         if (
             role == "R"
             and "r" in said
@@ -179,9 +194,17 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
 
 def _role(leaf: Leaf) -> Role | None:
     every = [words(key) for key in leaf.path]
-    if any(word in IGNORED for said in every for word in said):
+    ignored = {word for said in every for word in said} & IGNORED
+    if ignored and not (
+        ignored <= COMMON and leaf.numbers.size > 9 and as_transform(leaf.numbers) is not None
+    ):
         return None
-    said = next((set(said) for said in reversed(every) if set(said) - EMPTY - DIGITS), set())
+    naming = [set(said) for said in reversed(every) if set(said) - EMPTY - DIGITS]
+    said = naming[0] if naming else set()
+    if leaf.numbers.size in (12, 16) and _leads_from_camera(every[-1]):
+        return "body" if as_transform(leaf.numbers) is not None else None
+    if len(naming) > 1 and not said - SIDES.keys() - EMPTY and _is_of_camera(naming[1]):
+        said = naming[1]  # ``dist_coeffs: {left: ..., right: ...}``
     if {"camera", "matrix"} <= set(every[-1]):
         said = {"k", *every[-1]}
     return _role_by(said - DIGITS, leaf.numbers)
@@ -190,30 +213,36 @@ def _role(leaf: Leaf) -> Role | None:
 def _role_by(said: set[str], numbers: Numbers) -> Role | None:
     count = numbers.size
     of_rotation = bool(said & R_WORDS) or _starts(said, "rot")
-    if count in DISTORTIONS and (said & D_WORDS or _starts(said, "dist")):
+    if count > 3 and _is_of_distortion(said) and not said & OF_RECTIFIED:
         return "D"
+    if count == 4 and (said & QUATERNION_WORDS or (of_rotation and _is_unit(numbers))):
+        return "R"
     if count == 9:
         return _role_of_nine(said, numbers, of_rotation)
     if count == 3:
-        if said & PLACE_WORDS or "shape" in said:
-            return "size" if "shape" in said else "place"  # rows, columns, channels
-        return (
-            "R"
-            if of_rotation and not said & T_WORDS
-            else "T"
-            if said & T_WORDS or _starts(said, "trans")
-            else None
-        )
+        return _role_of_three(said, of_rotation)
     if count == 12 and (said & P_WORDS or _starts(said, "projection")):
         return "P"
-    if count in (12, 16) and _is_transform(numbers):
-        of_rig = said & POSE_WORDS or _starts(said, "trans") or side_marks(tuple(said))
-        return "body" if said & BODY_WORDS else "pose" if of_rig else None
+    if count in (12, 16):
+        of_rig = said & (POSE_WORDS | COMMON) or _starts(said, "trans") or side_marks(tuple(said))
+        return "pose" if of_rig and as_transform(numbers) is not None else None
     if count == 1:
         return "baseline" if _starts(said, "baseline") or "stereobaseline" in said else None
     if count == 2 and said & SIZE_WORDS:
         return "size"
     return "K" if count == 4 and said & K_WORDS and not said & D_WORDS else None
+
+
+def _role_of_three(said: set[str], of_rotation: bool) -> Role | None:
+    if "shape" in said:
+        return "size"  # rows, columns, channels
+    if said & PLACE_WORDS:
+        return "place"
+    if said & ANGLE_WORDS:
+        return "angles"
+    if of_rotation and not said & T_WORDS:
+        return "R"
+    return "T" if said & T_WORDS or _starts(said, "trans") else None
 
 
 def _is_named(role: Role, leaf: Leaf) -> bool:
@@ -234,10 +263,59 @@ def _role_of_nine(said: set[str], numbers: Numbers, of_rotation: bool) -> Role |
     return "K" if said & K_WORDS or {"camera", "matrix"} <= said else "R" if of_rotation else None
 
 
-def _is_transform(numbers: Numbers) -> bool:
-    return is_rotation(numbers[:12].reshape(3, 4)[:, :3].ravel()) and np.array_equal(
-        numbers[12:], [0, 0, 0, 1][: numbers.size - 12]
-    )
+def as_transform(numbers: Numbers) -> Numbers | None:
+    """Twelve or sixteen numbers as [R t] (3, 4), row by row or column by column, as programs of row
+    vectors write it; None where they are no transform.
+    """
+    if numbers.size == 16:
+        matrix = numbers.reshape(4, 4)
+        matrix = matrix if np.array_equal(matrix[3], [0, 0, 0, 1]) else matrix.T
+        if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+            return None
+        forms = [matrix[:3]]
+    else:
+        forms = [numbers.reshape(3, 4), numbers.reshape(4, 3).T]
+    return next((form for form in forms if is_rotation(form[:, :3].ravel())), None)
+
+
+def _lens_alone(leaf: Leaf) -> Leaf:
+    """A camera matrix without the column of zeros, and the row, that make a projection of it."""
+    if leaf.numbers.size not in (12, 16):
+        return leaf
+    matrix = leaf.numbers.reshape(-1, 4)
+    lens = matrix[:3, :3].ravel()
+    bare = not matrix[:3, 3].any() and matrix[3:].ravel().tolist() in ([], [0, 0, 0, 1])
+    said = {word for key in leaf.path[-1:] for word in words(key)}
+    if bare and _is_lens(lens) and not said & P_WORDS and not _starts(said, "proj"):
+        return Leaf(leaf.path, lens)
+    return leaf
+
+
+def _leads_from_camera(said: tuple[str, ...]) -> bool:
+    """Tell whether a transform's key says from the camera's axes to those of a body or the world:
+    ``T_body_cam``, ``cam_to_world``, ``T_BS``.
+    """
+    if set(said) & OUT_OF_CAMERA:
+        return True
+    axes = [
+        "common" if word in COMMON else "camera"
+        for word in said
+        if word in COMMON or word[:3] == "cam" or word == "c"
+    ]
+    return axes == (["camera", "common"] if "to" in said else ["common", "camera"])
+
+
+def _is_of_distortion(said: set[str]) -> bool:
+    return bool(said & D_WORDS) or _starts(said, "dist")
+
+
+def _is_of_camera(said: set[str]) -> bool:
+    """Tell whether words name a part that each camera has."""
+    return _is_of_distortion(said) or bool(said & (K_WORDS | P_WORDS | SIZE_WORDS))
+
+
+def _is_unit(numbers: Numbers) -> bool:
+    return abs(float(np.linalg.norm(numbers)) - 1) < ORTHONORMAL
 
 
 def _starts(said: set[str], stem: str) -> bool:

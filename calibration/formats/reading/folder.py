@@ -2,9 +2,11 @@
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.leaves import side_marks, words
 from calibration.formats.reading.section import Section
 
 # Rigs in several files of a folder: which files belong together, which is the left camera's, and
@@ -45,24 +47,34 @@ def calibration_files(folder: Path, pattern: str = "*") -> list[Path]:
 
 
 def left_first(cameras: list[Section], where: Path | str) -> list[Section]:
-    """Two cameras' files, left before right. Raises CalibrationError if their names do not say
-    which is which.
+    """Two cameras' files, left before right, by their names or the projection that holds the
+    baseline. Raises CalibrationError if neither says which is which.
     """
 
-    def side(camera: Section) -> str | None:
-        words = (
-            f"{Path(camera.where.rsplit(': ', 1)[-1]).stem} "
-            f"{camera.content.get('camera_name', '')}".lower()
-        )
-        found = [word for word in ("left", "right") if word in words]
-        return found[0] if len(found) == 1 else None
+    def of_name(camera: Section) -> tuple[str, ...]:
+        return side_marks(words(str(camera.content.get("camera_name", ""))))
 
-    by_side = {side(camera): camera for camera in cameras}
-    if set(by_side) != {"left", "right"}:
-        raise CalibrationError(
-            f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml"
-        )
-    return [by_side["left"], by_side["right"]]
+    def of_file(camera: Section) -> tuple[str, ...]:
+        return side_marks(words(Path(camera.where.rsplit(": ", 1)[-1]).stem))
+
+    def of_projection(camera: Section) -> tuple[str, ...]:
+        key = next((key for key in ("projection_matrix", "P", "p") if camera.has(key)), "")
+        with suppress(CalibrationError):
+            return ("right" if camera.numbers(key, 12)[[3, 7]].any() else "left",) if key else ()
+        return ()
+
+    sides = [("left", "right")]
+    numbers = [("0", "1"), ("1", "2")]
+    for said, pairs in (
+        (of_name, sides), (of_file, sides), (of_projection, sides), (of_file, numbers)
+    ):  # fmt: skip
+        by_side = {said(camera): camera for camera in cameras}
+        for left, right in pairs:
+            if set(by_side) == {(left,), (right,)}:
+                return [by_side[left,], by_side[right,]]
+    raise CalibrationError(
+        f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml"
+    )
 
 
 def merged(documents: list[Section]) -> Section:

@@ -40,15 +40,24 @@ PAIRS = {
     "tangential": ("p1", "p2"),
 }
 """Words of two numbers: ``focal_length: [fx, fy]``."""
+SHORT_PAIRS = {"f": "focal", "fc": "focal", "pp": "principal", "c": "principal", "cc": "principal"}
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 SIZES = (("width", "height"), ("cols", "rows"), ("columns", "rows"))
 FISHEYE, PINHOLE = ("k1", "k2", "k3", "k4"), ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 SIDES = {
-    **dict.fromkeys(("left", "l", "lft", "port"), "left"),
-    **dict.fromkeys(("right", "r", "rgt", "starboard", "stbd"), "right"),
-    "0": "0", "1": "1", "2": "2",
+    **dict.fromkeys(
+        ("left", "l", "lft", "port", "master", "primary", "links", "gauche", "izquierda",
+         "sinistra", "esquerda"), "left"),
+    **dict.fromkeys(
+        ("right", "r", "rgt", "starboard", "stbd", "slave", "secondary", "rechts", "droite",
+         "derecha", "destra", "direita"), "right"),
+    "0": "0", "1": "1", "2": "2", "00": "0", "01": "1", "02": "2",
 }  # fmt: skip
 """Word -> side of the rig, or the number of a camera."""
+TWO_SIDES = {"lr": ("l", "r"), "rl": ("r", "l")}
+"""Words of both sides: ``T_rl`` is ``T_right_left``."""
+NAMING = {"name", "id", "label", "side", "position", "location", "role", "which", "camera"}
+"""Words of keys under which a camera's mapping says which one it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +78,20 @@ class Leaf:
 
 def words(key: str) -> tuple[str, ...]:
     """``cameraMatrixL`` as camera, matrix, l; ``K_2`` as k, 2; ``KL`` as k, l."""
+    key = re.sub(
+        r"(?<![A-Za-z])(\w|cam|camera|left|right|world|body|imu)2(?=[a-z])", r"\1_to_", key
+    )
     return tuple(
         word.lower()
-        for word in re.findall(r"\b[KMDRTP](?=[LR]\b)|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key)
+        for word in re.findall(
+            r"\b(?:[KMDRTP](?=[LR]\b)|[KMDkmd](?=[lr]\b))|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key
+        )
     )
 
 
 def side_marks(said: tuple[str, ...]) -> tuple[str, ...]:
     """The sides, in order, that a key's words name; camera numbers where they name none."""
+    said = tuple(mark for word in said for mark in TWO_SIDES.get(word, (word,)))
     marks = [SIDES.get(word) or _joined_side(word) for word in said]
     sides = tuple(dict.fromkeys(mark for mark in marks if mark in ("left", "right")))
     return sides or tuple(dict.fromkeys(mark for mark in marks if mark))
@@ -86,10 +101,12 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
     """All leaves of 2 to 16 numbers in a mapping, its baselines, those of inner mappings too, and
     what its single numbers make.
     """
-    name = next(
-        (content[key] for key in ("name", "camera_name") if isinstance(content.get(key), str)), ""
+    names = (
+        str(value)
+        for key, value in content.items()
+        if isinstance(value, (str, int)) and NAMING & {*words(str(key))}
     )
-    if side_marks(words(name)):
+    if name := next((name for name in names if side_marks(words(name))), ""):
         path = (*path, name)
     few: dict[str, Numbers] = {}
     for key, value in _nested(content).items():
@@ -172,7 +189,7 @@ def _numbers(value: Any) -> Numbers | None:
         value = [size[1], size[2]]
     try:
         items = [
-            float("bool") if isinstance(item, bool) else float(item)
+            float("nan" if item is None else "bool" if isinstance(item, bool) else item)
             for item in islice(_flat(value), MAX_NUMBERS + 1)
         ]
     except (TypeError, ValueError, OverflowError):
@@ -203,7 +220,9 @@ def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Le
         elif "radial" in name:
             own.update(zip(RADIAL, numbers.tolist(), strict=False))
         elif numbers.size == 2 and (
-            pair := next((pair for word, pair in PAIRS.items() if word in name), None)
+            pair := next(
+                (pair for word, pair in PAIRS.items() if word in SHORT_PAIRS.get(name, name)), None
+            )
         ):
             own.update(zip(pair, numbers.tolist(), strict=True))
     for place, own in groups.items():
@@ -219,7 +238,11 @@ def _side_and_name(key: str) -> tuple[tuple[str, ...], str]:
     )
     rest = [part for part in parts if part not in side]
     name = "".join(rest)
-    if name not in CANONICAL and name[:-1] in CANONICAL and name[-1:] in ("0", "1", "2"):
+    if name[-1:] in ("0", "1", "2") and (
+        (name not in CANONICAL and name[:-1] in CANONICAL)
+        or "radial" in name
+        or "tangential" in name
+    ):
         return (name[-1],), name[:-1]  # fx1
     return side, "_".join(rest)
 
@@ -257,6 +280,7 @@ def _of_numbers(own: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
     for key, three in (
         ("T", ("tx", "ty", "tz")),
         ("R", ("rx", "ry", "rz")),
+        ("angles", ("roll", "pitch", "yaw")),
         ("vector", ("x", "y", "z")),
     ):
         if own.keys() >= set(three) and not (key == "vector" and "w" in own):

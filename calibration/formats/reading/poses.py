@@ -4,18 +4,18 @@ usual way to write one first.
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.reading.finder import Parts, Role, Side, is_rotation
+from calibration.formats.reading.finder import Parts, Role, Side, as_transform, is_rotation
 from calibration.formats.reading.leaves import Leaf, texts, words
 from calibration.formats.reading.section import METERS, Section, to_meters
 from calibration.formats.ros import transform_of_projections
-from calibration.geometry import inverse_transform, rigid
+from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import MAX_BASELINE_M
 
 Array = NDArray[np.float64]
@@ -27,6 +27,7 @@ OTHER_BASELINE = 0.01
 """Relative difference of baselines from which two transforms in one file are of two
 calibrations.
 """
+FULL_TURN = 2 * np.pi + 0.01
 ROUNDED = 1e-6
 """Error of R R^T = I from which a rotation has been rounded when it was written."""
 
@@ -34,13 +35,16 @@ ROUNDED = 1e-6
 @dataclass(frozen=True, eq=False)
 class Pose:
     """The transform (4, 4) from left to right axes, and the key of its translation. is_open: it may
-    be the inverse.
+    be the inverse. other: what it is where the poses of the two cameras lead from their axes
+    (is_into) in place of into them, or the reverse.
     """
 
     key: str
     T: Array
     is_open: bool = False
     doubts: tuple[str, ...] = ()
+    other: Array | None = None
+    is_into: bool = False
 
 
 def has_pose(document: Section, parts: Parts) -> bool:
@@ -75,7 +79,7 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
                     for key, length_mm in zip((pose.key, other.key), lengths_mm, strict=True)
                 )
                 others.append(f"holds two baselines, of {mine} and of {its}: {pose.key} is taken")
-    return Pose(pose.key, pose.T, pose.is_open, (*pose.doubts, *others))
+    return replace(pose, doubts=(*pose.doubts, *parts.doubts, *others))
 
 
 def _poses(where: str, parts: Parts) -> Iterator[Pose]:
@@ -88,31 +92,49 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
         yield _with_sense(
             Pose(_name(transform[0]), _square(where, transform[0]), True), transform[1]
         )
-    for key, left, right in _of_cameras(where, parts):
-        yield Pose(key, right @ inverse_transform(left), True)
+    yield from _of_cameras(where, parts)
     turns, projections = parts.pair("R"), parts.pair("P")
     if projections and (turns or not parts.pair("K")):
         rotations = [_rotation(where, turn) for turn in turns] if turns else [np.eye(3), np.eye(3)]
         Ps = [leaf.finite(where).reshape(3, 4) for leaf in projections]
         yield Pose(_name(projections[1]), transform_of_projections(rotations, Ps))
+    if not (R or turns):
+        sides: tuple[Side, ...] = ("", "both", "right")
+        for angles in filter(None, (parts.get("angles", side) for side in sides)):
+            raise CalibrationError(
+                f"{where}: {_name(angles)}: angles of a rotation, whose order differs between "
+                "tools: give R as a matrix, a quaternion, or a rotation vector in radians"
+            )
 
 
-def _of_cameras(where: str, parts: Parts) -> Iterator[tuple[str, Array, Array]]:
-    """The poses of both cameras, as transforms into them: R and T, or a matrix; of a body or a
-    place, from them.
+def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:
+    """By the poses of both cameras: R and T, or a matrix, into them; of a body or a place, from
+    them.
     """
     Rs, Ts, places = parts.pair("R"), parts.pair("T"), parts.pair("place")
-    for Vs, into in ((Ts, True), (places, False)):
-        if Rs and Vs:
-            both = [
-                rigid(_rotation(where, R), V.finite(where)) for R, V in zip(Rs, Vs, strict=True)
-            ]
-            yield _name(Vs[1]), *(both if into else map(inverse_transform, both))
+    rotations = [_rotation(where, R) for R in Rs] if Rs and (Ts or places) else []
+    if rotations and Ts:
+        into = [rigid(R, T.finite(where)) for R, T in zip(rotations, Ts, strict=True)]
+        yield Pose(_name(Ts[1]), _between(into), True)
+    if rotations and places:
+        centers = [place.finite(where) for place in places]
+        both = [
+            _between([inverse_transform(rigid(R, c)) for R, c in zip(turns, centers, strict=True)])
+            for turns in (rotations, [R.T for R in rotations])
+        ]
+        yield Pose(_name(places[1]), both[0], other=both[1])
     transforms: tuple[tuple[Role, bool], ...] = (("pose", True), ("body", False))
-    for role, into in transforms:
+    for role, is_into in transforms:
         if pair := parts.pair(role):
-            both = [_square(where, leaf) for leaf in pair]
-            yield _name(pair[1]), *(both if into else map(inverse_transform, both))
+            own = [_square(where, leaf) for leaf in pair]
+            readings = [_between(own), _between(list(map(inverse_transform, own)))]
+            T, other = readings if is_into else readings[::-1]
+            yield Pose(_name(pair[1]), T, other=other, is_into=is_into)
+
+
+def _between(into: list[Array]) -> Array:
+    """The transform from left to right axes, of transforms into both cameras."""
+    return np.asarray(into[1] @ inverse_transform(into[0]))
 
 
 def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
@@ -142,7 +164,14 @@ def _rotation(where: str, leaf: Leaf) -> Array:
     it.
     """
     numbers = leaf.finite(where)
+    if numbers.size == 4:
+        return _of_quaternion(leaf)
     if numbers.size == 3:
+        if float(np.linalg.norm(numbers)) > FULL_TURN:
+            raise CalibrationError(
+                f"{where}: {_name(leaf)}: a rotation vector of {np.linalg.norm(numbers):.4g} is "
+                "longer than a full turn: give it in radians, or R as a matrix"
+            )
         return np.asarray(cv2.Rodrigues(numbers)[0], dtype=np.float64)
     R = numbers.reshape(3, 3)
     if is_rotation(numbers) and np.abs(R @ R.T - np.eye(3)).max() > ROUNDED:
@@ -151,8 +180,19 @@ def _rotation(where: str, leaf: Leaf) -> Array:
     return R
 
 
+def _of_quaternion(leaf: Leaf) -> Array:
+    """w first where a word says so or, as cameras of a rig are turned little, where that is the
+    largest.
+    """
+    said = {word for key in leaf.path for word in words(key)}
+    numbers = leaf.numbers / np.linalg.norm(leaf.numbers)
+    first = "wxyz" in said or ("xyzw" not in said and abs(numbers[0]) > abs(numbers[3]))
+    return rotation_of_quaternion(np.roll(numbers, -1) if first else numbers)
+
+
 def _square(where: str, leaf: Leaf) -> Array:
-    numbers = leaf.finite(where)[:12].reshape(3, 4)
+    numbers = as_transform(leaf.finite(where))
+    assert numbers is not None  # its role says so
     return rigid(_rotation(where, Leaf(leaf.path, numbers[:, :3].ravel())), numbers[:, 3])
 
 
@@ -167,7 +207,10 @@ def _in_meters(document: Section, pose: Pose, parts: Parts) -> Pose:
     if not stated and numbered and not LEAST_MM <= length <= MAX_BASELINE_M * 1000:
         return pose
     shift, doubts = to_meters(pose.T[:3, 3], stated)
-    return Pose(pose.key, rigid(pose.T[:3, :3], shift), pose.is_open, doubts)
+    other = pose.other
+    if other is not None:
+        other = rigid(other[:3, :3], other[:3, 3] * (float(np.linalg.norm(shift)) / length))
+    return replace(pose, T=rigid(pose.T[:3, :3], shift), doubts=doubts, other=other)
 
 
 def _stated_unit(document: Section) -> str | None:
