@@ -51,8 +51,7 @@ NOT_KNOWN = (
     "is not a trajectory that is known here",
     "is not a calibration",
     "cannot be parsed",
-    "is not UTF-8 text",
-    "is not UTF-8 text",
+    "is not text",
 )
 """Of errors that say no more than that a file is something else."""
 

@@ -5,12 +5,13 @@ used.
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.text_documents import read_text
 
 
 def csv_text(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
@@ -69,7 +70,16 @@ def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, st
         raise InputError(f"{path}: line {reader.line_num + 1}: {error}") from error
 
 
+def dict_reader(text: str) -> "csv.DictReader[str]":
+    """The rows of a table that people wrote: commas, semicolons or tabs between its columns, and
+    between the latter two also decimal commas.
+    """
+    separator = max(",;\t", key=text.partition("\n")[0].count)
+    if separator != ",":
+        number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\r\n]|$)"
+        text = re.sub(number, r"\1.\2", text)
+    return csv.DictReader(io.StringIO(text), delimiter=separator, restval="", skipinitialspace=True)
+
+
 def _reader(path: Path) -> "csv.DictReader[str]":
-    return csv.DictReader(
-        io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")), restval=""
-    )
+    return dict_reader(read_text(path))

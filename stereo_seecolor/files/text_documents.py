@@ -5,19 +5,17 @@ name.
 from pathlib import Path
 from typing import Any
 
-from calibration.files import YAML_ERRORS, load_json, load_yaml
+from calibration.files import YAML_ERRORS, decode_text, load_json, load_yaml
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
 
 
 def read_text(path: Path) -> str:
-    """The text of a UTF-8 file. Raises InputError."""
+    """The text of a file in any usual encoding. Raises InputError."""
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return decode_text(read_bytes(path))
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})"
-        ) from error
+        raise InputError(f"{path}: is not text ({error.reason} at byte {error.start})") from error
 
 
 def read_yaml(path: Path) -> Any:
@@ -32,6 +30,6 @@ def read_yaml(path: Path) -> Any:
 def read_json(path: Path) -> Any:
     """The content of a JSON file. Raises InputError."""
     try:
-        return load_json(read_bytes(path).removeprefix(b"\xef\xbb\xbf"))
+        return load_json(decode_text(read_bytes(path)))
     except ValueError as error:
         raise InputError(f"{path}: is not JSON: {error}") from error

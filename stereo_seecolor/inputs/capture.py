@@ -2,7 +2,6 @@
 image keeps.
 """
 
-import csv
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +15,8 @@ import numpy as np
 from PIL import ExifTags, Image
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.csv_table import dict_reader
+from stereo_seecolor.files.text_documents import read_text
 from stereo_seecolor.inputs.headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import Capture
 
@@ -212,18 +212,13 @@ class ExposureTable:
         Raises InputError for a file that cannot be read or has no such columns, and for a bad
         value, naming the line.
         """
-        try:
-            lines = read_bytes(path).decode("utf-8-sig").splitlines()
-        except UnicodeDecodeError as error:
-            raise InputError(
-                f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})"
-            ) from error
-        if max(map(len, lines), default=0) > MOST_CHARACTERS:
+        text = read_text(path)
+        if max(map(len, text.splitlines()), default=0) > MOST_CHARACTERS:
             raise InputError(
                 f"{path}: has a line of more than {MOST_CHARACTERS} characters: is it a table of "
                 "exposures?"
             )
-        reader = csv.DictReader(lines, skipinitialspace=True)
+        reader = dict_reader(text)
         reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
         name, exposure, gain = (
             _column(path, reader.fieldnames, known) for known in (NAMES, tuple(EXPOSURES), GAINS)

@@ -275,3 +275,11 @@ def test_a_zoom_of_either_camera_is_named(side: str, tmp_path: Path) -> None:
     pairs = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
     (note,) = framing_notes(DiveImages(pairs, RunConfig()))
     assert "1.jpg has a digital zoom of 2" in note and "calibration" in note
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
+def test_tables_of_any_encoding_and_separator(encoding: str, tmp_path: Path) -> None:
+    text = "Datei;exposure_ms\n".replace("Datei", "file") + "Größe_0001.png;2,5\n"
+    (tmp_path / "log.csv").write_bytes(text.encode(encoding))
+    read = ExposureTable.read(tmp_path / "log.csv")
+    assert read.rows["Größe_0001.png"].exposure_s == pytest.approx(0.0025)

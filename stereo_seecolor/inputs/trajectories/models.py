@@ -11,6 +11,7 @@ from calibration.files import load_json
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.text_documents import read_text
 from stereo_seecolor.geometry import pose, rotation_from_quaternion, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.axes import VehicleTrack, from_degrees
 from stereo_seecolor.inputs.trajectories.table import LARGEST, Lines, Table, is_number
@@ -54,7 +55,7 @@ def _image_lines(lines: Lines) -> list[tuple[int, str]]:
     """Every second line that is not a comment; the lines of points may be empty, so empty lines
     count.
     """
-    text = lines.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    text = read_text(lines.path).splitlines()
     uncommented = [(i, line) for i, line in enumerate(text, start=1) if not line.startswith("#")]
     return [(i, line) for i, line in uncommented[::2] if line.strip()]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from calibration.files import decode_text
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
@@ -175,13 +176,9 @@ def read_lines(path: Path) -> Lines:
     if kind := named_by_begin(raw):
         raise InputError(f"{path}: is {kind}")
     try:
-        text = raw.decode("utf-16" if raw[:2] == b"\xff\xfe" and len(raw) % 2 == 0 else "utf-8-sig")
+        text = decode_text(raw)
     except UnicodeDecodeError as error:
-        if b"\0" in raw:
-            raise InputError(
-                f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})"
-            ) from error
-        text = raw.decode("cp1252", errors="replace")  # a spreadsheet's CSV with a degree sign
+        raise InputError(f"{path}: is not text ({error.reason} at byte {error.start})") from error
     numbered = [
         (i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if line.strip()
     ]

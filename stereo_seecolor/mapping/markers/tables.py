@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.text_documents import read_text
 from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def _table(
     """Rows with their place, role -> column, and role -> unit in meters, of a header or of the
     usual order without one.
     """
-    text = read_bytes(path).decode("utf-8-sig", errors="replace")
+    text = read_text(path)
     lines = [
         (number, line.lstrip("#"))
         for number, line in enumerate(text.splitlines(), start=1)
