@@ -284,6 +284,7 @@ def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Imag
 
 INSPECT_POSES_EXTENSIONS = frozenset(
     {".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json", ".gpx", ".nmea", ".kml"}
+    | {".jsonl", ".geojson", ".log"}
 )
 TABLE = "table of navigation"
 """What the format of a table is called."""

@@ -13,6 +13,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.name_keys import side_of, without_side
 from stereo_seecolor.inputs.trajectories import (
     column_map,
+    converted,
     foreign,
     models,
     poses,
@@ -42,13 +43,13 @@ _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
     ("oplab", vehicles.is_oplab, vehicles.read_oplab),
     ("ORCA", vehicles.is_orca, vehicles.read_orca),
     ("Matisse", vehicles.is_matisse, vehicles.read_matisse),
+    ("table of poses", poses.is_pose_table, poses.read_pose_table),
     ("KITTI", poses.is_kitti, poses.read_kitti),
     ("TartanAir", poses.is_tartanair, poses.read_tartanair),
     ("NMEA, GPX or KML track", receivers.recognizes, receivers.read),
     ("reconstruction.json", models.is_opensfm, models.read_opensfm),
     ("transforms.json", models.is_nerf, models.read_nerf),
     ("TUM", poses.is_tum, poses.read_tum),
-    ("table of poses", poses.is_pose_table, poses.read_pose_table),
     ("table of navigation", column_map.recognizes, column_map.read_by_names),
 )
 
@@ -73,9 +74,9 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
         InputError: If the file cannot be read, is of no known format, or holds no pose.
     """
     for name in added("trajectory_formats"):
-        reader = load("trajectory_formats", name)
-        if reader.recognizes(path):
-            return _of_left(reader.read(path, mount or MountConfig()))
+        plugin = load("trajectory_formats", name)
+        if plugin.recognizes(path):
+            return _of_left(plugin.read(path, mount or MountConfig()))
     mount = mount or MountConfig()
     parts = [column_map.split_spec(part) for part in column_map.split_files(path)]
     if len(parts) > 1:
@@ -84,8 +85,8 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     elif parts[0][1]:
         trajectory = column_map.read(*_table(read_lines(parts[0][0]), parts[0][1]), mount)
     else:
-        lines = read_lines(parts[0][0])
-        trajectory = _reader(lines)(lines, mount)
+        reader, lines = _reader(read_lines(parts[0][0]))
+        trajectory = reader(lines, mount)
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
     return _of_left(trajectory)
@@ -95,8 +96,8 @@ def trajectory_format(path: Path) -> str | None:
     """The name of the format that a text file is read as; None where it is not a trajectory, by its
     first lines. Raises InputError.
     """
-    lines = read_lines(path)
-    return next((name for name, recognizes, _ in _FORMATS if recognizes(lines)), None)
+    found = _recognized(read_lines(path))
+    return found[0] if found else None
 
 
 def rectified_trajectory(
@@ -146,11 +147,14 @@ def _table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, Mapping[str
     """A table with the map of its columns: as given, or by their names. A receiver's log is one."""
     if receivers.recognizes(lines):
         return receivers.table(lines, columns)
-    if not columns and not column_map.recognizes(lines):
+    for table in (lines, *converted.below(lines)):
+        if column_map.has_columns(table, columns) if columns else column_map.recognizes(table):
+            return table, columns or column_map.guessed(table)
+    if not columns:
         raise InputError(
             f"{lines.path}: is no table of navigation with times: only such are joined with others"
         )
-    return lines, columns or column_map.guessed(lines)
+    return lines, columns
 
 
 def _of_left(trajectory: Trajectory) -> Trajectory:
@@ -179,10 +183,28 @@ def _of_left(trajectory: Trajectory) -> Trajectory:
     )
 
 
-def _reader(lines: Lines) -> _Reader:
-    for _, recognizes, read in _FORMATS:
-        if recognizes(lines):
-            return read
+def _recognized(lines: Lines) -> tuple[str, _Reader, Lines] | None:
+    """The format, its reader, and the lines that it reads: a table may stand below other lines, or
+    be JSON.
+    """
+    is_json = lines.first[:1] in ("{", "[")
+    for name, recognizes, read in _FORMATS:
+        if is_json == name.endswith(".json") and recognizes(lines):
+            return name, read, lines
+    if is_json:
+        records = converted.of_json(lines)
+        return _recognized(records) if records else None
+    tables = [format_ for format_ in _FORMATS if format_[0].startswith("table of")]
+    for table in converted.below(lines):
+        for name, recognizes, read in tables:
+            if recognizes(table):
+                return name, read, table
+    return None
+
+
+def _reader(lines: Lines) -> tuple[_Reader, Lines]:
+    if found := _recognized(lines):
+        return found[1:]
     if kind := foreign.named("\n".join(lines.all[:50])):
         raise InputError(f"{lines.path}: is {kind}")
     raise InputError(

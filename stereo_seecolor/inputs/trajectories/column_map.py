@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories.axes import Column, VehicleTrack, from_degrees, step_of
+from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
 from stereo_seecolor.inputs.trajectories.table import (
     AmbiguousDateError,
     Lines,
@@ -22,6 +23,8 @@ from stereo_seecolor.inputs.trajectories.table import (
     column_seconds,
     is_number,
     is_unknown,
+    separator_of,
+    split_fields,
 )
 from stereo_seecolor.records import Trajectory
 
@@ -51,30 +54,8 @@ _NEEDED = {
 }
 _FIXES = {"name", "time", "date", "us_date", "lat", "lon", "north", "east", "valid"}
 """A map of these alone is of positions without depth and attitude: a buoy's fixes."""
-_NAMES = {
-    "name": "name|file|file_?name|image|image_?name|photo",
-    "time": "time|time_?stamp|utc|utc_?time|gps_?time|date_?time|unix_?time|epoch|zeit",
-    "date": "date|utc_?date|gps_?date|datum|fecha",
-    "lat": "lat|latitude|breite",
-    "lon": "lon|long|lng|longitude|laenge|länge",
-    "north": "north|northing",
-    "east": "east|easting",
-    "depth": "depth|vehicle_?depth|water_?depth|tiefe|profondeur|profundidad",
-    "up": "altitude_?relative|alt_?relative|relative_?alt(itude)?",
-    "heading": "heading|hdg|yaw|kurs|cap|rumbo",
-    "pitch": "pitch",
-    "roll": "roll",
-    "valid": "(position|pos|fix)_?valid|valid|(fix_?)?quality",
-}
-"""Role -> usual names of its column, before a unit. Altitude is none of them: vehicles measure it
-above the bottom.
-"""
-_OWNER = re.compile(r"^(gps\d?|vehicle|nav|ugps|attitude|vfr_hud|global_position(_int)?)\.")
-"""What QGroundControl and others put before a name: ``gps.lat``."""
 _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
-_UNIT = re.compile(r"([ _]*(\([^()]*\)|\[[^\[\]]*\])|[ _]+(deg|degrees|rad|radians|m|s))?$")
-_RADIANS = re.compile(r"[ _(\[]rad(ians)?[)\]]?$")
 _DEGREES = re.compile(
     r"([NSEWO])?\s*([+-]?\d+(?:\.\d+)?)\s*(?:[°º\ufffd:\s]\s*(?:(\d+(?:\.\d+)?)\s*['’′:\s]*\s*(?:(\d+(?:\.\d+)?)\s*(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
     re.IGNORECASE,
@@ -84,7 +65,12 @@ _DEGREES = re.compile(
 """
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
-_SEPARATORS = (",", ";", "\t")
+_CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
+"""A time of day, as h:m:s or hhmmss."""
+_MINUTES = re.compile(r"(\d{2,3})(\d{2}\.\d+)( [NSEW])", re.IGNORECASE)
+"""Degrees and minutes as receivers write them, ddmm.mmmm, with the hemisphere."""
+_MAVLINK = 1e7
+"""Whole numbers a degree."""
 MAX_GAP_S = 10.0
 """Acoustic positions come every few seconds; further apart, what lies between is not known."""
 
@@ -150,25 +136,11 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def guessed(lines: Lines) -> dict[str, str]:
-    """Role -> the first column of a usual name for it. A date beside a time that holds one is left
-    out.
-    """
-    found: dict[str, str] = {}
-    for name in _header(lines)[1]:
-        bare = _OWNER.sub("", _UNIT.sub("", name))
-        role = next(
-            (
-                role
-                for role, names in _NAMES.items()
-                if role not in found and re.fullmatch(names, bare)
-            ),
-            None,
-        )
-        if role:
-            found[role] = name
+    """Role -> the column of a usual name for it, without a date beside a time that holds one."""
+    found = roles_of(split_fields(lines.header, separator_of(lines.header)))
     if "date" in found and "time" in found:
         rows = _table(lines, {}).rows if len(lines.content) > 1 else ()
-        if not any(re.match(r"\d{1,2}:\d", row[found["time"]]) for _, row in rows):
+        if not any(_CLOCK.match(row[found["time"].lower()]) for _, row in rows):
             del found["date"]
     if "depth" in found:
         found.pop("up", None)
@@ -347,34 +319,65 @@ def _table(lines: Lines, columns: Mapping[str, str]) -> Table:
     """The header is the first line, also where it begins with ``#`` or ``%``."""
     separator, header = _header(lines)
     for role, column in columns.items():
-        if column.lower() not in header:
+        if not _is_of(header, column):
             near = difflib.get_close_matches(column.lower(), header, n=1, cutoff=0.5)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(header)[:200]}"
             raise InputError(f"{lines.path}: has no column {column!r} for {role}; {hint}")
     rows = tuple(row for row in lines.content if row[1].lstrip("#% ") != lines.header)
-    return Table.read(lines, separator, header, rows)
+    return Table.read(lines, separator, header, rows, is_whole=True)
+
+
+def has_columns(lines: Lines, columns: Mapping[str, str]) -> bool:
+    """Tell whether the first line names all columns of a map."""
+    return all(_is_of(_header(lines)[1], column) for column in columns.values())
+
+
+def _is_of(header: Sequence[str], column: str) -> bool:
+    """Tell whether a header has a column, or all of several with spaces between their names."""
+    return column.lower() in header or {*column.lower().split()} <= {*header}
 
 
 def _header(lines: Lines) -> tuple[str, list[str]]:
     """What separates columns, and their names in lower case."""
-    separator = max(_SEPARATORS, key=lines.header.count)
-    return separator, [name.strip().strip('"').lower() for name in lines.header.split(separator)]
+    separator = separator_of(lines.header)
+    return separator, [name.lower() for name in split_fields(lines.header, separator)]
 
 
 def _numbers(table: Table, columns: Mapping[str, str], role: str) -> Column:
-    """A role's column, of angles in degrees, also where its name says radians."""
+    """A role's column in meters or degrees."""
     column = columns[role].lower()
     if role in ("lat", "lon"):
-        values = np.array([_degrees(table, number, row[column]) for number, row in table.rows])
+        values = _places(table, column, role)
     else:
         values = np.array(table.column(column))
     values[np.isin(values, _NO_VALUE)] = np.nan
-    return np.degrees(values) if role in _ANGLES and _RADIANS.search(column) else values
+    return values * unit(columns[role])
+
+
+def _places(table: Table, column: str, role: str) -> Column:
+    """Latitudes or longitudes, whose hemisphere may stand in the next column; whole numbers beyond
+    all degrees are MAVLink's 1e-7 of one.
+    """
+    names = list(table.rows[0][1])
+    beside = names[names.index(column) + 1 :][:1]
+    sides = [{row[name].upper() for _, row in table.rows} for name in beside]
+    letters = {*("NS" if role == "lat" else "EW"), ""}
+    of_side = any(own != {""} and own <= letters for own in sides)
+    cells = [f"{row[column]} {row[beside[0]]}" if of_side else row[column] for _, row in table.rows]
+    if of_side and all(is_unknown(cell) or _MINUTES.fullmatch(cell) for cell in cells):
+        cells = [_MINUTES.sub(r"\1 \2\3", cell) for cell in cells]
+    values = np.array(
+        [_degrees(table, number, cell) for (number, _), cell in zip(table.rows, cells, strict=True)]
+    )
+    known = values[np.isfinite(values) & (values != 0)]
+    of_mavlink = known.size and (np.abs(known) > 1000).all() and (known == np.round(known)).all()
+    return values / _MAVLINK if of_mavlink else values
 
 
 def _degrees(table: Table, number: int, text: str) -> float:
     """Of ``14.685``, ``14.685 S`` or ``14°41'6"S``."""
-    match = None if is_number(text) or is_unknown(text) else _DEGREES.fullmatch(text.strip())
+    text = text.strip()
+    match = None if is_number(text) or is_unknown(text) else _DEGREES.fullmatch(text)
     if match is None:
         return float("nan") if is_unknown(text) else table.lines.numbers(number, [text])[0]
     degrees, minutes, rest = (float(match[i] or 0) for i in (2, 3, 4))

@@ -1,6 +1,7 @@
-"""Tables of poses: TUM, KITTI, TartanAir, and any with a header."""
+"""Tables of poses: rows of numbers (TUM, KITTI, TartanAir), and any with a header."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,34 +9,62 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
-from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number, read_lines, seconds
+from stereo_seecolor.inputs.trajectories.table import (
+    Lines,
+    Table,
+    column_seconds,
+    is_number,
+    read_lines,
+    seconds,
+    separator_of,
+    split_fields,
+)
 from stereo_seecolor.records import Trajectory
 
-# TUM: ``timestamp tx ty tz qx qy qz qw``, seconds, camera to world, w last.
+# TUM: ``timestamp tx ty tz qx qy qz qw``, seconds, camera to world, w last; with a name of an image
+# in place of the time too.
 
 
 def is_tum(lines: Lines) -> bool:
-    """Eight numbers a line, with or without commas."""
+    """A number or a name, and seven numbers a line, with or without commas."""
     fields = _fields(lines.first)
-    return len(fields) == 8 and is_number(fields[0])
+    return len(fields) == 8 and all(map(is_number, fields[1:]))
 
 
 def read_tum(lines: Lines, mount: MountConfig) -> Trajectory:
     """Times in ms, us or ns are told by their size."""
-    times, rows = [], []
+    firsts, rows = _rows(lines, 7, "a TUM pose has 8 numbers (timestamp tx ty tz qx qy qz qw)")
+    return _named(trajectory_of(np.full(len(rows), np.nan), rows), lines, firsts)
+
+
+def _rows(lines: Lines, count: int, form: str) -> tuple[list[str], NDArray[np.float64]]:
+    """What stands before the numbers of each line, "" where nothing does, and the numbers. form: of
+    a line, for errors.
+    """
+    firsts, rows = [], []
+    width = len(_fields(lines.first))
     for number, line in lines.content:
         fields = _fields(line)
-        if len(fields) != 8:
-            raise lines.error(
-                number,
-                f"a TUM pose has 8 numbers (timestamp tx ty tz qx qy qz qw), got {len(fields)}",
-            )
-        rows.append(lines.numbers(number, fields[1:]))
+        if len(fields) != width:
+            raise lines.error(number, f"{form}, got {len(fields)}")
+        firsts.append(" ".join(fields[:-count]))
+        rows.append(lines.numbers(number, fields[-count:]))
+    return firsts, np.array(rows)
+
+
+def _named(poses: Trajectory, lines: Lines, firsts: list[str]) -> Trajectory:
+    """The poses with the times or names before them. Raises InputError for what is neither."""
+    if not all(firsts) or firsts == [str(i) for i in range(len(firsts))]:
+        return poses
+    if not any(map(is_number, firsts)) and all("." in first for first in firsts):
+        return replace(poses, names=tuple(firsts))
+    times = []
+    for (number, line), first in zip(lines.content, firsts, strict=True):
         try:
-            times.append(seconds(fields[0]))
+            times.append(seconds(first))
         except ValueError as error:
             raise lines.error(number, f"expected numbers, got {line[:60]!r}") from error
-    return trajectory_of(np.array(times), np.array(rows))
+    return replace(poses, timestamps_s=np.array(times))
 
 
 def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> Trajectory:
@@ -50,31 +79,58 @@ def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> 
 
 
 def _fields(line: str) -> list[str]:
+    """The cells of a row of numbers; commas are decimal commas between semicolons."""
+    if ";" in line:
+        return line.replace(",", ".").replace(";", " ").split()
     return line.replace(",", " ").split()
 
 
 # KITTI: a row-major 3x4 camera-to-world matrix a line, line i is frame i; ``times.txt`` beside it
-# where there is one.
+# where there is one. Also a time or a name before it, and 4x4 matrices on one line or on four.
+
+_LAST_ROW = [0.0, 0.0, 0.0, 1.0]
+_WIDTHS = (12, 13, 16, 17)
 
 
 def is_kitti(lines: Lines) -> bool:
-    """Twelve numbers a line."""
-    return len(lines.first.split()) == 12
+    """Twelve or sixteen numbers a line, alone or after a time or name, or blocks of four lines."""
+    return _form(lines) is not None
+
+
+def _form(lines: Lines) -> int | None:
+    """How many numbers a pose has; 4 for a block of four lines."""
+    fields = _fields(lines.first)
+    numbers = fields if len(fields) % 4 == 0 else fields[1:]
+    if len(fields) == 12:
+        return 12  # a line that names what is wrong in it is better than none
+    if len(fields) not in (4, *_WIDTHS) or not all(map(is_number, numbers)):
+        return None
+    values = [float(number) for number in numbers]
+    if len(values) == 16 and values[12:] != _LAST_ROW:
+        return None
+    if len(values) == 4:
+        fourth = [_fields(line) for _, line in lines.content[3::4]]
+        whole = len(lines.content) % 4 == 0 and all(len(row) == 4 for row in fourth)
+        if not (whole and all([float(x) for x in row] == _LAST_ROW for row in fourth)):
+            return None
+    return len(values)
 
 
 def read_kitti(lines: Lines, mount: MountConfig) -> Trajectory:
     """Matched to the frames in order, or by time where times.txt has as many lines; up is
     unknown.
     """
-    rows = []
-    for number, line in lines.content:
-        values = lines.numbers(number, line.split())
-        if len(values) != 12:
-            raise lines.error(number, f"a KITTI pose has 12 numbers, got {len(values)}")
-        rows.append(values)
-    T = np.tile(np.eye(4), (len(rows), 1, 1))
-    T[:, :3] = np.reshape(rows, (-1, 3, 4))
-    return Trajectory(("",) * len(T), _times(lines, len(T)), T, up="unknown")
+    count = _form(lines)
+    assert count
+    form = f"a pose of {count} numbers" if count > 12 else "a KITTI pose has 12 numbers"
+    firsts, values = _rows(lines, count, form)
+    matrices = values.reshape(-1, 4, 4)[:, :3] if count in (4, 16) else values.reshape(-1, 3, 4)
+    T = np.tile(np.eye(4), (len(matrices), 1, 1))
+    T[:, :3] = matrices
+    poses = Trajectory(("",) * len(T), np.full(len(T), np.nan), T, up="unknown")
+    if any(firsts):
+        return _named(poses, lines, firsts)
+    return replace(poses, timestamps_s=_times(lines, len(T)))
 
 
 def _times(lines: Lines, count: int) -> np.ndarray:
@@ -102,7 +158,7 @@ UNIT_WITHIN = 0.01
 
 def is_tartanair(lines: Lines) -> bool:
     """Seven numbers a line, of which the last four are a quaternion."""
-    fields = lines.first.split()
+    fields = _fields(lines.first)
     if len(fields) != 7 or not all(map(is_number, fields)):
         return False
     return abs(float(np.linalg.norm([float(field) for field in fields[3:]])) - 1) < UNIT_WITHIN
@@ -110,15 +166,7 @@ def is_tartanair(lines: Lines) -> bool:
 
 def read_tartanair(lines: Lines, mount: MountConfig) -> Trajectory:
     """Matched to the frames in order; z up."""
-    rows = []
-    for number, line in lines.content:
-        values = lines.numbers(number, line.split())
-        if len(values) != 7:
-            raise lines.error(
-                number, f"a pose of TartanAir has 7 numbers (x y z qx qy qz qw), got {len(values)}"
-            )
-        rows.append(values)
-    table = np.array(rows)
+    _, table = _rows(lines, 7, "a pose of TartanAir has 7 numbers (x y z qx qy qz qw)")
     T = poses_from_ned(
         rotation_from_quaternion(table[:, 3:]) @ R_FORWARD_RIGHT_DOWN_CAMERA, table[:, :3]
     )
@@ -131,7 +179,6 @@ def read_tartanair(lines: Lines, mount: MountConfig) -> Trajectory:
 _TIME = r"(.*[._])?(time_?)?stamps?([._](sec|s|ns|us|ms))?|%?time|t"
 _POSITION = r"(.*[._])?(t|p|pos|position|translation)?([._].*)?[._]?{}"
 _ROTATION = r"(.*[._])?(q|quat|quaternion|orientation|rotation)([._].*)?[._]?{}"
-_SEPARATORS = (",", ";", "\t")
 
 
 def is_pose_table(lines: Lines) -> bool:
@@ -144,9 +191,9 @@ def read_pose_table(lines: Lines, mount: MountConfig) -> Trajectory:
     columns = _columns(lines)
     assert columns
     rows = tuple(row for row in lines.content if row[1].lstrip("#% ") != lines.header)
-    table = Table.read(lines, _separator(lines), _names(lines), rows)
+    table = Table.read(lines, separator_of(lines.header), _names(lines), rows, is_whole=True)
     try:
-        times = [seconds(text) for text in table.text(columns[0])]
+        times = column_seconds(table.text(columns[0]))
     except ValueError as error:
         raise lines.error(rows[0][0], f"no time in column {columns[0]!r}: {error}") from error
     return trajectory_of(
@@ -172,8 +219,6 @@ def _columns(lines: Lines) -> list[str] | None:
 
 
 def _names(lines: Lines) -> list[str]:
-    return [name.strip().strip('"').lower() for name in lines.header.split(_separator(lines))]
-
-
-def _separator(lines: Lines) -> str:
-    return max(_SEPARATORS, key=lines.header.count)
+    """In lower case, with points between the parts of a message's name."""
+    names = split_fields(lines.header, separator_of(lines.header))
+    return [name.lower().replace("/", ".").strip("._") for name in names]

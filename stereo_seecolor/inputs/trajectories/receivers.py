@@ -24,9 +24,9 @@ SENTENCES = {
 }
 """Sentence beside positions -> what it tells, and in which of its fields: degrees or meters."""
 _SENTENCE = re.compile(
-    r"\$(\w{2}(RMC|GGA|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
+    r"\$(\w{2}(RMC|GGA|GLL|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
-_GPX = re.compile(r"<(?:\w+:)?(?:trkpt|wpt)\b([^>]*)>(.*?)</(?:\w+:)?(?:trkpt|wpt)>", re.DOTALL)
+_GPX = re.compile(r"<(?:\w+:)?(trkpt|wpt|rtept)\b([^>]*)>(.*?)</(?:\w+:)?\1>", re.DOTALL)
 _TIME = re.compile(r"<(?:\w+:)?time>\s*([^<]+?)\s*</")
 _KML = re.compile(r"<when>\s*([^<]+?)\s*</when>|<gx:coord>\s*(\S+)\s+(\S+)[^<]*</gx:coord>")
 
@@ -75,7 +75,7 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
     text = "\n".join(lines.all)
     names = list(columns.values())
     if "<gpx" in text[:4000]:
-        rows = [_gpx_row(point[1], point[2]) for point in _GPX.finditer(text)]
+        rows = [_gpx_row(point[2], point[3]) for point in _GPX.finditer(text)]
     elif "<kml" in text[:4000]:
         rows = _kml_rows(text)
     else:
@@ -83,7 +83,8 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
     known = [row for row in rows if row]
     if not known:
         raise InputError(
-            f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA with ZDA)"
+            f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA or GLL "
+            "with ZDA)"
         )
     header = ",".join(["time", "lat", "lon", *names])
     made = replace(lines, all=(header,), content=((1, header), *enumerate(known, start=2)))
@@ -116,8 +117,9 @@ def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
             f"{lines.path}: {unknown[0]} is none of the sentences that are read: "
             f"{', '.join(SENTENCES)}"
         )
-    found = _sentences(lines, "RMC", "GGA", "ZDA")
-    has_rmc = any(match[2] == "RMC" for _, match in found)
+    found = _sentences(lines, "RMC", "GGA", "GLL", "ZDA")
+    names_found = {match[2] for _, match in found}
+    has_rmc, has_gga = "RMC" in names_found, "GGA" in names_found
     rows: list[tuple[int, str]] = []
     day = ""
     for number, match in found:
@@ -135,6 +137,8 @@ def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
             and fields[6] not in ("", "0")
         ):
             rows.append((number, _row(day, fields[1], fields[2:6])))
+        elif match[2] == "GLL" and not (has_rmc or has_gga) and day and fields[6:7] == ["A"]:
+            rows.append((number, _row(day, fields[5], fields[1:5])))
     rows = [(number, row) for number, row in rows if row]
     beside = [_beside(lines, name, [number for number, _ in rows]) for name in names]
     return [",".join((row, *others)) for (_, row), *others in zip(rows, *beside, strict=True)]

@@ -1,15 +1,18 @@
 """The text of a trajectory file: lines with their numbers; errors name the line."""
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 
 from calibration.files import decode_text
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.inputs.trajectories.arrays import is_numpy, of_numpy
 from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
 
 # Times of day and of the epoch, as tables of navigation write them.
@@ -19,10 +22,33 @@ _EPOCH_UNITS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 past the year 5000.
 """
 _MOMENT = re.compile(
-    r"(\d{1,4})([/.-])(\d{1,2})[/.-](\d{1,4})[ ,T]+"
+    r"(\d{1,4})([/.: -])(\d{1,2})[/.: -](\d{1,4})[ ,T]+"
     r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*([AP])?\.?(?:M\.?)?\s*(?:Z|UTC|GMT)?",
     re.IGNORECASE,
 )
+_COMPACT = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)[ _T-]?(\d\d)(\d\d)(\d\d(?:\.\d*)?)Z?")
+"""``20260528_120000``."""
+_PARTS = re.compile(r"(\d{4}) (\d{1,2}) (\d{1,2}) (\d{1,2}) (\d{1,2}) (\d{1,2}(?:\.\d*)?)")
+"""Columns of year to second."""
+_CLOCK_PARTS = re.compile(r"(\d{9,10}) (\d{1,9})")
+"""Columns of seconds and nanoseconds."""
+_DAY_OF_YEAR = re.compile(r"(\d{4})[-/: ](\d{3})[ T:/]+(\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)")
+_WEEKDAY = re.compile(r"^(mon|tue|wed|thu|fri|sat|sun)[a-z]*,? +", re.IGNORECASE)
+_MONTHS = {
+    "jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9,
+    "oct": 10, "nov": 11, "dec": 12, "mrz": 3, "mai": 5, "okt": 10, "dez": 12,
+}  # fmt: skip
+_NAMED_MONTH = re.compile(
+    r"^(\d{1,2})[- /.]+([A-Za-z]{3})[a-z.]*[-, /]+(\d{4})"
+    r"|^([A-Za-z]{3})[a-z.]* +(\d{1,2}),? +(\d{4})"
+)
+"""``28-May-2026``, ``May 28, 2026``."""
+_DAYS = ((25569, 30_000, 80_000), (719529, 720_000, 800_000))
+"""The day of 1970-01-01 where days are counted as spreadsheets and MATLAB do, and the days of
+1982 and later.
+"""
+MAX_DAYS, MAX_STEP_DAYS = 3.0, 0.01
+"""Of a column of such days: a dive is shorter, and has a row every quarter of an hour."""
 _UNKNOWN = re.compile(r"|-+(\.-+)?|n/?a|nan|null|nil|none|unknown|invalid", re.IGNORECASE)
 """What stands in a cell without a value, ``--.--`` and ``N/A`` among them."""
 
@@ -51,7 +77,7 @@ def seconds(text: str) -> float:
     Raises ValueError for anything else.
     """
     try:
-        number = float(text)
+        number = float(text.replace("_", "x"))
     except ValueError:
         moment = datetime.fromisoformat(text.removesuffix(" UTC"))
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
@@ -67,7 +93,7 @@ def column_seconds(texts: Sequence[str], day_first: bool | None = None) -> list[
     known. A cell without a value is NaN. Raises AmbiguousDateError where that is needed, and
     TimeError for a cell that is not a time.
     """
-    found = [_parsed(row, text) for row, text in enumerate(texts)]
+    found = [_parsed(row, _plain(text)) for row, text in enumerate(texts)]
     dates = [(int(m[1]), int(m[3])) for m in found if isinstance(m, re.Match) and len(m[1]) < 4]
     if any(first > 12 for first, _ in dates) or any(
         isinstance(m, re.Match) and m[2] == "." for m in found
@@ -78,10 +104,45 @@ def column_seconds(texts: Sequence[str], day_first: bool | None = None) -> list[
     if dates and day_first is None:
         first = next(text for text, m in zip(texts, found, strict=True) if isinstance(m, re.Match))
         raise AmbiguousDateError(f"{first!r} may be day/month or month/day")
-    return [
+    times_s = [
         m if isinstance(m, float) else _of_match(row, m, day_first is not False)
         for row, m in enumerate(found)
     ]
+    return _of_days(times_s)
+
+
+def _of_days(times_s: list[float]) -> list[float]:
+    """Times that are counted in days, as spreadsheets and MATLAB do, in seconds."""
+    known = [time_s for time_s in times_s if math.isfinite(time_s)]
+    steps = [abs(b - a) for a, b in pairwise(known)]
+    if not steps or not 0 < max(steps) < MAX_STEP_DAYS or max(known) - min(known) > MAX_DAYS:
+        return times_s
+    for day, least, most in _DAYS:
+        if least < min(known) and max(known) < most:
+            return [(time_s - day) * 86400 for time_s in times_s]
+    return times_s
+
+
+def _plain(text: str) -> str:
+    """A time of another notation in one that is read: compact, with the name of a month, the day of
+    a year.
+    """
+    text = _WEEKDAY.sub("", text.strip())
+    if match := _COMPACT.fullmatch(text) or _PARTS.fullmatch(text):
+        year, month, day, hour, minute, second = match.groups()
+        return f"{year}-{month}-{day} {hour}:{minute.zfill(2)}:{second.zfill(2)}"
+    if match := _CLOCK_PARTS.fullmatch(text):
+        return f"{match[1]}.{match[2].zfill(9)}"
+    if match := _DAY_OF_YEAR.fullmatch(text):
+        date = datetime(int(match[1]), 1, 1, tzinfo=UTC) + timedelta(days=int(match[2]) - 1)
+        return f"{date:%Y-%m-%d} {match[3]}"
+    return _NAMED_MONTH.sub(_with_number_of_month, text)
+
+
+def _with_number_of_month(match: re.Match[str]) -> str:
+    day, month, year = match[1] or match[5], match[2] or match[4], match[3] or match[6]
+    number = _MONTHS.get(month.lower())
+    return f"{year}-{number}-{day}" if number else match[0]
 
 
 def _parsed(row: int, text: str) -> float | re.Match[str]:
@@ -116,6 +177,9 @@ def _of_match(row: int, match: re.Match[str], day_first: bool) -> float:
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d+),(\d+)$")
 """As programs of many countries write numbers, between semicolons."""
 
+_SPLIT_SECOND = re.compile(r"(\d:[0-5]\d:[0-5]\d),(\d{3}|\d{6})(?=,)")
+"""As logs of Python write a time, ``12:00:01,250``."""
+
 HEADER_CHARACTERS = 4096
 """A longer first line names no columns; patterns of names would take minutes on it."""
 LARGEST = 1e12
@@ -125,7 +189,7 @@ LARGEST = 1e12
 def is_number(field: str) -> bool:
     """Tell whether ``field`` reads as a float."""
     try:
-        float(field)
+        float(field.replace("_", "x"))  # Python takes 20260528_120000 for a number
     except ValueError:
         return False
     return True
@@ -173,6 +237,8 @@ def read_lines(path: Path) -> Lines:
     what is not text.
     """
     raw = read_bytes(path)
+    if is_numpy(path, raw):
+        raw = of_numpy(path, raw).encode()
     if kind := named_by_begin(raw):
         raise InputError(f"{path}: is {kind}")
     try:
@@ -197,22 +263,38 @@ class Table:
 
     @classmethod
     def read(
-        cls, lines: Lines, separator: str, header: list[str], rows: tuple[tuple[int, str], ...]
+        cls,
+        lines: Lines,
+        separator: str,
+        header: list[str],
+        rows: tuple[tuple[int, str], ...],
+        is_whole: bool = False,
     ) -> "Table":
-        """Split the rows. Raises InputError where there are none, and for a row that is shorter
-        than the header.
+        """Split the rows, without a line of units above them and one of words below.
+
+        is_whole: the header names all columns. Raises InputError where there are no rows, and for a
+        row of other columns than the header's.
         """
-        if not rows:
+        split = [
+            (number, fields)
+            for number, line in rows
+            if any(fields := _split(lines, number, separator, line))
+        ]
+        if split and len(split[-1][1]) == 1 < len(header) and not is_number(split[-1][1][0]):
+            split.pop()  # ``END OF FILE``
+        if len(split) > 1 and all(is_unit(field) for field in split[0][1]):
+            split.pop(0)
+        if not split:
             raise InputError(f"{lines.path}: holds a header, but no rows")
-        split = []
-        for number, line in rows:
-            fields = _split(lines, number, separator, line)
-            if len(fields) < len(header):
+        for number, fields in split:
+            if len(fields) < len(header) or (is_whole and any(fields[len(header) :])):
                 raise lines.error(
                     number, f"has {len(fields)} columns, the header has {len(header)}"
                 )
-            split.append((number, dict(zip(header, fields, strict=False))))
-        return cls(lines, tuple(split))
+        return cls(
+            lines,
+            tuple((number, dict(zip(header, fields, strict=False))) for number, fields in split),
+        )
 
     def column(self, name: str, default: float | None = None) -> list[float]:
         """A column as floats; cells without a value (empty, NA, --.--) are NaN, or ``default``
@@ -225,19 +307,43 @@ class Table:
         return [self._number(number, row[name]) for number, row in self.rows]
 
     def text(self, name: str) -> list[str]:
-        """A column as text; "" where it is absent."""
-        return [row.get(name, "") for _, row in self.rows]
+        """A column as text; "" where it is absent. Several, with spaces between their names, with
+        spaces between.
+        """
+        parts = [name] if not self.rows or name in self.rows[0][1] else name.split()
+        return [" ".join(row.get(part, "") for part in parts) for _, row in self.rows]
 
     def _number(self, number: int, field: str) -> float:
         return float("nan") if is_unknown(field) else self.lines.numbers(number, [field])[0]
 
 
+def separator_of(header: str) -> str:
+    """What stands between the columns of a table: of comma, semicolon, tab and bar the most usual
+    in its header, else spaces.
+    """
+    most = max(",;\t|", key=header.count)
+    return most if most in header else " "
+
+
+def split_fields(line: str, separator: str) -> list[str]:
+    """The cells of a line. Raises csv.Error."""
+    if separator == " ":
+        return line.split()
+    line = _SPLIT_SECOND.sub(r"\1.\2", line) if separator == "," else line
+    return [
+        field.strip()
+        for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    ]
+
+
+def is_unit(field: str) -> bool:
+    """Tell whether a cell is what stands below a column's name, as ``[deg]``."""
+    return re.fullmatch(r"[\[(]?([A-Za-z°/%]{1,8}|-)?\d?[\])]?", field) is not None
+
+
 def _split(lines: Lines, number: int, separator: str, line: str) -> list[str]:
     try:
-        fields = [
-            field.strip()
-            for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-        ]
+        fields = split_fields(line, separator)
     except csv.Error as error:
         raise lines.error(number, str(error)) from error
     return fields if separator == "," else [_DECIMAL_COMMA.sub(r"\1.\2", field) for field in fields]

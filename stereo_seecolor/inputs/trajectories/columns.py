@@ -1,0 +1,127 @@
+"""What the columns of a table of navigation are, by the words of their names in several languages,
+with their units.
+"""
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+_WORDS = {
+    "time": "time timestamp stamp utc epoch datetime zeit zeitstempel uhrzeit heure horodatage "
+            "hora fechahora ora tijd tid t",
+    "date": "date datum fecha dato",
+    "lat": "lat latitude breite breitengrad latitud latitudine breedtegraad breddegrad",
+    "lon": "lon long lng longitude lange langengrad laenge laengengrad longitud longitudine "
+           "lengtegraad lengdegrad",
+    "north": "north northing nord norte",
+    "east": "east easting ost este",
+    "depth": "depth down tiefe tauchtiefe profondeur immersion profundidad profundidade profondita "
+             "diepte dybde",
+    "up": "up",
+    "heading": "heading hdg yaw psi kurs steuerkurs cap rumbo rumo rotta koers",
+    "pitch": "pitch theta nick nicken neigung tangage cabeceo beccheggio arfagem",
+    "roll": "roll phi rollen rollwinkel roulis alabeo balanceo rollio balanco",
+    "valid": "valid quality",
+    "name": "name file filename image imagename photo picture bild imagen",
+}  # fmt: skip
+"""Role -> words that name it, without accents. Altitude is none of them: vehicles measure it above
+the bottom.
+"""
+_PHRASES = {
+    "up": ({"altitude", "relative"}, {"alt", "relative"}, {"relative", "altitude"}),
+    "time": ({"gps", "time"}, {"date", "time"}, {"time", "stamp"}),
+    "valid": ({"fix"},),
+}
+"""Words that name a role together."""
+_BESIDE = {
+    "time": "utc gps unix epoch date datum fecha iso year zulu header",
+    "date": "utc gps",
+    "name": "left file id path image photo",
+    "valid": "position pos fix",
+    "depth": "water vehicle below surface sensor ctd",
+    "heading": "true compass angle gyro",
+    "pitch": "angle",
+    "roll": "angle",
+    "lat": "decimal dd geogr geo",
+    "lon": "decimal dd geogr geo",
+}
+"""Words that may stand beside those of a role."""
+_OWNERS = (
+    (),
+    ("vehicle", "rov", "auv", "nav", "ekf", "filtered", "attitude", "camera"),
+    ("usbl", "beacon", "ugps", "transponder", "global", "position", "int"),
+    ("gps", "vfr", "hud"),
+)
+"""Whose a number is, the one to be taken first. What lies on a ship (``ship_lat``) is not taken."""
+_UNITS = {
+    "deg": 1.0, "degree": 1.0, "degrees": 1.0, "m": 1.0, "meter": 1.0, "meters": 1.0,
+    "metres": 1.0, "s": 1.0, "sec": 1.0, "wgs": 1.0, "ft": 0.3048, "feet": 0.3048, "cm": 0.01,
+    "mm": 0.001, "cdeg": 0.01, "rad": math.degrees(1), "radians": math.degrees(1),
+}  # fmt: skip
+"""In meters, degrees and seconds."""
+_ROLE_OF = {word: role for role, words in _WORDS.items() for word in words.split()}
+TIME_PARTS = ("year", "month", "day", "hour", "minute", "second")
+CLOCK_PARTS = (("secs", "nsecs"), ("sec", "nanosec"), ("secs", "nanosecs"), ("sec", "nsec"))
+
+
+@dataclass(frozen=True)
+class Named:
+    """A column's role, and the rank of its owner."""
+
+    role: str
+    rank: int
+
+
+def words(name: str) -> list[str]:
+    """``gpsLatitude [deg]`` as gps, latitude, deg; without accents."""
+    plain = unicodedata.normalize("NFKD", re.sub(r"[°º]", " deg ", name).replace("ß", "ss"))
+    plain = plain.encode("ascii", "ignore").decode()
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", plain)]
+
+
+def unit(name: str) -> float:
+    """How many meters or degrees a column's numbers are, by its name."""
+    said = words(name)
+    return next((_UNITS[word] for word in reversed(said[1:]) if word in _UNITS), 1.0)
+
+
+def named(name: str) -> Named | None:
+    """What a column is; None where its words are not all known."""
+    said = words(name)
+    bare = [word for word in said if word not in _UNITS or said == [word]]
+    owners = [rank for rank, own in enumerate(_OWNERS) for word in bare if word in own]
+    for phrase_role, phrases in _PHRASES.items():
+        if any(set(bare) - _owner_words() == phrase - _owner_words() for phrase in phrases):
+            return Named(phrase_role, max(owners, default=0))
+    roles = [_ROLE_OF[word] for word in bare if word in _ROLE_OF and word not in ("utc", "epoch")]
+    roles = roles or [_ROLE_OF[word] for word in bare if word in _ROLE_OF]
+    for role in dict.fromkeys(roles):
+        beside = {*_BESIDE.get(role, "").split(), *_owner_words(), *_WORDS[role].split()}
+        if all(word in beside for word in bare):
+            return Named(role, max(owners, default=0))
+    return None
+
+
+def roles_of(names: Iterable[str]) -> dict[str, str]:
+    """Role -> the column that fits best, of two alike the first.
+
+    Columns of year, month, day, hour, minute and second, and of seconds and nanoseconds, are the
+    time together, with spaces between their names.
+    """
+    found: dict[str, tuple[int, str]] = {}
+    names = list(names)
+    for name in names:
+        own = named(name)
+        if own and (own.role not in found or own.rank < found[own.role][0]):
+            found[own.role] = (own.rank, name)
+    last = {said[-1]: name for name in names if (said := words(name))}
+    for parts in (TIME_PARTS, *CLOCK_PARTS):
+        if last.keys() >= set(parts):
+            found["time"] = (0, " ".join(last[part] for part in parts))
+    return {role: name for role, (_, name) in found.items()}
+
+
+def _owner_words() -> set[str]:
+    return {word for own in _OWNERS for word in own}

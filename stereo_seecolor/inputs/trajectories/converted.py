@@ -1,0 +1,130 @@
+"""Tracks in JSON as tables of text, and tables below lines that are no part of them."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration.files import load_json
+from stereo_seecolor.inputs.trajectories.columns import named
+from stereo_seecolor.inputs.trajectories.table import Lines
+
+MATRICES = (12, 16)
+FIRST = ("name", "time")
+_INTO_CAMERA = re.compile(
+    r"w(orld)?_?(to|2)_?c|cam(era)?_from_world|T_?c(am(era)?)?_?w|extrinsic", re.IGNORECASE
+)
+"""In the name of a matrix from the world's axes to the camera's."""
+MOST_LINES_ABOVE = 40
+"""Of a table: titles and remarks of the program that wrote it."""
+
+
+def below(lines: Lines) -> Iterator[Lines]:
+    """The lines without the first, the first two, and so on, up to MOST_LINES_ABOVE."""
+    contents = {text: None for _, text in lines.content}
+    content = lines.content
+    for above, line in enumerate(lines.all[:MOST_LINES_ABOVE], start=1):
+        content = content[1:] if line in contents and content and content[0][1] == line else content
+        if content:
+            yield replace(lines, all=lines.all[above:], content=content)
+
+
+def of_json(lines: Lines) -> Lines | None:
+    """A list of records, a record a line, columns of lists, or points of GeoJSON as a table; None
+    for other text.
+    """
+    try:
+        content = load_json("\n".join(lines.all))
+    except ValueError:
+        try:
+            content = [load_json(line) for line in lines.all]
+        except ValueError:
+            return None
+    records = [_flat(record) for record in _records(content)]
+    if len(matrices := [row for record in records if (row := _matrix_row(record))]) > 1:
+        return Lines(lines.path, tuple(matrices), tuple(enumerate(matrices, start=1)))
+    names = list(dict.fromkeys(name for record in records for name in record))
+    if len(records) < 2 or not names:
+        return None
+    text = io.StringIO()
+    table = csv.DictWriter(text, names, restval="", lineterminator="\n")
+    table.writeheader()
+    table.writerows(records)
+    rows = text.getvalue().splitlines()
+    return Lines(lines.path, tuple(rows), tuple(enumerate(rows, start=1)))
+
+
+def _records(content: Any) -> list[Mapping[str, Any]]:
+    if isinstance(content, Mapping) and isinstance(content.get("features"), list):
+        return [
+            {**(one.get("properties") or {}), **_place(one.get("geometry"))}
+            for one in content["features"]
+            if isinstance(one, Mapping)
+        ]
+    if isinstance(content, Mapping):
+        lists = {
+            key: value
+            for key, value in content.items()
+            if isinstance(value, list) and not any(isinstance(one, list) for one in value)
+        }
+        sizes = {len(value) for value in lists.values()}
+        if len(lists) > 1 and len(sizes) == 1:
+            return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+        if len(lists) == 1:
+            return _records(next(iter(lists.values())))
+        return [
+            {"name": key, **(value if isinstance(value, Mapping) else {"pose": value})}
+            for key, value in content.items()
+            if isinstance(value, Mapping | list)
+        ]
+    return [one for one in content if isinstance(one, Mapping)] if isinstance(content, list) else []
+
+
+def _place(geometry: Any) -> dict[str, Any]:
+    point = geometry.get("coordinates") if isinstance(geometry, Mapping) else None
+    if not isinstance(point, list) or len(point) < 2 or not isinstance(point[0], int | float):
+        return {}
+    return {"lon": point[0], "lat": point[1]}
+
+
+def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in record.items():
+        name = f"{before}{key}"
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{name}.")
+        elif isinstance(value, list):
+            numbers = list(_numbers(value))
+            axes = {3: "xyz", 4: "xyzw"}.get(len(numbers))
+            if axes:
+                flat |= {f"{name}.{axis}": one for axis, one in zip(axes, numbers, strict=True)}
+            elif len(numbers) in MATRICES:
+                flat[name] = numbers
+        elif value is not None:
+            flat[name] = value
+    return flat
+
+
+def _numbers(value: list[Any]) -> Iterator[float]:
+    for one in value:
+        if isinstance(one, list):
+            yield from _numbers(one)
+        elif isinstance(one, int | float):
+            yield float(one)
+
+
+def _matrix_row(record: Mapping[str, Any]) -> str:
+    """A name or time and the one matrix of a record as a row of numbers; "" for another record."""
+    matrices = {name: value for name, value in record.items() if isinstance(value, list)}
+    first = next((str(v) for n, v in record.items() if (own := named(n)) and own.role in FIRST), "")
+    if len(matrices) != 1 or not re.search(r"\d|\.", first):  # left and right are a rig's
+        return ""
+    ((name, numbers),) = matrices.items()
+    matrix = np.vstack([np.reshape(numbers, (-1, 4)), [0, 0, 0, 1]])[:4]
+    if _INTO_CAMERA.search(name):
+        matrix = np.linalg.inv(matrix)
+    return " ".join([first.replace(" ", "_"), *map(repr, matrix.ravel().tolist())])

@@ -1,0 +1,232 @@
+"""One track in every table, spelling, time and notation that people bring: it is read as it is, or
+refused in a line that says what is wrong.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_trajectories import EAST_UP, NORTH_UP, write
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
+from stereo_seecolor.inputs.trajectories.table import column_seconds
+from stereo_seecolor.records import Trajectory
+
+NOON = 1792152000  # 2026-10-16 12:00:00 UTC
+TIMES = [NOON, NOON + 1]
+STD = ("time", "lat", "lon", "depth", "heading")
+ROWS: list[list[Any]] = [[NOON, -14.685, -61.05, 5, 0], [NOON + 1, -14.685, -61.0499, 6, 90]]
+
+
+def table(names: Sequence[str] = STD, rows: Sequence[Sequence[Any]] = ROWS, by: str = ",") -> str:
+    return "\n".join(by.join(map(str, row)) for row in (names, *rows)) + "\n"
+
+
+def with_times(texts: Sequence[str]) -> str:
+    return table(rows=[[text, *row[1:]] for text, row in zip(texts, ROWS, strict=True)])
+
+
+def is_the_track(found: Trajectory) -> bool:
+    T = found.T_world_camera
+    east_m = (0, 0.0001 * 111_320 * np.cos(np.radians(14.685)))
+    right = np.column_stack([east_m, (0, 0), (-5, -6)])
+    return bool(
+        np.allclose(T[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-9)
+        and np.allclose(T[:, :3, 3] - [T[0, 0, 3], T[0, 1, 3], 0], right, atol=0.05)
+        and found.origin is not None
+        and abs(found.origin.latitude_deg + 14.685) < 0.001
+        and np.allclose(found.timestamps_s, TIMES, atol=0.01)
+    )
+
+
+NAMES = {
+    "camel case": "timeStamp,latitudeDeg,longitudeDeg,depthM,headingDeg",
+    "units": "Time (UTC),Latitude [°],Lon_deg,depth_m,heading_true",
+    "German": "Zeitstempel,Breitengrad,Längengrad,Tauchtiefe,Steuerkurs",
+    "French": "Horodatage,Latitude,Longitude,Profondeur,Cap",
+    "Spanish": "FechaHora,Latitud,Longitud,Profundidad,Rumbo",
+    "Italian": "Ora,Latitudine,Longitudine,Profondità,Rotta",
+    "Portuguese": "Hora,Latitude,Longitude,Profundidade,Rumo",
+    "Dutch": "Tijd,Breedtegraad,Lengtegraad,Diepte,Koers",
+    "an owner": "UTC Time,ROV_Lat,ROV_Lon,Vehicle Depth,Vehicle Heading",
+    "a beacon": "Time,Beacon Latitude,Beacon Longitude,Beacon Depth,Heading",
+    "paths": "/nav/time,/nav/lat,/nav/lon,/nav/depth,/nav/heading",
+    "decimal": "utc_timestamp,decimalLatitude,longitude_dd,depth_below_surface,compassHeading",
+}
+
+
+@pytest.mark.parametrize("language", NAMES)
+def test_names_of_columns(language: str, tmp_path: Path) -> None:
+    assert is_the_track(
+        read_trajectory(write(tmp_path, table(NAMES[language].split(",")), "nav.csv"))
+    )
+
+
+FORMS: dict[str, str | bytes] = {
+    "bars": table(by="|"),
+    "spaces": table(by="   "),
+    "UTF-16": table().encode("utf-16"),
+    "lines above": f"Vehicle: BlueROV2\nDive: 3\n\n{table()}",
+    "comments above": f"# export of 2026\n# dive 3\n{table()}",
+    "a line of units": table(rows=[["[UTC]", "deg", "deg", "[m]", "[deg]"], *ROWS]),
+    "words below": f"{table()}END OF FILE\n",
+    "rows of commas": f"{table()},,,,\n,,,,\n",
+    "a hemisphere beside": table(("time", "lat", "N/S", "lon", "E/W", "depth", "heading"), [
+        [t, -lat, "S", -lon, "W", *rest] for t, lat, lon, *rest in ROWS]),
+    "ddmm.mmmm": table(("time", "lat", "N/S", "lon", "E/W", "depth", "heading"), [
+        [t, "1441.1000", "S", f"61{-60 * (lon + 61):07.4f}", "W", *rest]
+        for t, lat, lon, *rest in ROWS]),
+    "MAVLink's degrees": table(rows=[
+        [t, round(lat * 1e7), round(lon * 1e7), *rest] for t, lat, lon, *rest in ROWS]),
+    "feet": table((*STD[:3], "Depth (ft)", "heading"), [
+        [*row[:3], row[3] / 0.3048, row[4]] for row in ROWS]),
+    "millimeters and hundredths": table((*STD[:3], "depth_mm", "hdg_cdeg"), [
+        [*row[:3], row[3] * 1000, row[4] * 100] for row in ROWS]),
+    "what is of a ship": table((*STD, "ship_lat", "ship_lon"), [[*row, 50, 10] for row in ROWS]),
+    "the vehicle's before the receiver's": table(("time", "gps.lat", "gps.lon", *(
+        f"vehicle.{name}" for name in STD[1:])), [[row[0], 50, 10, *row[1:]] for row in ROWS]),
+    "JSON of records": json.dumps([dict(zip(STD, row, strict=True)) for row in ROWS]),
+    "a record a line": "\n".join(json.dumps(dict(zip(STD, row, strict=True))) for row in ROWS),
+    "JSON of columns": json.dumps(dict(zip(STD, map(list, zip(*ROWS, strict=True)), strict=True))),
+    "points of GeoJSON": json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "geometry": {"type": "Point", "coordinates": [lon, lat]},
+         "properties": {"time": t, "depth": depth, "heading": heading}}
+        for t, lat, lon, depth, heading in ROWS]}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_forms_of_tables(form: str, tmp_path: Path) -> None:
+    content = FORMS[form]
+    (tmp_path / "nav.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert is_the_track(read_trajectory(tmp_path / "nav.csv"))
+
+
+def test_a_map_of_columns_holds_below_other_lines(tmp_path: Path) -> None:
+    path = write(tmp_path, f"Dive 3\n\n{table(('A', 'B', 'C', 'D', 'E'))}", "nav.csv")
+    assert is_the_track(read_trajectory(Path(f"{path}:time=A,lat=B,lon=C,depth=D,heading=E")))
+
+
+@pytest.mark.parametrize(
+    "names",
+    ["year month day hour minute second", "Year Month Day Hour Minute Second", "secs nsecs"],
+)
+def test_times_in_several_columns(names: str, tmp_path: Path) -> None:
+    clocks = [
+        (t, 0) if "nsecs" in names else (*datetime.fromtimestamp(t, UTC).timetuple()[:6],)
+        for t in TIMES
+    ]
+    rows = [[*clock, *row[1:]] for clock, row in zip(clocks, ROWS, strict=True)]
+    text = table((*names.split(), *STD[1:]), rows)
+    assert is_the_track(read_trajectory(write(tmp_path, text, "nav.csv")))
+
+
+FORMATS = {
+    "compact": "%Y%m%d%H%M%S", "underscore": "%Y%m%d_%H%M%S",
+    "name of a month": "%d-%b-%Y %H:%M:%S",
+    "month first": "%B %d %Y %H:%M:%S", "EXIF": "%Y:%m:%d %H:%M:%S",
+    "day of the year": "%Y-%j %H:%M:%S", "comma before milliseconds": "%Y-%m-%d %H:%M:%S,000",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_notations_of_time(name: str, tmp_path: Path) -> None:
+    texts = [datetime.fromtimestamp(t, UTC).strftime(FORMATS[name]) for t in TIMES]
+    assert is_the_track(read_trajectory(write(tmp_path, with_times(texts), "nav.csv")))
+
+
+@pytest.mark.parametrize("day", [25569, 719529])
+def test_days_of_spreadsheets_and_matlab(day: float, tmp_path: Path) -> None:
+    texts = [repr(t / 86400 + day) for t in TIMES]
+    assert is_the_track(read_trajectory(write(tmp_path, with_times(texts), "nav.csv")))
+
+
+def test_seconds_of_a_dive_are_not_days() -> None:
+    assert column_seconds(["40000.0", "40000.5"]) == [40000.0, 40000.5]
+
+
+def test_cells_beyond_the_header_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, table(rows=[[row[0], "x", *row[1:]] for row in ROWS]), "nav.csv")
+    with pytest.raises(InputError, match="line 2: has 6 columns, the header has 5"):
+        read_trajectory(path)
+
+
+# Poses as rows of numbers.
+
+ROTATIONS = Rotation.from_euler("ZYX", [[0, 0, 180], [-60, 10, 170]], degrees=True)
+PLACES = np.array([[1.0, 2, -3], [1.5, 2, -3]])
+MATRICES = np.tile(np.eye(4), (2, 1, 1))
+MATRICES[:, :3, :3], MATRICES[:, :3, 3] = ROTATIONS.as_matrix(), PLACES
+QUATERNIONS = ROTATIONS.as_quat()
+
+
+def text_of(rows: Sequence[Sequence[Any]], by: str = " ") -> str:
+    return "\n".join(by.join(map(str, row)) for row in rows) + "\n"
+
+
+def saved(save: Callable[..., None], *arrays: Any, **named: Any) -> bytes:
+    stream = BytesIO()
+    save(stream, *arrays, **named)
+    return stream.getvalue()
+
+
+FIRST = [[t] for t in TIMES]
+FILES = [["a.png"], ["b.png"]]
+TUM = np.column_stack([TIMES, PLACES, QUATERNIONS]).tolist()
+W_FIRST = np.column_stack([TIMES, PLACES, QUATERNIONS[:, [3, 0, 1, 2]]]).tolist()
+TWELVE, SIXTEEN = MATRICES[:, :3].reshape(2, 12).tolist(), MATRICES.reshape(2, 16).tolist()
+POSES: dict[str, str | bytes] = {
+    "a comment that says w first": "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],"
+                                   "q_z []\n" + text_of(W_FIRST, ","),
+    "names between spaces": "timestamp tx ty tz qw qx qy qz\n" + text_of(W_FIRST),
+    "semicolons": text_of(TUM, ";"),
+    "decimal commas": text_of(TUM, ";").replace(".", ","),
+    "a name before TUM's": text_of([a + b[1:] for a, b in zip(FILES, TUM, strict=True)]),
+    "KITTI with commas": text_of(TWELVE, ","),
+    "matrices of 4x4": text_of(SIXTEEN),
+    "matrices on four lines": "\n".join(text_of(matrix) for matrix in MATRICES.tolist()),
+    "a time before KITTI's": text_of([a + b for a, b in zip(FIRST, TWELVE, strict=True)]),
+    "an index before KITTI's": text_of([[i, *row] for i, row in enumerate(TWELVE)]),
+    "a name before KITTI's": text_of([a + b for a, b in zip(FILES, TWELVE, strict=True)]),
+    "a .npy of matrices": saved(np.save, MATRICES),
+    "a .npy of TUM's": saved(np.save, np.array(TUM)),
+    "a .npz with times": saved(np.savez, poses=MATRICES, timestamps=TIMES),
+    "JSON by name": json.dumps({name: m for (name,), m in zip(FILES, MATRICES.tolist(),
+                                                              strict=True)}),
+    "JSON of transforms into the camera": json.dumps([
+        {"file": name, "world_to_cam": np.linalg.inv(m).tolist()}
+        for (name,), m in zip(FILES, MATRICES, strict=True)]),
+    "JSON of messages": json.dumps([
+        {"stamp": t, "pose": {"position": dict(zip("xyz", p, strict=True)),
+                              "orientation": dict(zip("xyzw", q, strict=True))}}
+        for t, p, q in zip(TIMES, PLACES.tolist(), QUATERNIONS.tolist(), strict=True)]),
+    "PlotJuggler": text_of([["__time", *(f"/odom/pose/position/{a}" for a in "xyz"),
+                             *(f"/odom/pose/orientation/{a}" for a in "xyzw")], *TUM], ","),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", POSES)
+def test_rows_of_poses(form: str, tmp_path: Path) -> None:
+    content = POSES[form]
+    path = tmp_path / ("poses.npz" if ".npz" in form else "poses.txt")
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    found = read_trajectory(path)
+    np.testing.assert_allclose(found.T_world_camera, MATRICES, atol=1e-9)
+    if "name" in form and "names" not in form:
+        assert found.names == ("a.png", "b.png")
+    if "time" in form or "stamp" in form:
+        np.testing.assert_allclose(found.timestamps_s, TIMES)
+    assert trajectory_format(path) is not None
+
+
+def test_an_archive_without_poses_is_named(tmp_path: Path) -> None:
+    (tmp_path / "rig.npz").write_bytes(saved(np.savez, K=np.eye(3)))
+    with pytest.raises(InputError, match="holds 0 arrays of poses among K"):
+        read_trajectory(tmp_path / "rig.npz")
