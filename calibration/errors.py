@@ -1,7 +1,7 @@
-"""The error that this package raises, and words for its messages."""
+"""The errors that this package raises, and words for its messages."""
 
 
-# The one error that this package raises for bad calibration input.
+# All errors for bad calibration input are of one class.
 
 
 class CalibrationError(ValueError):
@@ -9,6 +9,16 @@ class CalibrationError(ValueError):
 
     The message is one line: what is wrong, where (file, key, value), what to do.
     """
+
+
+class SizeMissingError(CalibrationError):
+    """A file that stores no image size, read without the size of its images."""
+
+
+SIZE_MISSING = (
+    "stores no image size: give the size of the images (--size WIDTHxHEIGHT), or add the keys "
+    "image_width and image_height"
+)
 
 
 # Counted nouns in messages.

@@ -8,7 +8,7 @@ are entered in millimeters.
 import cv2
 import numpy as np
 
-from calibration.errors import CalibrationError
+from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import rigid
@@ -105,7 +105,5 @@ def _size(
             key=lambda s: abs(s[0] / 2 - center_px[0]) + abs(s[1] / 2 - center_px[1]),
         )
     if image_size is None:
-        raise CalibrationError(
-            f"{fields.where}: stores no image size (nx, ny): give the size of the images"
-        )
+        raise SizeMissingError(f"{fields.where}: {SIZE_MISSING}")
     return image_size

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
+from calibration.errors import CalibrationError, SizeMissingError
 from calibration.formats.reading.lens_models import field_of_view, fitted_camera
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
@@ -119,7 +119,7 @@ def _of_config(
     for i, section in enumerate(configured):
         if section.has("camera_params"):
             if size is None and len(in_order) <= i:
-                raise CalibrationError(
+                raise SizeMissingError(
                     f"{document.where}: stores no image size: give it, or cameras.txt too, with a "
                     "comma between"
                 )

@@ -7,7 +7,7 @@ t], meters.
 
 from dataclasses import replace
 
-from calibration.errors import CalibrationError
+from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
 from calibration.rig import Camera, StereoRig
@@ -65,7 +65,7 @@ def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
 
 def _of_projections(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
     if size is None:
-        raise CalibrationError(f"{document.where}: stores no image size: give it, as WIDTHxHEIGHT")
+        raise SizeMissingError(f"{document.where}: {SIZE_MISSING}")
     return _rectified(document, [f"P{camera}" for camera in pair], size)
 
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
+from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import rigid
@@ -194,7 +194,7 @@ def _size(section: Section, image_size: Size | None) -> Size:
         height, width = section.image_size("ImageSize")
         return width, height
     if image_size is None:
-        raise CalibrationError(f"{section.where}: stores no ImageSize: give the size of the images")
+        raise SizeMissingError(f"{section.where}: {SIZE_MISSING}")
     return image_size
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.errors import CalibrationError
+from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.reading.finder import Parts, Role, Side, find
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
@@ -218,11 +218,7 @@ def size_of(
         width, height = numbers[::-1] if off_px[1] < NEARER * off_px[0] else numbers
         return int(width), int(height)
     if image_size is None:
-        raise CalibrationError(
-            f"{document.where}: stores no image size (OpenCV's format has none): give their size "
-            "(--size WIDTHxHEIGHT), or "
-            "add the keys image_width and image_height"
-        )
+        raise SizeMissingError(f"{document.where}: {SIZE_MISSING}")
     return image_size
 
 

@@ -24,7 +24,7 @@ def naming(where: str) -> Iterator[None]:
     except CalibrationError as error:
         if str(error).startswith(where):
             raise
-        raise CalibrationError(f"{where}: {error}") from error
+        raise type(error)(f"{where}: {error}") from error
 
 
 @dataclass(frozen=True, eq=False)

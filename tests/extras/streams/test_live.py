@@ -21,6 +21,7 @@ import pytest
 from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, write_bag
 
 from calibration import RectifiedPair
+from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
@@ -336,6 +337,23 @@ def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
     inputs = LiveInputs(folder / "L", folder / "R", calib=dive.root / "cam.yaml")
     found = live(inputs, options=LiveOptions(pairs=1))
     assert (found.done, found.failed, found.dropped, found.last_error) == (1, 0, 0, "")
+
+
+@pytest.mark.slow
+def test_a_calibration_without_a_size_takes_that_of_the_first_pair(incoming, tmp_path) -> None:
+    dive, folder, arrive = incoming
+    arrive(0, "L")
+    (folder / "L/0001.png").write_bytes((dive.root / "L/0001.png").read_bytes()[:99])
+    for number in (1, 2):
+        arrive(number, "R")
+    Timer(1.0, arrive, (2, "L")).start()
+    rig = load_rig(dive.root / "cam.yaml")
+    matrices = {"K1": rig.left.K, "D1": rig.left.distortion, "K2": rig.right.K, "R": rig.R}
+    matrices |= {"D2": rig.right.distortion, "T": rig.T_right_left[:3, 3]}
+    np.savez(tmp_path / "rig.npz", **matrices)
+    inputs = LiveInputs(folder / "L", folder / "R", calib=tmp_path / "rig.npz")
+    found = live(inputs, options=LiveOptions(pairs=1))
+    assert (found.done, found.last_error) == (1, "")
 
 
 @pytest.mark.slow

@@ -5,7 +5,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.formats import load_rig
+from calibration.errors import SizeMissingError
+from calibration.formats import load_rig, load_rig_of_images
 from stereo_seecolor.commands.dive_rig import behind_port
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
@@ -14,7 +15,12 @@ from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 from stereo_seecolor.extras.streams.live.outputs import KeptFiles, published, recorder
 from stereo_seecolor.extras.streams.live.preview import HOST, Preview, served
 from stereo_seecolor.extras.streams.live.processing import Budget, LiveFrame, LiveProcessor, warm_up
-from stereo_seecolor.extras.streams.live.session import LiveCounts, LiveSession, LiveSource
+from stereo_seecolor.extras.streams.live.session import (
+    LiveCounts,
+    LiveSession,
+    LiveSource,
+    first_size,
+)
 from stereo_seecolor.extras.streams.live.sources import PlayedBag, live_source
 from stereo_seecolor.extras.streams.recording import McapRecording
 from stereo_seecolor.pipeline import Pipeline
@@ -82,14 +88,20 @@ class LiveInputs:
     calib: str | Path = ""
 
     def open(self, config: RunConfig, stack: ExitStack) -> tuple[LiveSource, Pipeline]:
-        """Open the source, until ``stack`` closes, and the pipeline. Raises CalibrationError,
-        InputError, DeviceError.
+        """Open the source, until ``stack`` closes, and the pipeline; wait for the first pair where
+        the calibration states no image size. Raises CalibrationError, InputError, DeviceError.
         """
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
             return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
-        pipeline = Pipeline(behind_port(load_rig(self.calib), config.input), config)
-        return live_source(str(self.left), str(self.right), config.input, stack), pipeline
+        try:
+            rig = load_rig(self.calib)
+        except SizeMissingError:
+            source = live_source(str(self.left), str(self.right), config.input, stack)
+            rig = load_rig_of_images(self.calib, first_size(source))
+        else:
+            source = live_source(str(self.left), str(self.right), config.input, stack)
+        return source, Pipeline(behind_port(rig, config.input), config)
 
 
 def live(

@@ -8,6 +8,7 @@ pair is corrected.
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -60,6 +61,21 @@ class LiveSource(Protocol):
 
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the pair arrived."""
+
+
+def first_size(source: LiveSource) -> tuple[int, int]:
+    """The (width, height) of the left image of the first pair that can be read, which stays to be
+    taken.
+
+    Waits for it. Raises InputError where the source ends without one.
+    """
+    while not source.ended:
+        if pair := source.newest():
+            with suppress(InputError):  # it may still be being written
+                height, width = source.read(pair).left.shape[:2]
+                return width, height
+        time.sleep(POLL_S)
+    raise InputError("no pair arrived that can be read, whose size the calibration needs")
 
 
 @dataclass
