@@ -6,6 +6,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,11 @@ KNOWN_CIRCLES: frozenset[tuple[str, str]] = frozenset()
 """(importer, imported) of circles that are still to be cut, with a date; shrinks, and nothing may
 be added.
 """
+
+
+@cache
+def parsed(text: str) -> ast.Module:
+    return ast.parse(text)
 
 
 def name_of(path: Path) -> str:
@@ -33,26 +39,26 @@ def imported(path: Path) -> set[str]:
     """Every module of ours that a file imports, at the top or inside a function; not what only type
     checkers import.
     """
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    checked_only = {
-        inner
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-        for inner in ast.walk(node)
-    }
     names: set[str] = set()
-    for node in ast.walk(tree):
-        if node in checked_only:
+    waiting: list[ast.AST] = [parsed(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             continue
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             assert not node.level, f"{path}: relative imports are not used here"
             names.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif not isinstance(node, ast.expr):  # expressions hold no imports
+            waiting += ast.iter_child_nodes(node)
     return {name if name in MODULES else name.rpartition(".")[0] for name in names} & set(MODULES)
 
 
-GRAPH = {name: imported(path) for name, path in MODULES.items()}
+@cache
+def every_import() -> dict[str, set[str]]:
+    """What each module imports of ours."""
+    return {name: imported(path) for name, path in MODULES.items()}
 
 
 def circle(graph: dict[str, set[str]]) -> list[str]:
@@ -66,7 +72,7 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
 def test_no_import_circle():
     graph = {
         name: {other for other in others if (name, other) not in KNOWN_CIRCLES}
-        for name, others in GRAPH.items()
+        for name, others in every_import().items()
     }
     found = circle(graph)
     assert not found, " imports ".join(reversed(found))
@@ -76,7 +82,10 @@ def test_no_import_circle():
 def test_the_list_of_known_circles_holds_nothing_that_was_cut(edge):
     others = KNOWN_CIRCLES - {edge}
     assert circle(
-        {name: {other for other in GRAPH[name] if (name, other) not in others} for name in GRAPH}
+        {
+            name: {other for other in found if (name, other) not in others}
+            for name, found in every_import().items()
+        }
     )
 
 
@@ -107,7 +116,7 @@ that do import them themselves.
 def imported_at_once(path: Path) -> set[str]:
     """Modules that a file imports when it is imported itself, as it names them."""
     found: set[str] = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in parsed(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -160,7 +169,7 @@ def too_large(path: Path) -> list[str]:
     found = (
         [f"{where}: {len(text.splitlines())} lines"] if text.count("\n") > MOST_FILE_LINES else []
     )
-    for function in ast.walk(ast.parse(text)):
+    for function in ast.walk(parsed(text)):
         if not isinstance(function, ast.FunctionDef) or "compiled" in decorators(function):
             continue
         is_command = where.startswith("stereo_seecolor/cli/") or path.name == "cli.py"

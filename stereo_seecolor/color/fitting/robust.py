@@ -81,7 +81,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
     """``fit``, from the quantiles of a table."""
-    return fit_all([seen], config, [start])[0]
+    return fit_all([seen], config, [start])[0][0]
 
 
 def fit_all(
@@ -89,17 +89,18 @@ def fit_all(
     config: ColorConfig,
     starts: Sequence[Water | None] = (),
     enough: float = 0.0,
-) -> list[Water]:
-    """``fit`` of each of several tables, from their quantiles, at once. enough: as of
-    ``minimize``.
+) -> tuple[list[Water], NDArray[np.float64]]:
+    """``fit`` of each of several tables, from their quantiles, at once, and its cost as of
+    ``quality``. enough: as of ``minimize``.
     """
     begun = [
         _begin_robust(seen, config, start)
         for seen, start in zip(several, starts or [None] * len(several), strict=True)
     ]
-    found, curvature, _ = minimize([problem for problem, _ in begun], [x for _, x in begun], enough)
-    problems = (problem for problem, _ in begun)
-    return [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
+    problems = [problem for problem, _ in begun]
+    found, curvature, costs = minimize(problems, [x for _, x in begun], enough)
+    waters = [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
+    return waters, costs
 
 
 def _begin_robust(
@@ -320,36 +321,33 @@ more.
 
 
 def quality(
-    seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water] | None = None
+    seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water]
 ) -> NDArray[np.float64]:
-    """(N,) least cost of each frame's quantiles under its water at any exposure; for None, under
-    the water that fits it best.
+    """(N,) least cost of each frame's quantiles under its water at any exposure.
 
     The cost is half the sum of squared errors in standard deviations, with those of the priors: 0
     or above.
     waters: of the robust method, or of another with attenuation far away (y) above 0.
     """
-    if not seen:
-        return np.zeros(0)
-    each: Sequence[Water | None] = waters or [None] * len(seen)
-    begun = [_begin_misfit(frame, settings, water) for frame, water in zip(seen, each, strict=True)]
+    begun = [
+        _begin_misfit(frame, settings, water) for frame, water in zip(seen, waters, strict=True)
+    ]
     return minimize([problem for problem, _ in begun], [x for _, x in begun], ENOUGH)[2]
 
 
 def _begin_misfit(
-    seen: RangeQuantiles, settings: RobustConfig, water: Water | None
+    seen: RangeQuantiles, settings: RobustConfig, water: Water
 ) -> tuple[Problem, NDArray[np.float64]]:
     """What is minimized, and from where."""
     scale = scale_of(seen)
     light = seen.light / scale
     mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
     brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
-    if water is not None:
-        mean[:WATER] = parameters(water, scale)
-        covariance = np.eye(WATER) * MISFIT_SETTINGS.tolerance**2
-        covariance[12:, 12:] += MISFIT_SETTINGS.exposure**2
-        precision[:WATER, :WATER] = np.linalg.inv(covariance)
+    mean[:WATER] = parameters(water, scale)
+    covariance = np.eye(WATER) * MISFIT_SETTINGS.tolerance**2
+    covariance[12:, 12:] += MISFIT_SETTINGS.exposure**2
+    precision[:WATER, :WATER] = np.linalg.inv(covariance)
     x = mean.copy()
-    x[12:WATER] = brightest if water is None else x[12:WATER] + (brightest - x[12:WATER]).mean()
+    x[12:WATER] += (brightest - x[12:WATER]).mean()
     begin_content(x, seen.range_m, light)
     return Problem(seen.range_m, light, seen.clipped, trust_in(seen), mean, precision), x

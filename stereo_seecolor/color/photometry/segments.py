@@ -130,12 +130,13 @@ class _OpenChunk:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """The data of a chunk. table: of its frames. seen: its quantiles. own: its cost under a water
-    of its own.
+    """The data of a chunk. table: of its frames. seen: its quantiles. water: its own, near enough
+    to compare costs. own: its cost under this.
     """
 
     table: MomentTable
     seen: RangeQuantiles
+    water: Water
     own: float
 
 
@@ -223,10 +224,11 @@ def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence |
         for i, table in enumerate(tables)
         if table is not None
     ]
-    costs = quality([seen for _, _, seen in known], config.robust)
     found: list[_Evidence | None] = [None] * len(chunks)
-    for (i, table, seen), own in zip(known, costs, strict=True):
-        found[i] = _Evidence(table, seen, float(own))
+    if known:
+        fits = robust.fit_all([seen for _, _, seen in known], config, enough=ENOUGH)
+        for (i, table, seen), water, own in zip(known, *fits, strict=True):
+            found[i] = _Evidence(table, seen, water, float(own))
     return found
 
 
@@ -235,10 +237,8 @@ def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[rang
     before them.
     """
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    segments = _joined(
-        _stretches([((chunk,), chunk.table) for chunk in chunks if chunk is not None], config),
-        config,
-    )
+    alone = [((chunk,), chunk.table, chunk.water) for chunk in chunks if chunk is not None]
+    segments = _joined(_stretches(alone, config), config)
     sizes = np.cumsum([len(segment.chunks) for segment in segments[:-1]], dtype=int)
     edges = [0, *(known[cut] for cut in sizes), len(chunks)]
     return [range(a, b) for a, b in pairwise(edges)]
@@ -257,36 +257,22 @@ class _Stretch:
 
 
 def _stretches(
-    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable]],
-    config: ColorConfig,
-    starts: Sequence[Water] = (),
+    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable, Water]], config: ColorConfig
 ) -> list[_Stretch]:
-    """Stretches of given chunks and the tables of all of these; their waters are fitted together,
-    and so are the costs.
-
-    starts: waters that the fits begin from.
+    """Stretches of given chunks, the tables and the waters of all of these; their costs are found
+    together.
     """
     if not parts:
         return []
-    waters = robust.fit_all(
-        [quantiles_by_range(table, config.input_encoding) for _, table in parts],
-        config,
-        starts,
-        ENOUGH,
-    )
-    under = [
-        (chunk, water) for (chunks, _), water in zip(parts, waters, strict=True) for chunk in chunks
-    ]
+    under = [(chunk, water) for chunks, _, water in parts for chunk in chunks]
     costs = quality(
         [chunk.seen for chunk, _ in under], config.robust, [water for _, water in under]
     )
     added = np.split(
         costs - [chunk.own for chunk, _ in under],
-        np.cumsum([len(chunks) for chunks, _ in parts])[:-1],
+        np.cumsum([len(chunks) for chunks, _, _ in parts])[:-1],
     )
-    return [
-        _Stretch(*part, water, cost) for part, water, cost in zip(parts, waters, added, strict=True)
-    ]
+    return [_Stretch(*part, cost) for part, cost in zip(parts, added, strict=True)]
 
 
 class _Join(NamedTuple):
@@ -298,10 +284,14 @@ class _Join(NamedTuple):
 
 def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
     """Each pair of a stretch and the next one joined, and the cost of joining."""
+    if not pairs:
+        return []
     larger = [max(pair, key=lambda segment: len(segment.chunks)).water for pair in pairs]
-    joined = _stretches(
-        [(a.chunks + b.chunks, a.table + b.table) for a, b in pairs], config, larger
-    )
+    tables = [a.table + b.table for a, b in pairs]
+    seen = [quantiles_by_range(table, config.input_encoding) for table in tables]
+    waters, _ = robust.fit_all(seen, config, larger, ENOUGH)
+    chunks = [a.chunks + b.chunks for a, b in pairs]
+    joined = _stretches(list(zip(chunks, tables, waters, strict=True)), config)
     return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
 
 
