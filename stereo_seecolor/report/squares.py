@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.csv_table import table_rows
-from stereo_seecolor.mapping.raster.noise import averaged, corrected
-from stereo_seecolor.mapping.raster.reef_metrics import ReefMetrics, measure
+from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
+from stereo_seecolor.mapping.raster.reef_metrics import HORN_CELLS, ReefMetrics, measure
 
 Array = NDArray[np.float64]
 FILE = "reef_metrics.csv"
@@ -91,8 +91,19 @@ def squares_of(
     values[-1, 2 + np.array(chosen)] = _mean(values[:-1, 2 + np.array(chosen)], seen)
     if rows and np.isfinite(noise_m):
         noise = np.full(heights_m.shape, noise_m)
+        smoothing = Smoothing(
+            np.tile([1, 1, HORN_CELLS, 1], len(rows)),
+            np.tile([False, False, False, True], len(rows)),
+        )
         found, *stds = corrected(
-            measured, derived, heights_m, noise, MATCH_PX * pixel_m / cell_m, cells, DRAWS
+            measured,
+            smoothing,
+            derived,
+            heights_m,
+            noise,
+            MATCH_PX * pixel_m / cell_m,
+            cells,
+            DRAWS,
         )
         values[:, 2 + np.array(chosen)] = found.reshape(len(values), -1)
         std[:, chosen] = np.hypot(*stds).reshape(len(values), -1)

@@ -5,8 +5,9 @@ Two things change what a terrain measures. Errors of the heights roughen it: the
 computed again with errors drawn from the terrain's own (each cell's standard error, alike over
 the correlation length), and what these add is taken off (simulation and extrapolation: Cook and
 Stefanski 1994, J. American Statistical Association 89). Matching and voxels smooth it: the
-number is computed again on a terrain that is smoothed further, and continued to the cell as a
-power of the scale, as of a fractal surface. Both corrections are uncertain themselves: a part
+number is computed again on a terrain that is smoothed further, and continued to the cell: slopes as
+a power of the scale, as of a fractal surface; ranges of heights, which the largest things make, by
+a factor for each unit of the scale. Both corrections are uncertain themselves: a part
 of each is in the standard error.
 """
 
@@ -46,8 +47,38 @@ class CorrectionSettings:
 REDRAW_SETTINGS = CorrectionSettings()
 
 
+@dataclass(frozen=True, eq=False)
+class Smoothing:
+    """How numbers (K,) go with the scale at which heights are known.
+
+    kernel_cells: edge of what each of them itself averages slopes over, in cells; 1 for differences
+    of neighbors. of_ranges: True for squared ranges of heights.
+    """
+
+    kernel_cells: Array
+    of_ranges: NDArray[np.bool_]
+
+    def undone(self, fine: Array, coarse: Array, cells: float, resolved: float) -> Array:
+        """The numbers at ``cells`` from those of heights resolved to ``resolved`` cells, and to
+        ``smoother`` times as many.
+        """
+        own, added = self.kernel_cells * cells, resolved**2 - cells**2
+        at_fine = np.sqrt(own**2 + added)
+        at_coarse = np.sqrt(own**2 + added + (REDRAW_SETTINGS.smoother**2 - 1) * resolved**2)
+        ratio, falling = at_coarse / at_fine, (coarse * fine > 0) & (np.abs(coarse) < np.abs(fine))
+        falls = np.divide(fine, coarse, out=np.ones_like(fine), where=falling)
+        falls = np.minimum(falls, ratio**REDRAW_SETTINGS.steepest)
+        steps = np.where(
+            self.of_ranges,
+            (at_fine - own) / (at_coarse - at_fine),
+            np.log(at_fine / own) / np.log(ratio),
+        )
+        return np.asarray(fine * falls**steps)
+
+
 def corrected(
     measure: Callable[[Array], Array],
+    smoothing: Smoothing,
     derive: Callable[[Array], Array],
     height_m: Array,
     noise_m: Array,
@@ -60,6 +91,7 @@ def corrected(
     Args:
         measure: heights (H, W) -> (K,), to which errors and scales add: squares of slopes and of
             ranges of heights.
+        smoothing: how these go with the scale.
         derive: (K,) -> (M,), the numbers.
         height_m: (H, W), NaN where unknown.
         noise_m: (H, W) standard errors of the heights. Cells where it is NaN stay as they are.
@@ -72,8 +104,8 @@ def corrected(
         The numbers, their standard errors by the draws, and by how well the corrections are known:
         (M,) each.
     """
-    smoothing = np.hypot(REDRAW_SETTINGS.of_match * correlation_cells, REDRAW_SETTINGS.of_voxel)
-    resolved = float(np.sqrt(scale_cells**2 + REDRAW_SETTINGS.steps * smoothing**2))
+    lost = np.hypot(REDRAW_SETTINGS.of_match * correlation_cells, REDRAW_SETTINGS.of_voxel)
+    resolved = float(np.sqrt(scale_cells**2 + REDRAW_SETTINGS.steps * lost**2))
     blur_cells = resolved * float(
         np.sqrt((REDRAW_SETTINGS.smoother**2 - 1) / REDRAW_SETTINGS.steps)
     )
@@ -87,14 +119,7 @@ def corrected(
         [both(height_m + sign * noise) for noise in noises for sign in (1, -1)]
     )  # what is odd cancels
     fine, coarse = 2 * mapped - drawn.mean(axis=0)
-    falls = np.divide(
-        fine,
-        coarse,
-        out=np.ones_like(fine),
-        where=(coarse * fine > 0) & (np.abs(coarse) < np.abs(fine)),
-    )
-    falls = np.minimum(falls, REDRAW_SETTINGS.smoother**REDRAW_SETTINGS.steepest)
-    sharp = fine * falls ** (np.log(resolved / scale_cells) / np.log(REDRAW_SETTINGS.smoother))
+    sharp = smoothing.undone(fine, coarse, scale_cells, resolved)
     raw, smooth, values = derive(mapped[0]), derive(fine), derive(sharp)
     of_corrections = np.hypot(
         REDRAW_SETTINGS.of_noise * (raw - smooth), REDRAW_SETTINGS.of_scale * (values - smooth)

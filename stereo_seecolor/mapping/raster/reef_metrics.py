@@ -27,6 +27,10 @@ from stereo_seecolor.mapping.raster.block_raster import BlockRaster, Grid
 
 MIN_COVERAGE = 0.5
 """Fraction of a square's cells that must be known."""
+HORN_CELLS = float(np.sqrt(3.5))
+"""Edge of what the slopes of vector ruggedness average over: along them two cells, across them a
+cell under the weights 1, 2, 1, of variance one half (root mean square of 2 and of the root of 3).
+"""
 _SCALES = (1, 2, 4, 8, 16)
 """Cell sizes of the fractal dimension, in cells of the terrain."""
 

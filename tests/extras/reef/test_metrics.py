@@ -106,14 +106,39 @@ def test_the_dimension_of_a_fractal_surface_is_found(dimension: float, tolerance
     """Height ranges are known to say too much of a smooth surface: their largest square holds few
     independent heights.
     """
+    heights = fractal(dimension)[:512, :512]
+    assert rdh(heights, 0.01).fractal_dimension == pytest.approx(dimension, abs=tolerance)
+
+
+def fractal(dimension: float) -> NDArray[np.float64]:
+    """(1024, 1024) heights of unit variance."""
     n, rng = 1024, np.random.default_rng(3)
     frequency = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :])
     frequency[0, 0] = np.inf
     spectrum = np.fft.rfft2(rng.standard_normal((n, n))) * frequency ** -(3 - dimension + 1)
-    heights = np.fft.irfft2(spectrum)[:512, :512]
-    assert rdh(heights / heights.std(), 0.01).fractal_dimension == pytest.approx(
-        dimension, abs=tolerance
-    )
+    heights = np.fft.irfft2(spectrum)
+    return np.asarray(heights / heights.std())
+
+
+@pytest.mark.parametrize("dimension", [2.1, 2.3])
+def test_what_smoothing_takes_from_ranges_and_slopes_is_put_back(dimension: float) -> None:
+    true_m, sigma = 0.1 * fractal(dimension)[:400, :400], 1.5
+    grid = Grid(0.0, 4.0, CELL_M, true_m.shape)
+    terrain = Terrain(grid, true_m, np.full((*true_m.shape, 3), np.nan, np.float32))
+    mapped = replace(terrain, height_m=cv2.GaussianBlur(true_m, (0, 0), sigma))
+    nothing, views = np.zeros(grid.shape), np.ones(grid.shape, np.int32)
+    errors = TerrainErrors(nothing, nothing, views, sigma / 0.85 * CELL_M)
+    found = {each.edge_m: each for each in structure(mesh_of(lambda x, y: 0 * x), mapped, errors)}
+    for edge_m in (0.5, 1.0, 2.0):
+        scale_m = found[edge_m].scale_m
+        coarse = terrain.averaged(round(scale_m / CELL_M))
+        true = Numbers(
+            *numbers_of(coarse.height_m, scale_m, squares_of(coarse)[edge_m]).mean(axis=0), 0.0
+        )
+        mean, before = found[edge_m].mean, found[edge_m].mapped
+        assert mean.height_range_m == pytest.approx(true.height_range_m, rel=0.02)
+        assert mean.vector_ruggedness == pytest.approx(true.vector_ruggedness, rel=0.03)
+        assert before.vector_ruggedness < 0.9 * true.vector_ruggedness
 
 
 def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:

@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh
 from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import averaged, corrected
-from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity, vector_ruggedness
+from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
+from stereo_seecolor.mapping.raster.reef_metrics import (
+    HORN_CELLS,
+    surface_rugosity,
+    vector_ruggedness,
+)
 
 # Rugosity, fractal dimension and height range of a square, which are geometrically related.
 #
@@ -185,7 +189,7 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
         return []
 
     edges = [height_ranges(coarse.height_m[windows[0]], scale_m)[0] for windows in squares.values()]
-    ends = np.cumsum([len(each) + 2 for each in edges])[:-1]
+    ends = np.cumsum([len(each) + 3 for each in edges])[:-1]
 
     def measure(heights: Array) -> Array:
         own = averaged(heights, cells)
@@ -198,6 +202,10 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
 
     values, *parts = corrected(
         measure,
+        Smoothing(
+            np.concatenate([[1, HORN_CELLS, 1, *np.ones(len(own))] for own in edges]),
+            np.concatenate([[False, False, True, *np.ones(len(own), bool)] for own in edges]),
+        ),
         derive,
         terrain.height_m,
         errors.noise_m,
@@ -206,7 +214,7 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
     )
     values, stds = (each.reshape(len(squares), -1) for each in (values, np.hypot(*parts)))
     fits = [
-        dimension_std(e, np.sqrt(each[2:]))
+        dimension_std(e, np.sqrt(each[3:]))
         for e, each in zip(edges, np.split(measure(terrain.height_m), ends), strict=True)
     ]
     stds[:, 2] = np.hypot(stds[:, 2], fits)
@@ -253,29 +261,28 @@ def numbers_of(heights: Array, cell_m: float, windows: list[Window]) -> Array:
 
 
 def _squared(heights: Array, cell_m: float, windows: list[Window]) -> Array:
-    """(2 + K,) what errors add to: squared slopes, ruggedness, squared height ranges of K edges;
-    means over the squares.
+    """(3 + K,) what errors add to: squared slopes, ruggedness, squared slopes of the finest height
+    ranges, squared height ranges of K edges; means over the squares.
     """
     parts = [heights[w] for w in windows]
-    ranges = np.array([height_ranges(part, cell_m)[1] for part in parts])
-    slopes = np.mean([surface_rugosity(part, cell_m) for part in parts]) ** 2 - 1
+    measured = [height_ranges(part, cell_m) for part in parts]
+    of_ranges = [rugosity_hvar(*each) for each in measured]
     return np.array(
         [
-            slopes,
+            np.mean([surface_rugosity(part, cell_m) for part in parts]) ** 2 - 1,
             np.mean([vector_ruggedness(part, cell_m) for part in parts]),
-            *np.nanmean(ranges, axis=0) ** 2,
+            np.nanmean(of_ranges) ** 2 - 1,
+            *np.nanmean([ranges_m for _, ranges_m in measured], axis=0) ** 2,
         ]
     )
 
 
 def _derived(edges_m: Array, squared: Array) -> Array:
     """(5,) the numbers of squares, but the mesh's, from what ``_squared`` measured."""
-    ranges_m = np.sqrt(np.maximum(squared[2:], 0))
-    rugosity = float(np.sqrt(1 + max(squared[0], 0)))
+    ranges_m = np.sqrt(np.maximum(squared[3:], 0))
+    of_area, of_ranges = np.sqrt(1 + np.maximum(squared[[0, 2]], 0))
     fractal = np.clip(dimension(edges_m, ranges_m), 2, 3)
-    return np.array(
-        [rugosity, rugosity_hvar(edges_m, ranges_m), fractal, ranges_m[0], max(squared[1], 0)]
-    )
+    return np.array([of_area, of_ranges, fractal, ranges_m[0], max(squared[1], 0)])
 
 
 def _of_rdh(own: Rdh) -> tuple[float, ...]:
