@@ -8,10 +8,6 @@ import pytest
 import torch
 
 from stereo_seecolor.color.fitting.robust import fit_all, quality
-from stereo_seecolor.color.fitting.robust_solver import Batch
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE
-from stereo_seecolor.color.photometry.multiview import _model as patch_model
-from stereo_seecolor.color.photometry.multiview import near_against_far
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
 from stereo_seecolor.config import ColorConfig, RobustConfig
@@ -41,52 +37,6 @@ def test_closed_forms() -> None:
     np.testing.assert_allclose(
         physics.attenuation(z, 0.2, 0.3, 0.1, 0.0), np.exp(-z * (0.2 * np.exp(-0.3 * z) + 0.1))
     )
-
-
-def autograd(formulas, logarithms: np.ndarray) -> list[np.ndarray]:
-    """The derivatives of sums of formulas of (k, 3, G) logarithms, by these."""
-    at = torch.from_numpy(logarithms).clone().requires_grad_()
-    return [
-        torch.autograd.grad(part.sum(), at, retain_graph=True)[0].numpy() for part in formulas(*at)
-    ]
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_derivatives_of_the_fits_are_those_of_autograd(seed: int) -> None:
-    rng, z = np.random.default_rng(seed), np.linspace(0.3, 9, 20)
-    x = np.log(rng.uniform(0.01, 1, (2, 15)))
-    none = np.zeros(())
-    batch = Batch(np.stack([z, z])[:, None], none, none, none > 0, none, none)
-    log_transmitted, veil, by_a, by_b = batch.water(x)
-    meters = torch.from_numpy(z)
-
-    def five(far, near, beta, scatter, white):
-        y, rate = far.exp(), RATE_OF_CHANGE
-        lost = physics.optical_depth(meters, torch.expm1(near) * y, rate, y, 0.0)
-        veil = physics.backscatter(meters, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
-        return white - lost, veil
-
-    for i, one in enumerate(x):
-        copies = np.broadcast_to(one.reshape(5, 3, 1), (5, 3, 20)).copy()
-        for found, formula in zip(
-            (log_transmitted, veil), five(*torch.from_numpy(copies)), strict=True
-        ):
-            np.testing.assert_allclose(found[i], formula, rtol=1e-12)
-        for found, true in zip((by_a, by_b), autograd(five, copies), strict=True):
-            np.testing.assert_allclose(found[i].transpose(1, 0, 2), true, rtol=1e-12)
-
-    def three(far, beta, saturated):
-        y, fall = far.exp(), torch.from_numpy(near_against_far())[:, None]
-        lost = physics.optical_depth(meters, y * (fall - 1), RATE_OF_CHANGE, y, 0.0)
-        return -lost, physics.backscatter(meters, saturated.exp(), beta.exp(), 0.0, 0.0)
-
-    a, veil, found = patch_model(x[0, :9], z)
-    copies = np.broadcast_to(x[0, :9].reshape(3, 3, 1), (3, 3, 20)).copy()
-    log_a, b = three(*torch.from_numpy(copies))
-    np.testing.assert_allclose(a.T, log_a.exp(), rtol=1e-12)
-    np.testing.assert_allclose(veil.T, b, rtol=1e-12)
-    for one, true in zip(found, autograd(three, copies), strict=True):
-        np.testing.assert_allclose(one.transpose(2, 1, 0), true, rtol=1e-12)
 
 
 FORMULAS = {

@@ -1,7 +1,10 @@
-"""Levenberg's damped Gauss-Newton steps for the robust fit, of many frames at once.
+"""Levenberg's damped Gauss-Newton steps for the robust fit, of many frames at once; derivatives of
+the water by autograd.
 
 A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances
-(channel after channel), of G brightnesses.
+(channel after channel), of G brightnesses. Every range of a channel gets its own copy of the
+channel's five numbers, so that the gradients of
+sum(log A white) and of sum(B) are the whole Jacobian: two backward passes.
 """
 
 from collections.abc import Sequence
@@ -9,11 +12,13 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple, Self
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
+from stereo_seecolor.color.device import one_thread
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
-from stereo_seecolor.compute.process import one_thread_in_products
-from stereo_seecolor.water.physics import cged, ged
+from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Array = NDArray[np.float64]
 
@@ -104,25 +109,33 @@ class Normal(NamedTuple):
     matrix (N, n, n): Gauss-Newton's; slope (N, n): the gradient.
     """
 
-    cost: Array
-    cost_before: Array
-    weights: Array
-    matrix: Array
-    slope: Array
+    cost: Tensor
+    cost_before: Tensor
+    weights: Tensor
+    matrix: Tensor
+    slope: Tensor
+
+    def where(self, better: Tensor, other: "Normal") -> "Normal":
+        """Frames of this where ``better`` (N,), those of ``other`` elsewhere."""
+        chosen = (
+            torch.where(better.view(-1, *(1,) * (a.dim() - 1)), a, b)
+            for a, b in zip(self, other, strict=True)
+        )
+        return Normal(*chosen)
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Problems side by side. z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n);
+    """Problems, as tensors. z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n);
     precision (N, n, n).
     """
 
-    z: Array
-    trust: Array
-    log_light: Array
-    clipped: NDArray[np.bool_]
-    mean: Array
-    precision: Array
+    z: Tensor
+    trust: Tensor
+    log_light: Tensor
+    clipped: Tensor
+    mean: Tensor
+    precision: Tensor
 
     @classmethod
     def of(cls, problems: Sequence[Problem]) -> Self:
@@ -131,57 +144,59 @@ class Batch:
         """
         groups = max(len(problem.range_m) for problem in problems)
         parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
-        z, light, clipped, trust, mean, precision = (np.stack(part) for part in parts)
+        z, light, clipped, trust, mean, precision = (
+            torch.from_numpy(np.stack(part)) for part in parts
+        )
         return cls(
-            z[:, None], trust[:, None], np.log(light + NOISE.floor), clipped, mean, precision
+            z[:, None], trust[:, None], (light + NOISE.floor).log(), clipped, mean, precision
         )
 
-    def at(self, keep: NDArray[np.bool_]) -> Self:
+    def at(self, keep: Tensor) -> Self:
         """The problems of a mask (N,)."""
-        return type(self)(*(getattr(self, part.name)[keep] for part in fields(self)))
+        return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
-    def normal(self, x: Array, weights: Array | None = None) -> Normal:
+    def normal(self, x: Tensor, weights: Tensor | None = None) -> Normal:
         """Costs and normal equations at x (N, n). weights: those of ``cost_before``; None: the
         renewed ones.
         """
         number, _, groups, quantiles = self.log_light.shape
-        log_transmitted, veil, by_a, by_b = self.water(x)
-        reflectance = x[:, WATER:-groups].reshape(number, 3, 1, quantiles)
+        log_transmitted, veil, (by_a, by_b) = self._water(x)
+        reflectance = x[:, WATER:-groups].view(number, 3, 1, quantiles)
         brightness = x[:, None, -groups:, None]
-        direct = np.exp(
-            np.minimum(log_transmitted[..., None] + brightness + reflectance, BRIGHTEST)
-        )
-        hidden = veil + NOISE.floor
-        light = direct + hidden[..., None]
-        u = 1 / light
-        q, r = direct * u, np.log(light) - self.log_light
-        w = self.trust[..., None] / (
-            np.square(np.array(NOISE.content) * q) + NOISE.all**2 + np.square(r / NOISE.outlier)
-        )
-        w[self.clipped & (r > 0)] = 0
-        over = np.maximum(np.log(hidden) - self.log_light[..., 0], 0) * ~self.clipped[..., 0]
+        direct = (log_transmitted[..., None] + brightness + reflectance).clamp(max=BRIGHTEST).exp()
+        u = 1 / (direct + veil[..., None] + NOISE.floor)
+        q, r = direct * u, -u.log() - self.log_light
+        content = torch.tensor(NOISE.content, dtype=x.dtype)
+        w = self.trust[..., None] / ((content * q) ** 2 + NOISE.all**2 + (r / NOISE.outlier) ** 2)
+        w = w.masked_fill(self.clipped & (r > 0), 0)
+        over = ((veil + NOISE.floor).log() - self.log_light[..., 0]).clamp(min=0) * ~self.clipped[
+            ..., 0
+        ]
         w_over = self.trust / NOISE.darker**2
         excess, by_rates = _excess(x)
         away = x - self.mean
         pull = (self.precision @ away[..., None])[..., 0]
         rest = 0.5 * ((w_over * over**2).sum((1, 2)) + (excess**2).sum(1) + (away * pull).sum(1))
         cost = 0.5 * (w * r * r).sum((1, 2, 3)) + rest
-        before = cost.copy() if weights is None else 0.5 * (weights * r * r).sum((1, 2, 3)) + rest
+        before = cost.clone() if weights is None else 0.5 * (weights * r * r).sum((1, 2, 3)) + rest
 
-        wq, wu, k = w * q, w * u, w_over * (over > 0) / hidden
-        wqq, wqu, wqr = wq * q, wq * u, wq * r
-        qq, qu, qr = (part.sum(3)[:, :, None] for part in (wqq, wqu, wqr))
-        uu = ((wu * u).sum(3) + k / hidden)[:, :, None]
-        ur = ((wu * r).sum(3) + k * over)[:, :, None]
-        by_bright = by_a * qq + by_b * qu
-        by_water = by_bright @ by_a.mT + (by_a * qu + by_b * uu) @ by_b.mT
-        by_content = by_a @ wqq + by_b @ wqu
+        wq, wu, k = w * q, w * u, w_over * (over > 0) / (veil + NOISE.floor)
+        qq, qu, wqq = (wq * q).sum(3), (wq * u).sum(3), wq * q
+        uu, qr = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3)
+        ur = (wu * r).sum(3) + k * over
+        water = torch.einsum("incg,jncg->ncij", by_a * qq + by_b * qu, by_a) + torch.einsum(
+            "incg,jncg->ncij", by_a * qu + by_b * uu, by_b
+        )
+        by_content = torch.einsum("incg,ncgp->ncip", by_a, wqq) + torch.einsum(
+            "incg,ncgp->ncip", by_b, wq * u
+        )
+        by_bright = (by_a * qq + by_b * qu).permute(1, 2, 0, 3)
         along = (by_a * qr + by_b * ur).sum(3)
-        matrix, slope = self.precision.copy(), pull
+        matrix, slope = self.precision.clone(), pull.clone()
         for c in range(3):
             own = slice(c, WATER, 3)
             mine = slice(WATER + c * quantiles, WATER + (c + 1) * quantiles)
-            matrix[:, own, own] += by_water[:, c]
+            matrix[:, own, own] += water[:, c]
             for one, other, block in (
                 (own, mine, by_content),
                 (own, slice(-groups, None), by_bright),
@@ -189,30 +204,39 @@ class Batch:
             ):
                 matrix[:, one, other] += block[:, c]
                 matrix[:, other, one] += block[:, c].mT
-            slope[:, own] += along[:, c]
-        rest_of_x = np.arange(WATER, x.shape[1])
-        matrix[:, rest_of_x, rest_of_x] += np.concatenate(
-            [wqq.sum(2).reshape(number, -1), qq.sum((1, 2))], axis=1
+            slope[:, own] += along[:, :, c].T
+        matrix.diagonal(dim1=1, dim2=2)[:, WATER:] += torch.cat(
+            [wqq.sum(2).reshape(number, -1), qq.sum(1)], 1
         )
-        slope[:, WATER:] += np.concatenate([wqr.sum(2).reshape(number, -1), qr.sum((1, 2))], axis=1)
+        slope[:, WATER:] += torch.cat([(wq * r).sum(2).reshape(number, -1), qr.sum(1)], 1)
         matrix[:, :6, :6] += by_rates.mT @ by_rates
         slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
         return Normal(cost, before, w, matrix, slope)
 
-    def water(self, x: Array) -> tuple[Array, Array, Array, Array]:
+    def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
         """log(A white) and B (N, 3, G), and their derivatives by the five logarithms of their
-        channel, (N, 3, 5, G).
+        channel, (5, N, 3, G).
         """
-        far, near, beta, scatter, white = x[:, :WATER].reshape(-1, 5, 3, 1).transpose(1, 0, 2, 3)
-        y, rate, saturated = np.exp(far), np.exp(beta), np.exp(scatter + white)
-        fading = self.z * ged(RATE_OF_CHANGE * self.z)
-        lost = y * (np.expm1(near) * fading + self.z)
-        veil = saturated * cged(rate * self.z)
-        by_a, by_b = np.zeros((2, len(x), 3, 5, self.z.shape[-1]))
-        by_a[:, :, 0], by_a[:, :, 1], by_a[:, :, 4] = -lost, -np.exp(far + near) * fading, 1
-        by_b[:, :, 2] = saturated * rate * self.z * ged(rate * self.z)
-        by_b[:, :, 3] = by_b[:, :, 4] = veil
-        return white - lost, veil, by_a, by_b
+        number, _, groups, _ = self.log_light.shape
+        p = (
+            x[:, :WATER]
+            .view(number, 5, 3, 1)
+            .transpose(0, 1)
+            .expand(5, number, 3, groups)
+            .clone()
+            .requires_grad_()
+        )
+        far, near, beta, scatter, white = p
+        y = far.exp()
+        log_transmitted = white - optical_depth(
+            self.z, torch.expm1(near) * y, RATE_OF_CHANGE, y, 0.0
+        )
+        veil = backscatter(self.z, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
+        by_a, by_b = (
+            torch.autograd.grad(part.sum(), p, retain_graph=True)[0]
+            for part in (log_transmitted, veil)
+        )
+        return log_transmitted.detach(), veil.detach(), (by_a, by_b)
 
 
 def minimize(
@@ -225,79 +249,70 @@ def minimize(
     Problems that have converged are left out of further steps.
     """
     groups = max(len(problem.range_m) for problem in problems)
-    x = np.stack(
+    padded = np.stack(
         [
             np.pad(x, (0, groups - len(problem.range_m)))
             for x, problem in zip(start, problems, strict=True)
         ]
     )
-    # steps that go too far may overflow: their cost is no lower, and they are not taken
-    with one_thread_in_products(), np.errstate(all="ignore"):
-        now = _descend(Batch.of(problems), x, enough)
+    with one_thread():
+        batch, x = Batch.of(problems), torch.from_numpy(padded)
+        going, damping = (
+            torch.ones(len(x), dtype=torch.bool),
+            x.new_full((len(x),), STEPS.first_damping),
+        )
+        now = batch.normal(x)
+        for _ in range(STEPS.most):
+            here, at, damp = batch.at(going), x[going], damping[going]
+            known = Normal(*(part[going] for part in now))
+            damped = (
+                known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+            )
+            move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
+            trial = here.normal(at - move, known.weights)
+            better = trial.cost_before < known.cost
+            x[going] = torch.where(better[:, None], at - move, at)
+            damping[going] = torch.where(
+                better,
+                (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
+                STEPS.more_damping * damp,
+            )
+            for whole, part in zip(now, trial.where(better, known), strict=True):
+                whole[going] = part
+            small = better & (
+                (move[:, :WATER].abs().amax(1) < STEPS.converged)
+                | (known.cost - trial.cost_before < enough)
+            )
+            going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
+            if not going.any():
+                break
     sizes = [len(problem.mean) for problem in problems]
-    found = [one[:size].copy() for one, size in zip(x, sizes, strict=True)]
+    found = [one[:size].copy() for one, size in zip(x.numpy(), sizes, strict=True)]
     return (
         found,
-        [one[:size, :size].copy() for one, size in zip(now.matrix, sizes, strict=True)],
-        now.cost,
+        [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)],
+        now.cost.numpy(),
     )
 
 
-def _descend(batch: Batch, x: Array, enough: float) -> Normal:
-    """Step from x (N, n), which is changed, to the minima."""
-    going, damping = np.arange(len(x)), np.full(len(x), STEPS.first_damping)
-    now = batch.normal(x)
-    here, known = batch, now
-    for _ in range(STEPS.most):
-        at, damp, diagonal = x[going], damping[going], np.arange(x.shape[1])
-        damped = known.matrix.copy()
-        damped[:, diagonal, diagonal] *= 1 + damp[:, None]
-        move = np.clip(_solved(damped, known.slope), -STEPS.largest_move, STEPS.largest_move)
-        trial = here.normal(at - move, known.weights)
-        better = trial.cost_before < known.cost
-        small = better & (
-            (np.abs(move[:, :WATER]).max(axis=1) < STEPS.converged)
-            | (known.cost - trial.cost_before < enough)
-        )
-        x[going[better]] = (at - move)[better]
-        damping[going] = np.where(
-            better,
-            np.maximum(STEPS.less_damping * damp, STEPS.least_damping),
-            STEPS.more_damping * damp,
-        )
-        for whole, part in zip(now, trial, strict=True):
-            whole[going[better]] = part[better]
-        left = ~small & (damping[going] < STEPS.most_damping)
-        if not left.any():
-            break
-        here = here if left.all() else here.at(left)
-        going = going[left]
-        known = Normal(*(part[going] for part in now))
-    return now
-
-
-def _solved(matrix: Array, vector: Array) -> Array:
+def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
     """Solves (N, n, n) symmetric positive definite systems; where rounding made one singular, by
     the step of steepest descent.
     """
-    try:
-        np.linalg.cholesky(matrix)
-        return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        if len(matrix) == 1:
-            return vector / matrix.diagonal(axis1=1, axis2=2)
-        return np.concatenate(
-            [_solved(matrix[i : i + 1], vector[i : i + 1]) for i in range(len(matrix))]
-        )
+    factor, failed = torch.linalg.cholesky_ex(matrix)
+    steepest = vector / matrix.diagonal(dim1=1, dim2=2)
+    return torch.where(
+        failed[:, None] > 0, steepest, torch.cholesky_solve(vector[..., None], factor)[..., 0]
+    )
 
 
-def _excess(x: Array) -> tuple[Array, Array]:
+def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
     """(N, 2) excess of green's attenuation over blue's, far and near, above what water can have,
     and its slopes (N, 2, 6).
     """
-    rates = np.exp(np.stack([x[:, :3], x[:, :3] + x[:, 3:6]], axis=1)) / NOISE.rate
-    excess = np.maximum(rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate, 0)
-    slopes = np.zeros((len(x), 2, 6))
+    rates = torch.stack([x[:, :3], x[:, :3] + x[:, 3:6]], 1).exp() / NOISE.rate
+    excess = (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(min=0)
+    slopes = x.new_zeros(len(x), 2, 6)
     slopes[:, :, 1], slopes[:, :, 2] = rates[:, :, 1], -rates[:, :, 2]
     slopes[:, 1, 4:6] = slopes[:, 1, 1:3]
     return excess, slopes * (excess > 0)[..., None]

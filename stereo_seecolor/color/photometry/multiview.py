@@ -27,7 +27,7 @@ from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Water
 from stereo_seecolor.robust_statistics import deviation
-from stereo_seecolor.water.physics import backscatter, ged, optical_depth
+from stereo_seecolor.water.physics import backscatter, optical_depth
 
 # The observations of patches under one water: residuals, weights and the Gauss-Newton system of
 # ``multiview``'s nine parameters.
@@ -187,14 +187,22 @@ class MultiviewFit:
 
 def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]:
     """A, B (N, 3), and the change of log A and of B by the nine logarithms, both (N, 3, 3)."""
-    z, fall = range_m[:, None], near_against_far()
-    far, beta, saturated = np.exp(x.reshape(3, 3))
+    import torch
+
+    z, fall = torch.from_numpy(range_m)[:, None], torch.from_numpy(near_against_far())
+    logarithms = (
+        torch.from_numpy(x).view(3, 1, 3).expand(3, len(range_m), 3).clone().requires_grad_()
+    )  # an observation's own copies
+    far, beta, saturated = logarithms.exp()
     log_a = -optical_depth(z, far * (fall - 1), RATE_OF_CHANGE, far, 0.0)
     veil = backscatter(z, saturated, beta, 0.0, 0.0)
-    by_a, by_b = np.zeros((2, len(range_m), 3, 3))
-    by_a[..., 0] = log_a
-    by_b[..., 1], by_b[..., 2] = saturated * beta * z * ged(beta * z), veil
-    return np.exp(log_a), veil, (by_a, by_b)
+    by_a, by_b = (
+        np.moveaxis(
+            torch.autograd.grad(part.sum(), logarithms, retain_graph=True)[0].numpy(), 0, -1
+        )
+        for part in (log_a, veil)
+    )
+    return log_a.detach().exp().numpy(), veil.detach().numpy(), (by_a, by_b)
 
 
 def near_against_far() -> Array:
