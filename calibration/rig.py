@@ -129,6 +129,7 @@ MIN_BASELINE_M = 0.005  # the same
 MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
 LEAST_FOCAL_PX = 10.0  # shorter ones are millimeters or parts of the width of the image
 WIDEST_SLOPE = 20.0  # tan of 87 degrees
+LEAST_STEP_PX = 1e-12  # rounding: with less, a ray takes all steps that it may
 RAY_TOLERANCE_PX = (
     0.01  # how far a ray may come back from its pixel: beyond, the distortion folds over
 )
@@ -247,7 +248,7 @@ class Camera:
                 shaped
                 - np.stack([self._sheared_px(pixels), np.zeros(len(pixels))], axis=-1)[:, None]
             )
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-14)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, LEAST_STEP_PX)
         if self.model == "fisheye":
             slopes = cv2.fisheye.undistortPoints(shaped, self.K, self.distortion, criteria=criteria)
         else:

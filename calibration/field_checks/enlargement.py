@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.field_checks.matches import explain
-from calibration.rectification import plan_rectification, raw_points, rectified_points
+from calibration.rectification import plan_rectification, raw_points
 from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
@@ -49,13 +49,14 @@ def best_enlargement(rig: StereoRig, left: Array, right: Array) -> Enlargement:
     is none.
     """
     step = -(-len(left) // MOST_MATCHES)
-    raw_left, raw_right = raw_points(rig, left[::step], right[::step])
+    raw, plan = raw_points(rig, left[::step], right[::step]), plan_rectification(rig)
+    turns = plan.R_left_matching, plan.R_right_matching  # of the enlarged rigs, too
     moved = [
-        (_unexplained_px(enlarged(rig, factor), raw_left, raw_right, True), factor)
+        (_unexplained_px(enlarged(rig, factor), turns, raw, True), factor)
         for factor in map(float, FACTORS)
     ]
     alone = [
-        (_unexplained_px(enlarged(rig, factor), raw_left, raw_right, False), factor)
+        (_unexplained_px(enlarged(rig, factor), turns, raw, False), factor)
         for factor in map(float, FACTORS_ALONE)
     ]
     (unexplained_px, factor), (alone_px, factor_alone) = min(moved), min(alone)
@@ -76,16 +77,29 @@ def _enlarged(camera: Camera, factor: float) -> Camera:
     return replace(camera, K=K)
 
 
-def _unexplained_px(rig: StereoRig, raw_left: Array, raw_right: Array, moved: bool) -> float:
-    """Median vertical disparity of the rig in raw matches, with the movement of a camera that suits
-    it best or without one.
+def _unexplained_px(
+    rig: StereoRig, turns: tuple[Array, Array], raw: tuple[Array, Array], moved: bool
+) -> float:
+    """Median vertical disparity of the rig in raw matches, in pixels of its left camera, with the
+    movement of a camera that suits it best or without one.
+
+    turns: rotations (3, 3) of the left and right camera into the axes of the images that are
+    matched.
     """
-    pair = plan_rectification(rig).matching_pair
-    left, right = rectified_points(rig, raw_left, raw_right)
+    left, right = (
+        rig.left.K[0, 0] * _slopes(camera, R, pixels)
+        for camera, R, pixels in zip((rig.left, rig.right), turns, raw, strict=True)
+    )
     seen = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
     if not seen.any():
         return float(np.inf)
     rest = right[seen, 1] - left[seen, 1]
     if moved:
-        _, rest = explain(rest, left[seen] - [pair.cx_left_px, pair.cy_px])
-    return float(np.median(np.abs(rest)) * rig.left.K[0, 0] / pair.focal_px)
+        _, rest = explain(rest, left[seen])
+    return float(np.median(np.abs(rest)))
+
+
+def _slopes(camera: Camera, R: Array, pixels: Array) -> Array:
+    """(n, 2) slopes of pixels' rays in axes that the camera is turned into."""
+    rays = camera.rays(pixels) @ R.T
+    return np.asarray(rays[:, :2] / rays[:, 2:])
