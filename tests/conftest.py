@@ -1,9 +1,10 @@
 """Fixtures that many tests share."""
 
 # ruff: noqa: E402
-from stereo_seecolor.compute.process import one_thread_in_libraries
+from stereo_seecolor.compute.process import one_thread_in_libraries, tune_gc
 
 one_thread_in_libraries()  # as at the command line, and before what follows imports them
+tune_gc()
 
 import io
 import os
@@ -16,7 +17,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -37,6 +38,10 @@ from stereo_seecolor.records import FrameRow
 if TYPE_CHECKING:
     from mapping_scene import ReefFrames
 
+# else every program that a test starts, and every process of tests, compiles all modules again
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 settings.register_profile("untimed", deadline=None)  # a busy machine is no failure
 settings.load_profile("untimed")
 
@@ -46,6 +51,14 @@ REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
 Cli = Callable[..., tuple[int, str, str]]
+IN_ONE_PROCESS = {
+    "tests/calibration/test_calibration_commands.py",
+    "tests/color/test_lit_dives.py",
+    "tests/docs/test_docs.py",
+    "tests/extras/reef/test_compare.py",
+    "tests/mapping/test_real_navigation.py",
+}
+"""Files whose tests share what takes seconds to make."""
 SLOW_FIXTURES = {"sample_run", "waters_a_frame", "finished_demo", "fused_dive", "flown_reef"}
 
 
@@ -89,6 +102,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                         reason="needs named pipes, kills or limits, which Windows has not"
                     )
                 )
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests go to the processes one by one, those of some files together."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):  # type: ignore[misc]
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return file if file in IN_ONE_PROCESS else nodeid
+
+    return Scheduling(config, log)
 
 
 @pytest.fixture
