@@ -37,7 +37,9 @@ class HypothesisLimits:
     least_points: fewer may be alike by chance. wrong_px: a rig that has drifted is off by a pixel
     or two (0.6 px on a real dive).
     left_px, better: what a mistake may leave, and how many times less than the rig as given: on a
-    real dive the right one leaves 0.4 px, and others 4 px and more. alike: mistakes within this
+    real dive the right one leaves 0.4 px, others 4 px and more. behind_px, better_behind: the most,
+    and how many times less, where the points lie behind the cameras: with a camera that has moved
+    too, several mistakes leave a pixel. alike: mistakes within this
     factor explain the images alike, and the more usual is named.
     in_front: of the points. rectified_px: rows of rectified images differ by the noise of the
     points alone, and raw ones of a pair that was built parallel by little more.
@@ -47,6 +49,8 @@ class HypothesisLimits:
     wrong_px: float = 3.0
     left_px: float = 1.5
     better: float = 4.0
+    behind_px: float = 0.8
+    better_behind: float = 3.0
     alike: float = 1.2
     in_front: float = 0.8
     rectified_px: float = 0.7
@@ -74,9 +78,9 @@ class Fit:
         cannot.
         """
         good = self.off_px < most_px and self.in_front > LIMITS.in_front
-        return good and (
-            given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px)
-        )
+        most_behind_px = max(LIMITS.behind_px, given.off_px / LIMITS.better_behind)
+        better = given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px)
+        return good and (better or (given.is_behind and self.off_px < most_behind_px))
 
 
 NOTHING = Fit(np.inf, 0.0)
@@ -274,6 +278,11 @@ def _explaining(
     alike = [one for one in tried if one[1].off_px <= LIMITS.alike * least]
     mistake, fit = alike[0]
     fix = mistake.fix
+    if mistake.is_mirrored and given.is_behind:
+        fix += (
+            "; the inverse transform of a rig of which a camera has moved since would look the "
+            "same, and is the more usual mistake"
+        )
     if not mistake.is_mirrored and any(other.is_mirrored for other, _ in alike):
         fix += "; images mirrored on both sides would look the same: mirror them back if they are"
     return replace(

@@ -166,6 +166,18 @@ def test_a_camera_that_has_moved_is_no_mistake(
     assert likely_hypothesis(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
 
 
+@pytest.mark.parametrize("pitch_px", [-8.0, -4.0, 1.5])
+def test_an_inverse_transform_of_a_rig_that_moved_gets_no_other_name(
+    pitch_px: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = verged_rig()
+    turned = cv2.Rodrigues(np.array([pitch_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
+    given = inverse(changed(rig, turned, rig.T_right_left[:3, 3]))
+    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig, 0.2))
+    found = likely_hypothesis(given, [IMAGES])
+    assert found is None or "the inverse" in found.line
+
+
 def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
