@@ -265,7 +265,8 @@ def _in_folder(source: Path, what: str, kinds: frozenset[str]) -> Listing:
         ) from error
     if not names:
         named = f" named {pattern}" if is_pattern(source) else ""
-        hint = unread_hint([*others, *(file.path.name for file in problems)])
+        seen = [*others, *(file.path.name for file in problems)]
+        hint = unread_hint(seen) or _other_hint(seen, kinds)
         raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(kinds))}){hint}")
     sort_naturally(names)
     problems.sort(key=lambda file: natural_key(file.path.name))
@@ -286,6 +287,18 @@ def unread_hint(names: Iterable[str]) -> str:
     (suffix, count), *_ = kinds.most_common(1)
     what = f"{counted(count, 'file')} of a kind that is not read ({suffix})"
     return f"; {what}: convert them to PNG, or to TIFF if they are deeper than 8 bits"
+
+
+def _other_hint(names: Sequence[str], kinds: frozenset[str]) -> str:
+    """Name the kind that most files of a folder are of, where none is read; "" without files."""
+    suffixes = Counter(suffix for name in names if (suffix := Path(name).suffix.lower()))
+    if not suffixes:
+        return ""
+    (suffix, count), *_ = suffixes.most_common(1)
+    what = (
+        ": save them as .npy or TIFF, meters along the ray of each pixel" if ".npy" in kinds else ""
+    )
+    return f"; {counted(count, 'file')} of another kind ({suffix}){what}"
 
 
 def _is_image(name: str, pattern: str, kinds: frozenset[str]) -> bool:

@@ -32,7 +32,7 @@ RANGE_EXTENSIONS = EXTENSIONS | {".pfm", ".exr", ".npy", ".npz", ".mat"}
 FARTHEST_M, NEAREST_M = 100.0, 0.03
 """No camera sees farther than this under water, or has a scene nearer."""
 
-PFM = re.compile(rb"Pf\s+(\d+)\s+(\d+)\s+(\S+?)\s")
+PFM = re.compile(rb"P([fF])\s+(\d+)\s+(\d+)\s+(\S+?)\s")
 EXR_SIGNATURE = b"\x76\x2f\x31\x01"
 _RANGE_WORDS = re.compile("range|depth|dist|dep|(^|_)z($|_)", re.IGNORECASE)
 _HALF_FLOAT, _NO_DATA, _BITS = 16, 42113, 258  # bits; tags of GDAL and of TIFF 6.0
@@ -96,20 +96,27 @@ def _decoded(content: bytes, path: Path) -> NDArray[Any]:
 
 
 def _plane(values: NDArray[Any], path: Path) -> NDArray[Any]:
-    """The values as (H, W)."""
+    """The values as (H, W); of channels that are all the same, as gray in color, the first."""
     if values.ndim == 3 and 1 in values.shape:
         values = values.squeeze(values.shape.index(1))
+    if values.ndim == 3 and values.shape[2] in (3, 4):
+        first, *others = np.moveaxis(values[..., :3], -1, 0)
+        if all(np.array_equal(first, other, equal_nan=first.dtype.kind == "f") for other in others):
+            return np.asarray(first)
     if values.ndim != 2:
         channels = (
             f"{values.shape[2]} channels" if values.ndim == 3 else f"{values.ndim} dimensions"
         )
-        raise InputError(f"{path}: has {channels}, a range map has one")
+        raise InputError(
+            f"{path}: has {channels}, a range map has one: of a point a pixel, give its distance "
+            "from the camera"
+        )
     return values
 
 
 def _range_array(arrays: Mapping[str, Any], path: Path) -> NDArray[Any]:
     """The one array that can be an image, else the one of these that is called after range or
-    depth.
+    depth, else that of the channels of a gray picture.
     """
     images = {
         name: array
@@ -117,7 +124,9 @@ def _range_array(arrays: Mapping[str, Any], path: Path) -> NDArray[Any]:
         if isinstance(array, np.ndarray) and _is_map(array)
     }
     called = {name: array for name, array in images.items() if _RANGE_WORDS.search(name)}
-    for found in (images, called):
+    gray = [images[channel] for channel in "RGB" if channel in images]
+    same = len(gray) == 3 and all(np.array_equal(gray[0], one, equal_nan=True) for one in gray)
+    for found in (images, called, {"R": gray[0]} if same else {}):
         if len(found) == 1:
             return next(iter(found.values()))
     held = (
@@ -135,15 +144,15 @@ def _is_map(array: NDArray[Any]) -> bool:
 
 
 def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.float32]:
-    """Rows from the bottom up; the sign of the third number is the order of bytes, and its size is
-    no unit.
+    """Rows from the bottom up, (H, W) or (H, W, 3); the sign of the third number is the order of
+    bytes, and its size is no unit.
     """
-    width, height = int(header[1]), int(header[2])
+    width, height = int(header[2]), int(header[3])
+    shape = (height, width) if header[1] == b"f" else (height, width, 3)
     try:
-        order = "<" if float(header[3]) < 0 else ">"
-        values = np.frombuffer(content, f"{order}f4", width * height, header.end()).reshape(
-            height, width
-        )
+        order = "<" if float(header[4]) < 0 else ">"
+        count = int(np.prod(shape, dtype=np.int64))
+        values = np.frombuffer(content, f"{order}f4", count, header.end()).reshape(shape)
     except ValueError as error:
         raise InputError(
             f"{path}: is truncated or damaged (the PFM ends before its last row)"

@@ -36,7 +36,10 @@ def image_file(suffix: str, values: np.ndarray) -> bytes:
 
 
 def pfm(values: np.ndarray, order: str = "<") -> bytes:
-    head = f"Pf\n{values.shape[1]} {values.shape[0]}\n{'-' if order == '<' else ''}0.5\n".encode()
+    kind = "Pf" if values.ndim == 2 else "PF"
+    head = (
+        f"{kind}\n{values.shape[1]} {values.shape[0]}\n{'-' if order == '<' else ''}0.5\n".encode()
+    )
     return head + values[::-1].astype(f"{order}f4").tobytes()
 
 
@@ -105,6 +108,13 @@ KINDS = {
         scipy.io.savemat, {"range": RANGE_M.astype(np.float64), "K": np.eye(3)}, do_compression=True
     ),
     "7.3.mat": lambda: mat73(RANGE_M),
+    "gray in color.png": lambda: image_file(".png", np.dstack([MILLIMETERS.astype(np.uint16)] * 3)),
+    "gray and alpha.png": lambda: image_file(
+        ".png", np.dstack([*[MILLIMETERS.astype(np.uint16)] * 3, np.full((24, 32), 65535, "u2")])
+    ),
+    "gray in color.tiff": lambda: image_file(".tiff", np.dstack([RANGE_M] * 3)),
+    "gray in color.exr": lambda: exr({"R": RANGE_M, "G": RANGE_M, "B": RANGE_M}),
+    "gray in color.pfm": lambda: pfm(np.dstack([RANGE_M] * 3)),
 }
 
 
@@ -154,7 +164,7 @@ REFUSED = {
         lambda: saved(np.savez, left=RANGE_M, right=RANGE_M),
         r"several maps \(left, right\)",
     ),
-    "g.npy": (lambda: saved(np.save, np.zeros((9, 9, 3))), "has 3 channels"),
+    "g.npy": (lambda: saved(np.save, np.dstack([RANGE_M, RANGE_M * 2, RANGE_M])), "has 3 channels"),
     "h.npy": (lambda: saved(np.save, np.array([{}])), "Python objects"),
     "i.pfm": (lambda: pfm(RANGE_M)[:-9], "truncated or damaged"),
     "j.exr": (lambda: exr({"Z": RANGE_M})[:90], "is damaged"),
@@ -176,6 +186,14 @@ def test_values_beyond_any_range_are_unknown(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     np.save(path, np.where(np.isfinite(RANGE_M), RANGE_M, np.float32(1e10)))
     np.testing.assert_array_equal(read_range_map(path), RANGE_M)
+
+
+def test_a_folder_of_another_kind_names_it(tmp_path: Path) -> None:
+    for name in ("images/1.png", "range/1.bin", "range/2.bin", "range/notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match=r"2 files of another kind \(.bin\): save them as .npy"):
+        pair_by_stem(tmp_path / "images", tmp_path / "range")
 
 
 def test_two_maps_of_one_name_are_named(tmp_path: Path) -> None:
