@@ -69,6 +69,7 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
     return []
 
 
+@pytest.mark.slow
 def test_no_import_circle():
     graph = {
         name: {other for other in others if (name, other) not in KNOWN_CIRCLES}

@@ -120,6 +120,7 @@ def fractal(dimension: float) -> NDArray[np.float64]:
     return np.asarray(heights / heights.std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2.1, 2.3])
 def test_what_smoothing_takes_from_ranges_and_slopes_is_put_back(dimension: float) -> None:
     true_m, sigma = 0.1 * fractal(dimension)[:400, :400], 1.5
