@@ -56,7 +56,7 @@ def _needed(words: Sequence[str]) -> dict[str, Command]:
     """
     named = next((word for word in words if not word.startswith("-")), "")
     if named in CORE:
-        return CORE
+        return {named: CORE[named]}
     return {named: load("commands", named)} if named in added("commands") else every_command()
 
 
