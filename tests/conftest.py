@@ -17,7 +17,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -51,14 +51,10 @@ REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
 Cli = Callable[..., tuple[int, str, str]]
-IN_ONE_PROCESS = {
-    "tests/calibration/test_calibration_commands.py",
-    "tests/color/test_lit_dives.py",
-    "tests/docs/test_docs.py",
-    "tests/extras/reef/test_compare.py",
-    "tests/mapping/test_real_navigation.py",
-}
-"""Files whose tests share what takes seconds to make."""
+SHARED_FIXTURES = ("sample_run", "finished_demo", "fused_dive", "by_day", "board_pairs", "dives")
+"""They take seconds to make: tests that use one run in one process, of several that of the
+first.
+"""
 SLOW_FIXTURES = {"sample_run", "waters_a_frame", "finished_demo", "fused_dive", "flown_reef"}
 
 
@@ -90,10 +86,15 @@ def make_files(root: Path, *names: str) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that use what takes long to make are slow; Windows leaves out what it cannot do."""
+    """Tests that use what takes long to make are slow, and share it; Windows leaves out what it
+    cannot do.
+    """
     for item in items:
-        if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
+        fixtures = set(getattr(item, "fixturenames", ()))
+        if SLOW_FIXTURES & fixtures:
             item.add_marker(pytest.mark.slow)
+        if shared := next((name for name in SHARED_FIXTURES if name in fixtures), None):
+            item.add_marker(pytest.mark.xdist_group(shared))
     if sys.platform == "win32":
         for item in items:
             if item.get_closest_marker("posix"):
@@ -102,19 +103,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                         reason="needs named pipes, kills or limits, which Windows has not"
                     )
                 )
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Tests go to the processes one by one, those of some files together."""
-    from xdist.scheduler import LoadScopeScheduling
-
-    class Scheduling(LoadScopeScheduling):  # type: ignore[misc]
-        def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.partition("::")[0]
-            return file if file in IN_ONE_PROCESS else nodeid
-
-    return Scheduling(config, log)
 
 
 @pytest.fixture

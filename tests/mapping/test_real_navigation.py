@@ -35,7 +35,11 @@ from stereo_seecolor.records import Trajectory
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import SurveyFrames
 
-pytestmark = [pytest.mark.real_data, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.real_data,
+    pytest.mark.slow,
+    pytest.mark.xdist_group("real_navigation"),  # they share a dive that takes seconds to make
+]
 PAIRS = 8
 CONFIG = MappingConfig(voxel_m=0.04, metrics_m=0.5)
 
