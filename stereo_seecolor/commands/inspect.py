@@ -362,9 +362,23 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         problems=(
             *problems,
             *_clocks(sides),
+            *_one_camera(sides, size),
             *unknown_files(places, {*paths, *(one.path for one in poses)}, problems),
         ),
         run_command=command_line(sides, found),
+    )
+
+
+def _one_camera(sides: Sides, size: tuple[int, int]) -> tuple[str, ...]:
+    """A line for one video whose pictures are hardly wide enough to show two cameras. size: of a
+    half.
+    """
+    width, height = size
+    if sides.left != sides.right or width >= height:
+        return ()
+    return (
+        f"{sides.left.name} is taken for both cameras side by side, {width}x{height} px each: "
+        "where it shows one camera alone, give the other camera's video too",
     )
 
 

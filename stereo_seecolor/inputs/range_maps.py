@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.raw_arrays import PARSING
 from stereo_seecolor.inputs.decoding import MAX_PIXELS, decode_raw
 from stereo_seecolor.inputs.headers import (
@@ -73,6 +74,17 @@ def decode_range_map(content: bytes, path: Path, units_per_m: float | None) -> M
     with np.errstate(invalid="ignore", over="ignore"):
         range_m = np.where(known, values / np.float64(units_per_m), np.nan).astype(np.float32)
     return _plausible(range_m, path, units_per_m)
+
+
+def holds_floats(path: Path) -> bool:
+    """Tell whether a file holds one channel of floating-point numbers, as range maps do and images
+    do not.
+    """
+    try:
+        values = _plane(_decoded(read_bytes(path), path), path)
+    except InputError:
+        return False
+    return values.dtype.kind == "f"
 
 
 def _decoded(content: bytes, path: Path) -> NDArray[Any]:

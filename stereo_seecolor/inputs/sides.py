@@ -24,6 +24,7 @@ from stereo_seecolor.inputs.listing import (
     unread_hint,
 )
 from stereo_seecolor.inputs.name_keys import side_of
+from stereo_seecolor.inputs.range_maps import holds_floats
 from stereo_seecolor.inputs.video_file import is_video
 
 DEPTH = 3
@@ -174,6 +175,12 @@ def _in_one_folder(folder: Path) -> Sides:
         for path in list_images(folder, "images").files
     )
     patterns = {folder / shape: count for shape, count in shapes.items()}
+    first = list_images(folder, "images").files[0]
+    if len(patterns) < 2 and holds_floats(first):
+        raise InputError(
+            f"{folder}: holds floating-point numbers, no images: if these are range maps in "
+            f"meters, run: stereo-seecolor correct --images IMAGES --range {folder}"
+        )
     if len(patterns) < 2 and (side := side_of(folder.name)):
         raise InputError(
             f"{folder}: holds the {side} images alone: give the other side's folder too, or the "

@@ -20,6 +20,7 @@ from stereo_seecolor.cli.look_commands import inspection_text
 from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.commands.inspect_rig import refused_calibrations
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.inputs.sides import find_sides
 
 
@@ -127,6 +128,13 @@ def test_range_maps_are_not_taken_for_a_side(tmp_path: Path) -> None:
         InputError,
         match=r"range: holds floating-point numbers.*correct --images .*rgb --range .*range",
     ):
+        inspect([tmp_path])
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_range_maps_alone_are_named(kind: type, tmp_path: Path) -> None:
+    (tmp_path / "1.tiff").write_bytes(encode_tiff(np.full((4, 6), 2.5, kind)))
+    with pytest.raises(InputError, match=r"no images: if these .*correct --images IMAGES --range"):
         inspect([tmp_path])
 
 
@@ -295,6 +303,9 @@ def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:
     assert f"--left {video} --right {video}" in found.run_command
     assert (found.left.frames, found.left.size) == (2, smooth_frames(2)[0].shape[1::-1])
     assert f"px, {found.left.rate_hz:.6g} Hz, 2 frames" in inspection_text(found)
+    assert any("where it shows one camera alone" in problem for problem in found.problems)
+    wide = write_video(tmp_path / "wide.avi", [np.hstack([one, one]) for one in smooth_frames(2)])
+    assert not any("side by side" in problem for problem in inspect([wide]).problems)
     write_video(tmp_path / "left.avi", smooth_frames(2))
     write_video(tmp_path / "right.avi", smooth_frames(2))
     two = inspect([tmp_path / "left.avi", tmp_path / "right.avi"])
