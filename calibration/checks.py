@@ -175,6 +175,11 @@ def lens_folds(camera: Camera) -> bool:
         return bool(turns.size and radius[turns[0]] * camera.K[0, 0] < np.hypot(width, height) / 2)
     edge = np.linspace(0, 1, 9)
     x, y = np.meshgrid(edge * (width - 1), edge * (height - 1))
+    if camera.distortion.size >= 8:  # a quotient, whose denominator may vanish in between
+        far = np.hypot((x - camera.K[0, 2]) / camera.K[0, 0], (y - camera.K[1, 2]) / camera.K[1, 1])
+        squares = np.linspace(0, far.max() ** 2, 500)
+        if (np.polynomial.polynomial.polyval(squares, [1, *camera.distortion[5:8]]) <= 0).any():
+            return True
     return bool(np.isnan(camera.rays(np.column_stack([x.ravel(), y.ravel()]))).any())
 
 

@@ -13,7 +13,13 @@ from calibration_boards import fisheye_rig, mismatched, pinhole_rig, seen_by
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import RowCheck, judge_matches, suspicions, vertical_disparity
+from calibration.checks import (
+    RowCheck,
+    judge_matches,
+    lens_folds,
+    suspicions,
+    vertical_disparity,
+)
 from calibration.field_checks.enlargement import Enlargement, enlarged
 from calibration.field_checks.matches import Matches, MatchLimits, find_matches
 from calibration.field_checks.vertical_disparity import quick_check
@@ -274,6 +280,22 @@ SUSPECT = {
 def test_suspicious_rig(case: str) -> None:
     rig, message = SUSPECT[case]
     assert message in "; ".join(suspicions(rig))
+
+
+@pytest.mark.parametrize("fraction", [0.5, 0.7, 0.8, 0.95, 1.1])
+def test_a_quotient_whose_denominator_vanishes_in_the_image_is_named(fraction: float) -> None:
+    """A lens like the one of five coefficients in the middle, with a pole at a fraction of the
+    corner's distance.
+    """
+    rig = pinhole_rig()
+    camera = rig.left
+    size = np.array(camera.image_size)
+    corners = np.array([[0, 0], size - 1, [0, size[1] - 1], [size[0] - 1, 0]])
+    slopes = (corners - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]
+    k4 = -1 / (fraction * float(np.linalg.norm(slopes, axis=1).max())) ** 2
+    k1, k2, p1, p2 = camera.distortion[:4]
+    quotient = np.array([k1 + k4, k2 + k4 * k1, p1, p2, 0.0, k4, 0.0, 0.0])
+    assert lens_folds(replace(camera, distortion=quotient)) == (fraction < 1)
 
 
 def test_fisheye_of_180_degrees_is_beyond_suspicion() -> None:
