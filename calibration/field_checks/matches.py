@@ -91,10 +91,37 @@ def match_images(
     first: NDArray[np.uint8], second: NDArray[np.uint8], limits: MatchLimits = MATCHES_LIMITS
 ) -> Matches:
     """Match two gray images that ``clear`` made; their points are called left and right."""
-    images = [first, second]
-    at_first, at_second = _alike(images, limits)
-    near = np.abs(at_first[:, 1] - at_second[:, 1]) < limits.max_row_fraction * first.shape[0]
-    return _refine(images, at_first[near], at_second[near])
+    return match_described(describe(first, limits), describe(second, limits), limits)
+
+
+@dataclass(frozen=True, eq=False)
+class Described:
+    """A gray image (H, W) that ``clear`` made, and its features: points (n, 2), pixels of the
+    image, and descriptors (n, 128).
+    """
+
+    image: NDArray[np.uint8]
+    points: NDArray[np.float32]
+    descriptors: NDArray[np.float32]
+
+
+def describe(image: NDArray[np.uint8], limits: MatchLimits) -> Described:
+    """Find the features of an image, at a coarser step where it is large."""
+    step_px = max(limits.step_px, math.ceil(math.sqrt(image.size / limits.most_pixels)))
+    small = cv2.resize(image, None, fx=1 / step_px, fy=1 / step_px, interpolation=cv2.INTER_AREA)
+    found, descriptors = cv2.SIFT.create(nfeatures=limits.max_features).detectAndCompute(
+        small, None
+    )
+    points = np.array([point.pt for point in found], np.float32).reshape(-1, 2)
+    middle_px = (step_px - 1) / 2  # the middle of a small pixel, in the image's own
+    return Described(image, points * step_px + middle_px, descriptors)
+
+
+def match_described(first: Described, second: Described, limits: MatchLimits) -> Matches:
+    """Match two images as ``match_images`` does."""
+    at_first, at_second = _alike(first, second)
+    near = np.abs(at_first[:, 1] - at_second[:, 1]) < limits.max_row_fraction * len(first.image)
+    return _refine([first.image, second.image], at_first[near], at_second[near])
 
 
 def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int64]:
@@ -121,7 +148,9 @@ def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Mat
     """Points of the raw images that look alike, good to a pixel, wherever they lie and however they
     are turned; some are wrong.
     """
-    at_left, at_right = _alike([clear(to_gray(image)) for image in (left, right)], MATCHES_LIMITS)
+    at_left, at_right = _alike(
+        *(describe(clear(to_gray(image)), MATCHES_LIMITS) for image in (left, right))
+    )
     return Matches(at_left.astype(np.float64), at_right.astype(np.float64))
 
 
@@ -135,24 +164,12 @@ def clear(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     return np.asarray(cv2.createCLAHE(2.0, (8, 8)).apply(image), np.uint8)
 
 
-def _alike(
-    images: list[NDArray[np.uint8]], limits: MatchLimits
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _alike(first: Described, second: Described) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(n, 2) pixels of features of the first image, and of those of the second that look alike."""
-    step_px = max(limits.step_px, math.ceil(math.sqrt(images[0].size / limits.most_pixels)))
-    scale = 1 / step_px
-    small = [
-        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for image in images
-    ]
-    sift = cv2.SIFT.create(nfeatures=limits.max_features)
-    points, descriptors = zip(*(sift.detectAndCompute(image, None) for image in small), strict=True)
-    if any(len(found) < 2 for found in points):
+    if min(len(first.points), len(second.points)) < 2:
         return np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32)
-    left, right = (np.array([point.pt for point in found], dtype=np.float32) for found in points)
-    pairs = _mutual(descriptors[0], descriptors[1])
-    middle_px = (step_px - 1) / 2  # the middle of a small pixel, in the image's own
-    return left[pairs[:, 0]] * step_px + middle_px, right[pairs[:, 1]] * step_px + middle_px
+    pairs = _mutual(first.descriptors, second.descriptors)
+    return first.points[pairs[:, 0]], second.points[pairs[:, 1]]
 
 
 def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError, counted
 from calibration.field_checks.matches import (
     QUICK,
+    Described,
     Images,
     Matches,
     clear,
+    describe,
     jackknife,
-    match_images,
+    match_described,
     same_points,
     to_gray,
 )
@@ -171,8 +173,6 @@ def _residuals(couple: SeenTwice, values: Array, focal_px: float) -> Array:
 # But the bottom is rigid: between two moments, points move in the image by their true inverse
 # depth, and by the turn of the camera. Disparities with an offset, or a wrong focal length, fit
 # no rigid motion. The length of the baseline is not seen: all of it would be larger, alike.
-
-Gray = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -355,24 +355,25 @@ def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice |
     first = _left(rectification, images), _right(rectification, images)
     for images in pairs:
         left = _left(rectification, images)
-        moved = match_images(first[0], left, ANYWHERE)
+        moved = match_described(first[0], left, ANYWHERE)
         if len(moved.left) < LIMITS.least_points:
             return None
         if (
             np.median(np.abs(moved.left - moved.right).max(axis=1))
-            >= LIMITS.least_move * left.shape[1]
+            >= LIMITS.least_move * left.image.shape[1]
         ):
-            there = match_images(left, _right(rectification, images), FEATURES)
-            return _seen_twice(rectification, match_images(*first, FEATURES), moved, there)
+            there = match_described(left, _right(rectification, images), FEATURES)
+            here = match_described(*first, FEATURES)
+            return _seen_twice(rectification, here, moved, there)
     return None
 
 
-def _left(rectification: Rectification, images: Images) -> Gray:
-    return clear(rectification.apply_left(to_gray(images[0])))
+def _left(rectification: Rectification, images: Images) -> Described:
+    return describe(clear(rectification.apply_left(to_gray(images[0]))), FEATURES)
 
 
-def _right(rectification: Rectification, images: Images) -> Gray:
-    return clear(rectification.apply_right(to_gray(images[1])))
+def _right(rectification: Rectification, images: Images) -> Described:
+    return describe(clear(rectification.apply_right(to_gray(images[1]))), FEATURES)
 
 
 def _seen_twice(
