@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
-from stereo_seecolor.mapping.raster.reef_metrics import HORN_CELLS, ReefMetrics, measure
+from stereo_seecolor.mapping.raster.reef_metrics import (
+    HORN_CELLS,
+    ROUGHNESS,
+    ReefMetrics,
+    roughness,
+)
 
 Array = NDArray[np.float64]
 FILE = "reef_metrics.csv"
-CLEANED = ("surface_rugosity", "linear_rugosity", "vector_ruggedness", "height_range_m")
-"""Metrics that errors of heights raise. Slope and aspect are of a plane through many cells; the
-fractal dimension is as mapped, without a standard error.
-"""
 DRAWS = 8
 """Of errors: standard errors are known to a quarter."""
 MATCH_PX = 3.0
@@ -74,15 +75,15 @@ def squares_of(
         (slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size))
         for row, column in places
     ]
-    chosen = [names.index(name) for name in CLEANED]
+    chosen = [names.index(name) for name in ROUGHNESS]
 
     def measured(heights: Array) -> Array:
         parts = (averaged(heights[window], cells) for window in windows)
-        found = np.array([measure(part, cells * cell_m).values() for part in parts])[:, chosen]
+        found = np.array([roughness(part, cells * cell_m) for part in parts])
         return np.column_stack([found[:, :2] ** 2 - 1, found[:, 2], found[:, 3] ** 2]).ravel()
 
     def derived(squared: Array) -> Array:
-        own = np.maximum(squared.reshape(-1, len(CLEANED)), 0)
+        own = np.maximum(squared.reshape(-1, len(ROUGHNESS)), 0)
         own = np.column_stack([np.sqrt(1 + own[:, :2]), own[:, 2], np.sqrt(own[:, 3])])
         return np.append(own, [_mean(own, seen)], axis=0).ravel()
 

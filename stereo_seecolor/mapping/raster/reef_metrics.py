@@ -67,21 +67,45 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
     documentation.
     """
     heights = np.asarray(height_m, np.float64)
-    known = np.isfinite(heights)
-    coverage = float(known.mean()) if known.size else 0.0
-    if coverage < MIN_COVERAGE or min(heights.shape) < 3:
-        return ReefMetrics(coverage, *([float("nan")] * 7))
-    east, north, residual = _plane(heights, known, cell_m)
+    if not _is_seen(heights):
+        return ReefMetrics(_coverage(heights), *([float("nan")] * 7))
+    east, north, _ = _plane(heights, cell_m)
+    surface, linear, ruggedness, range_m = roughness(heights, cell_m)
     return ReefMetrics(
-        coverage=coverage,
-        surface_rugosity=surface_rugosity(heights, cell_m),
-        linear_rugosity=_linear_rugosity(heights, cell_m),
+        coverage=_coverage(heights),
+        surface_rugosity=surface,
+        linear_rugosity=linear,
         slope_deg=float(np.degrees(np.arctan(np.hypot(east, north)))),
         aspect_deg=float(np.degrees(np.arctan2(-east, -north)) % 360),
-        vector_ruggedness=vector_ruggedness(heights, cell_m),
+        vector_ruggedness=ruggedness,
         fractal_dimension=_fractal_dimension(heights, cell_m),
-        height_range_m=float(np.nanmax(residual) - np.nanmin(residual)),
+        height_range_m=range_m,
     )
+
+
+ROUGHNESS = ("surface_rugosity", "linear_rugosity", "vector_ruggedness", "height_range_m")
+"""What ``roughness`` measures: the metrics that errors of heights raise."""
+
+
+def roughness(heights: Heights, cell_m: float) -> tuple[float, float, float, float]:
+    """The metrics ROUGHNESS of a terrain model (H, W); NaN where too little was seen."""
+    if not _is_seen(heights):
+        return (float("nan"),) * 4
+    residual = _plane(heights, cell_m)[2]
+    return (
+        surface_rugosity(heights, cell_m),
+        _linear_rugosity(heights, cell_m),
+        vector_ruggedness(heights, cell_m),
+        float(np.nanmax(residual) - np.nanmin(residual)),
+    )
+
+
+def _coverage(heights: Heights) -> float:
+    return float(np.isfinite(heights).mean()) if heights.size else 0.0
+
+
+def _is_seen(heights: Heights) -> bool:
+    return _coverage(heights) >= MIN_COVERAGE and min(heights.shape) >= 3
 
 
 def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> BlockRaster:
@@ -128,10 +152,9 @@ def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
     return site
 
 
-def _plane(
-    heights: Heights, known: NDArray[np.bool_], cell_m: float
-) -> tuple[float, float, Heights]:
+def _plane(heights: Heights, cell_m: float) -> tuple[float, float, Heights]:
     """Rise to the east and to the north of the fitted plane, and what is left without it."""
+    known = np.isfinite(heights)
     rows, columns = np.nonzero(known)
     basis = np.stack([columns * cell_m, -rows * cell_m, np.ones(len(rows))], axis=-1)
     solution = np.linalg.lstsq(basis, heights[known], rcond=None)[0]
