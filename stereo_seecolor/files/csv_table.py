@@ -70,6 +70,34 @@ def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, st
         raise InputError(f"{path}: line {reader.line_num + 1}: {error}") from error
 
 
+_SPLIT_SECOND = re.compile(r"(\d:[0-5]\d:[0-5]\d),(\d{3}|\d{6})(?=,)")
+"""As logs of Python write a time, ``12:00:01,250``."""
+
+
+def separator_of(header: str) -> str:
+    """What stands between the columns of a table: of comma, semicolon, tab and bar the most usual
+    in its header, else spaces.
+    """
+    most = max(",;\t|", key=header.count)
+    return most if most in header else " "
+
+
+def split_fields(line: str, separator: str) -> list[str]:
+    """The cells of a line. Raises csv.Error."""
+    if separator == " ":
+        return line.split()
+    line = _SPLIT_SECOND.sub(r"\1.\2", line) if separator == "," else line
+    return [
+        field.strip()
+        for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    ]
+
+
+def is_unit(field: str) -> bool:
+    """Tell whether a cell is what stands below a column's name, as ``[deg]``."""
+    return re.fullmatch(r"[\[(]?(?:[A-Za-z°/%]{1,8}\d?|-)?[\])]?", field) is not None
+
+
 def dict_reader(text: str) -> "csv.DictReader[str]":
     """The rows of a table that people wrote: commas, semicolons or tabs between its columns, and
     between the latter two also decimal commas.

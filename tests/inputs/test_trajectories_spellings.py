@@ -152,6 +152,12 @@ def test_seconds_of_a_dive_are_not_days() -> None:
     assert column_seconds(["40000.0", "40000.5"]) == [40000.0, 40000.5]
 
 
+def test_a_row_of_single_digits_is_no_line_of_units(tmp_path: Path) -> None:
+    rows = [[i, 1, 2, 3, 0] for i in range(3)]
+    found = read_trajectory(write(tmp_path, table(rows=rows), "nav.csv"))
+    assert found.timestamps_s.tolist() == [0, 1, 2]
+
+
 def test_cells_beyond_the_header_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, table(rows=[[row[0], "x", *row[1:]] for row in ROWS]), "nav.csv")
     with pytest.raises(InputError, match="line 2: has 6 columns, the header has 5"):

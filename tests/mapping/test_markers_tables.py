@@ -23,6 +23,12 @@ BARS = {
     "centimeters": "first,second,length_cm\n1,2,50\n3,4,75\n",
     "millimeters in brackets": "First point,Second point,Length (mm)\n1,2,500\n3,4,750\n",
     "semicolons and decimal commas": "first;second;length_m\n1;2;0,5\n3;4;0,75\n",
+    "inches": "first,second,length_in\n1,2,19.685039370\n3,4,29.527559055\n",
+    "feet": "tag1,tag2,length (ft)\n1,2,1.640419948\n3,4,2.460629921\n",
+    "German": "von;bis;Länge (m)\n1;2;0,5\n3;4;0,75\n",
+    "remarks above": "# bars of the site\nA,B,L\n1,2,0.5\n3,4,0.75\n",
+    "units below and spaces": "first second length\n- - m\n1 2 0.5\n3 4 0.75\n",
+    "units in cells": "first,second,length\n1,2,50 cm\n3,4,0.75m\n",
     "no header": "1,2,0.5,0.01\n3,4,0.75,0.01\n",
     "ReefShape's template, filled in": "target 1,target 2,0.5,0.01\r\ntarget 3,target "
     "4,0.75,0.01\r\n",
@@ -43,6 +49,17 @@ def test_scale_bars(name: str, tmp_path: Path) -> None:
     }
 
 
+def test_a_unit_that_is_not_known_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bars.csv").write_text("first,second,length (yd)\n1,2,0.5\n")
+    with pytest.raises(InputError, match=r"'length \(yd\)': its unit is not known: write m"):
+        read_bars(tmp_path / "bars.csv")
+
+
+def test_rows_of_single_digits_are_no_line_of_units(tmp_path: Path) -> None:
+    (tmp_path / "places.csv").write_text("marker,x,y,z\n1,0,0,-5\n2,1,0,-5\n3,0,1,-6\n")
+    assert sorted(read_places(tmp_path / "places.csv").points) == [1, 2, 3]
+
+
 PLACES = {
     "this program's": "marker,x_m,y_m,z_m\n1,100,200,-8\n2,103,204,-8.5\n",
     "with a note and errors": "marker,x_m,y_m,z_m,std_m,note\n1,100,200,-8,0.01,by "
@@ -52,6 +69,9 @@ PLACES = {
     "2,103,204,-8.5\n",
     "eastings and depths": "Marker;Easting [m];Northing [m];Depth "
     "[m]\n1;100,0;200,0;8,0\n2;103,0;204,0;8,5\n",
+    "a surveyor's": "Point ID;E (m);N (m);H (m)\n1;100;200;-8\n2;103;204;-8,5\n",
+    "German": "Punkt,Rechtswert,Hochwert,Höhe\n1,100,200,-8\n2,103,204,-8.5\n",
+    "spaces": "1 100 200 -8\n2 103 204 -8.5\n",
     "centimeters": "marker,x_cm,y_cm,z_cm\n1,10000,20000,-800\n2,10300,20400,-850\n",
 }
 

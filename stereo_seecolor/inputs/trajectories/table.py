@@ -12,6 +12,7 @@ from pathlib import Path
 from calibration.files import decode_text
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.csv_table import is_unit, split_fields
 from stereo_seecolor.inputs.trajectories.arrays import is_numpy, of_numpy
 from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
 
@@ -177,9 +178,6 @@ def _of_match(row: int, match: re.Match[str], day_first: bool) -> float:
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d+),(\d+)$")
 """As programs of many countries write numbers, between semicolons."""
 
-_SPLIT_SECOND = re.compile(r"(\d:[0-5]\d:[0-5]\d),(\d{3}|\d{6})(?=,)")
-"""As logs of Python write a time, ``12:00:01,250``."""
-
 HEADER_CHARACTERS = 4096
 """A longer first line names no columns; patterns of names would take minutes on it."""
 LARGEST = 1e12
@@ -315,30 +313,6 @@ class Table:
 
     def _number(self, number: int, field: str) -> float:
         return float("nan") if is_unknown(field) else self.lines.numbers(number, [field])[0]
-
-
-def separator_of(header: str) -> str:
-    """What stands between the columns of a table: of comma, semicolon, tab and bar the most usual
-    in its header, else spaces.
-    """
-    most = max(",;\t|", key=header.count)
-    return most if most in header else " "
-
-
-def split_fields(line: str, separator: str) -> list[str]:
-    """The cells of a line. Raises csv.Error."""
-    if separator == " ":
-        return line.split()
-    line = _SPLIT_SECOND.sub(r"\1.\2", line) if separator == "," else line
-    return [
-        field.strip()
-        for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    ]
-
-
-def is_unit(field: str) -> bool:
-    """Tell whether a cell is what stands below a column's name, as ``[deg]``."""
-    return re.fullmatch(r"[\[(]?([A-Za-z°/%]{1,8}|-)?\d?[\])]?", field) is not None
 
 
 def _split(lines: Lines, number: int, separator: str, line: str) -> list[str]:

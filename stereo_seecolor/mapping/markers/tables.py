@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.csv_table import is_unit, separator_of, split_fields
 from stereo_seecolor.files.text_documents import read_text
 from stereo_seecolor.records import GeoOrigin
 
@@ -28,17 +29,24 @@ LONGEST_BAR_M = 20.0
 """Lengths without a unit that are longer are in centimeters or millimeters."""
 LEAST_APART_M = 0.05
 """All markers of a table within so much in x and y are degrees, not meters."""
-UNITS_M = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001}
+UNITS_M = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001,
+    "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "feet": 0.3048,
+}  # fmt: skip
+_UNITS = "|".join(sorted(UNITS_M, key=len, reverse=True))
+LINES_ABOVE = 10
+"""Most lines of titles and remarks above a header."""
 BAR = {
-    "first": r"first( point)?|from|start|(marker|point|target) ?(1|a)|label",
-    "second": r"second( point)?|to|end|(marker|point|target) ?(2|b)",
-    "length": r"(measured )?(length|distance)( in)?",
+    "first": r"first( point)?|from|von|de|start|a|(marker|point|target|tag|id|p) ?(1|a)|label",
+    "second": r"second( point)?|to|bis|end|b|(marker|point|target|tag|id|p) ?(2|b)",
+    "length": r"(measured )?(length|distance|dist|l|länge|laenge|abstand|longueur|longitud)( in)?",
 }
 PLACE = {
-    "marker": r"(gis )?(marker|label|target|tag|name|id|point)",
-    "x": r"x|x/easting|easting|east", "y": r"y|y/northing|northing|north",
-    "z": r"z|z/altitude|altitude|height|elevation|up",
-    "depth": r"(marker )?depth",
+    "marker": r"(gis )?(marker|label|target|tag|name|id|point|punkt|gcp|nr|no)( (id|name|nr|no))?",
+    "x": r"x|x/easting|easting|east|e|rechtswert|ost",
+    "y": r"y|y/northing|northing|north|n|hochwert|nord",
+    "z": r"z|z/altitude|altitude|height|elevation|elev|up|h|höhe|hoehe",
+    "depth": r"(marker )?(depth|tiefe|profondeur|profundidad)",
     "lat": r"(gis )?lat(itude)?", "lon": r"(gis )?lo?ng?(itude)?",
     "std": r"std|accuracy|acc", "xy_std": r"xy ?acc(uracy)?|xy std",
     "z_std": r"z ?acc(uracy)?|z std",
@@ -141,11 +149,13 @@ def _table(
     ]
     if not lines:
         raise InputError(f"{path}: holds no rows")
-    separator = max((";", "\t", ","), key=lines[0][1].count)
+    separator = separator_of(max((line for _, line in lines[:LINES_ABOVE]), key=_separators))
     cells = [
         (f"{path}: line {number}", _cells(f"{path}: line {number}", line, separator))
         for number, line in lines
     ]
+    above = (i for i, (_, row) in enumerate(cells[:LINES_ABOVE]) if not _lacks(row, names))
+    cells = cells[next(above, 0) :]
     first, units = cells[0][1], dict[str, float]()
     if len(first) >= len(in_order) and all(
         _is_number(cell) for cell in first[len(in_order) - 1 : len(in_order)]
@@ -155,6 +165,8 @@ def _table(
         columns, units = _roles(first, names)
         _check(path, columns, first, names)
         rows = cells[1:]
+        if len(rows) > 1 and all(is_unit(cell) for cell in rows[0][1]):
+            rows = rows[1:]
     rows = [
         (where, row) for where, row in rows if not row[0].startswith("[")
     ]  # a template's own words
@@ -172,7 +184,8 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
             .strip()
             .lower()
         )
-        unit = re.search(r"[ (\[]*\b(m|cm|mm|meters?|metres)[)\]]*$", said)
+        unit = re.search(rf"[ (\[]*\b({_UNITS})[)\]]*$", said)
+        other = None if unit else re.search(r"[(\[](\w+)[)\]]$", said)
         bare = re.sub(r"\s*[(\[].*$", "", said[: unit.start()] if unit else said).strip(" ]")
         role = next(
             (
@@ -182,10 +195,22 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
             ),
             None,
         )
+        if role and other and role in ("length", "x", "y", "z", "depth"):
+            raise InputError(f"column {cell!r}: its unit is not known: write {', '.join(UNITS_M)}")
         if role:
             columns[role] = i
             units[role] = UNITS_M[unit[1]] if unit else 1.0
     return columns, units
+
+
+def _separators(line: str) -> int:
+    return max(map(line.count, ",;\t|"))
+
+
+def _lacks(header: list[str], names: dict[str, str]) -> bool:
+    """Tell whether a line is not the header of such a table."""
+    columns, _ = _roles(header, names)
+    return len(columns) < (2 if names is BAR else 3)
 
 
 def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[str, str]) -> None:
@@ -217,10 +242,7 @@ def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[s
 
 def _cells(where: str, line: str, separator: str) -> list[str]:
     try:
-        cells = [
-            cell.strip()
-            for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-        ]
+        cells = split_fields(line, separator)
     except csv.Error as error:  # a cell of more than 131,072 characters
         raise InputError(f"{where}: {error}: is it a table of markers?") from error
     return (
@@ -239,6 +261,9 @@ def _is_number(text: str) -> bool:
 
 
 def _number(where: str, text: str) -> float:
+    """A number; with a unit behind it, in meters."""
+    if match := re.fullmatch(rf"([-+]?[\d.]+)\s*({_UNITS})", text.strip().lower()):
+        return _number(where, match[1]) * UNITS_M[match[2]]
     if not _is_number(text) or not np.isfinite(float(text)):
         raise InputError(f"{where}: {text!r} is not a number")
     return float(text)
