@@ -21,11 +21,22 @@ SAMPLES = Path(__file__).parents[2] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
 
 
+ONE_WATER = ["color.lock=survey", "output.clouds=false"]
+
+
+@pytest.fixture(scope="module")
+def one_water(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> SampleRun:
+    """The sample dive with one water for all frames; tests copy it."""
+    out = sample_run.copy(tmp_path_factory.mktemp("one_water") / "out")
+    run(*SIDES, out, load_config(overrides=ONE_WATER))
+    return SampleRun(out, "")
+
+
 @pytest.mark.slow
-def test_sample_dive_measures_its_own_water(sample_run: SampleRun, tmp_path: Path) -> None:
+def test_sample_dive_measures_its_own_water(one_water: SampleRun, tmp_path: Path) -> None:
     """Attenuation within 10 % of truth from matched ranges, and colors no worse for it."""
-    config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
-    run(*SIDES, sample_run.copy(tmp_path / "first"), config)
+    config = load_config(overrides=ONE_WATER)
+    one_water.copy(tmp_path / "first")
     measured = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")
     path, found = measured.path, measured.water
     truth = json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]
@@ -35,7 +46,7 @@ def test_sample_dive_measures_its_own_water(sample_run: SampleRun, tmp_path: Pat
         np.array(truth["w"]) * np.exp(-np.array(truth["v"]) * z),
         rtol=0.1,
     )
-    run(*SIDES, sample_run.copy(tmp_path / "second"), config, RunOptions(water=path))
+    run(*SIDES, one_water.copy(tmp_path / "second"), config, RunOptions(water=path))
     first, second = (evaluate(tmp_path / name, SAMPLES / "truth") for name in ("first", "second"))
     assert second.color.angle_deg < first.color.angle_deg + 0.3
     assert second.color.angle_after_gains_deg < first.color.angle_after_gains_deg + 0.1
@@ -48,12 +59,9 @@ def test_a_run_with_a_water_for_each_frame_is_refused(waters_a_frame: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_chart_of_the_sample_dive_gives_its_white(
-    sample_run: SampleRun, tmp_path: Path
-) -> None:
+def test_the_chart_of_the_sample_dive_gives_its_white(one_water: SampleRun, tmp_path: Path) -> None:
     """Seen in two frames, within the errors that the file states."""
-    config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
-    run(*SIDES, sample_run.copy(tmp_path / "out"), config)
+    one_water.copy(tmp_path / "out")
     corners = {
         "reef_1790000001000": [[171.8, 163.4], [147.7, 45.3], [237.1, 29.8], [261.2, 147.9]],
         "reef_1790000002000": [[148.7, 309.5], [125.5, 166.1], [225.3, 148.0], [248.5, 291.4]],
