@@ -17,6 +17,7 @@ Wrong matches weigh less (Cauchy).
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,17 +73,27 @@ class Scatter:
     together: float
 
 
+class Model(NamedTuple):
+    """The water at the ranges of the observations. transmission, backscatter: (N, 3). changes: of
+    log transmission and of backscatter by the nine logarithms, (N, 3, 3).
+    """
+
+    transmission: Array
+    backscatter: Array
+    changes: tuple[Array, Array]
+
+
 @dataclass(frozen=True, eq=False)
 class MultiviewFit:
     """The observations under one water, with the best brightness of each patch.
 
-    transmission, direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3,
+    direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3,
     3) of a channel's light by the logarithms of its far, beta, gamma_inf. patch_weights: (P, 3, 3).
     """
 
     observations: Observations
     scatter: Scatter
-    transmission: Array
+    model: Model
     direct: Array
     residual: Array
     weights: Array
@@ -90,15 +101,18 @@ class MultiviewFit:
     patch_weights: Array
 
     @classmethod
-    def at(
-        cls, x: Array, observations: Observations, scatter: Scatter, before: "MultiviewFit | None"
+    def of(
+        cls,
+        model: Model,
+        observations: Observations,
+        scatter: Scatter,
+        before: "MultiviewFit | None" = None,
     ) -> "MultiviewFit":
-        """The fit at ``x``, with weights from the direct signals and residuals of the fit
+        """The fit under a water, with weights from the direct signals and residuals of the fit
         ``before``; None: there was none.
         """
-        _, backscatter, _ = _model(x, observations.range_m)
         direct = np.maximum(
-            observations.light - backscatter if before is None else before.direct, 0.0
+            observations.light - model.backscatter if before is None else before.direct, 0.0
         )
         alone = 1.0 / (NOISE.noise_floor**2 + (scatter.each * direct) ** 2)
         pulled = alone * direct
@@ -110,14 +124,14 @@ class MultiviewFit:
         if before is not None:
             off = np.einsum("kc,kce,ke->k", before.residual, weights, before.residual) / 3.0
             weights /= (1.0 + off / NOISE.outlier**2)[:, None, None]
-        return cls.with_weights(x, observations, weights, scatter)
+        return cls.with_weights(model, observations, weights, scatter)
 
     @classmethod
     def with_weights(
-        cls, x: Array, observations: Observations, weights: Array, scatter: Scatter
+        cls, model: Model, observations: Observations, weights: Array, scatter: Scatter
     ) -> "MultiviewFit":
-        """The fit at ``x`` with given weights."""
-        transmission, backscatter, change = _model(x, observations.range_m)
+        """The fit under a water with given weights."""
+        transmission, backscatter, change = model
         above = observations.light - backscatter
         patch_weights = sums_by_patch(
             observations, transmission[:, :, None] * weights * transmission[:, None, :]
@@ -129,7 +143,7 @@ class MultiviewFit:
         return cls(
             observations,
             scatter,
-            transmission,
+            model,
             direct,
             above - direct,
             weights,
@@ -145,7 +159,9 @@ class MultiviewFit:
         """(9, 9) Gauss-Newton matrix with the brightnesses eliminated."""
         weighted = self.weights[..., None] * self.change[:, None]
         full = np.einsum("kci,kcej->icje", self.change, weighted).reshape(9, 9)
-        shared = sums_by_patch(self.observations, self.transmission[:, :, None, None] * weighted)
+        shared = sums_by_patch(
+            self.observations, self.model.transmission[:, :, None, None] * weighted
+        )
         shared = shared.transpose(0, 1, 3, 2).reshape(-1, 3, 9)
         return np.asarray(
             full - np.einsum("pai,paj->ij", shared, np.linalg.solve(self.patch_weights, shared))
@@ -185,8 +201,8 @@ class MultiviewFit:
         )
 
 
-def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-    """A, B (N, 3), and the change of log A and of B by the nine logarithms, both (N, 3, 3)."""
+def _model(x: Array, range_m: Array) -> Model:
+    """The water of nine logarithms."""
     import torch
 
     z, fall = torch.from_numpy(range_m)[:, None], torch.from_numpy(near_against_far())
@@ -202,7 +218,7 @@ def _model(x: Array, range_m: Array) -> tuple[Array, Array, tuple[Array, Array]]
         )
         for part in (log_a, veil)
     )
-    return log_a.detach().exp().numpy(), veil.detach().numpy(), (by_a, by_b)
+    return Model(log_a.detach().exp().numpy(), veil.detach().numpy(), (by_a, by_b))
 
 
 def near_against_far() -> Array:
@@ -290,11 +306,11 @@ def fit_observations(observations: Observations, encoding: InputEncoding) -> Wat
     _check(observations)
     mean, precision = _prior()
     x, damping = mean.copy(), STEPS.first_damping
-    fit = MultiviewFit.at(x, observations, Scatter(NOISE.first_scatter, NOISE.first_scatter), None)
+    first = Scatter(NOISE.first_scatter, NOISE.first_scatter)
+    fit = MultiviewFit.of(_model(x, observations.range_m), observations, first)
     for step in range(STEPS.most_steps):
-        fit = MultiviewFit.at(
-            x, observations, fit.scatter_now() if step else fit.scatter, fit if step else None
-        )
+        if step:
+            fit = MultiviewFit.of(fit.model, observations, fit.scatter_now(), fit)
         better = _lower(fit, x, damping, (mean, precision))
         if better is None:
             break
@@ -337,7 +353,8 @@ def _lower(
     for _ in range(STEPS.most_trials):
         move = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
         trial = x + np.clip(move, -STEPS.longest_step, STEPS.longest_step)
-        there = MultiviewFit.with_weights(trial, fit.observations, fit.weights, fit.scatter)
+        model = _model(trial, fit.observations.range_m)
+        there = MultiviewFit.with_weights(model, fit.observations, fit.weights, fit.scatter)
         if there.cost() + (trial - mean) @ precision @ (trial - mean) <= cost:
             return trial, there, max(damping * STEPS.less_damping, STEPS.least_damping)
         damping *= STEPS.more_damping
