@@ -102,6 +102,7 @@ def dict_reader(text: str) -> "csv.DictReader[str]":
     """The rows of a table that people wrote: commas, semicolons or tabs between its columns, and
     between the latter two also decimal commas.
     """
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     separator = max(",;\t", key=text.partition("\n")[0].count)
     if separator != ",":
         number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\r\n]|$)"

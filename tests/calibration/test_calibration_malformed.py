@@ -23,7 +23,7 @@ def _corpus() -> dict[str, bytes]:
         corpus[f"{name}: NaN"] = re.sub(r"\d+\.\d*", "NaN", text).encode()
         corpus[f"{name}: huge"] = re.sub(r"\d+\.\d*", "1e400", text).encode()
         corpus[f"{name}: words"] = re.sub(r"\d\d+\.?\d*", "wide", text).encode()
-        corpus[f"{name}: UTF-16"] = text.encode("utf-16")
+        corpus[f"{name}: UTF-16 cut"] = text.encode("utf-16")[:-1]
         corpus[f"{name}: binary"] = text.encode()[:100] + bytes(range(256))
         corpus[f"{name}: only keys"] = re.sub(r"[:=<].*", "", text).encode()
     by_hand = {
@@ -69,7 +69,7 @@ def _corpus() -> dict[str, bytes]:
         "key twice": NATIVE + "medium: air\n",
         "key twice in XML": "<opencv_storage><R>1</R><R>2</R></opencv_storage>",
         "key twice in JSON": '{"R": 1, "R": 2}',
-        "two documents": NATIVE + "---\n" + NATIVE,
+        "two documents": NATIVE + "---\n- 1\n",
         "unhashable key": "? [1, 2]\n: 3\n",
         "unknown key": NATIVE + "baseline_mm: 100\n",
         "version of tomorrow": NATIVE.replace("version: 1", "version: 2"),
