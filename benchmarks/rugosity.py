@@ -1,13 +1,14 @@
 """How true the structure of drawn reefs is, and how often its intervals of 95 % hold the truth.
 
     python benchmarks/rugosity.py FOLDER [reefs] [--cells-mm 10 20 50] [--seed 400]
+        [--own-track]
 
 Ten reefs from flat to branching, three heights of the cameras, cells of 5, 10, 20 and 50 mm. Poses
-are true; ranges are drawn with the errors that matching has on the sample dive: 0.12 pixels of
-disparity, alike over 2 pixels, and smoothed over 3. Reefs 4 and 8 of seed
-100 were at hand when the settings of ``mapping/raster/noise.py`` were chosen, and all ten of them
-when the laws of height ranges and ruggedness were; those of another seed judge. FOLDER keeps the
-maps.
+are true, or with --own-track found from the pictures, of noise of 1 of 255; ranges are drawn with
+the errors that matching has on the sample dive: 0.12 pixels of disparity, alike over 2 pixels, and
+smoothed over 3. Reefs 4 and 8 of seed 100 were at hand when the settings of
+``mapping/raster/noise.py`` were chosen, and all ten of them when the laws of height ranges and
+ruggedness were; those of another seed judge. FOLDER keeps the maps.
 """
 
 import argparse
@@ -35,9 +36,12 @@ from stereo_seecolor.extras.reef.metrics.structure import (
 from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic import survey
-from stereo_seecolor.extras.synthetic.casting import cast
+from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
+from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.geometry import rigid_alignment
+from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame
 
@@ -86,57 +90,85 @@ class DrawnFrames(Sequence[SurveyFrame]):
         measured_m = (pair.focal_px * pair.baseline_m * pair.ray_length / measured_px).astype(
             np.float32
         )
+        color = look_up(
+            self.reef,
+            self.trajectory.T_world_camera[index],
+            pair.rays.astype(np.float32)[:, :, None],
+            range_m[..., None],
+            1 / pair.focal_px,
+        )[:, :, 0]
+        shown = 255 * encode_srgb(color / color.max()) + rng.standard_normal(color.shape)
         return SurveyFrame(
             name=self.trajectory.names[index],
             timestamp_s=float(self.trajectory.timestamps_s[index]),
-            color=np.full((*range_m.shape, 3), 128, np.uint8),
+            color=np.clip(np.rint(shown), 0, 255).astype(np.uint8),
             range_m=measured_m,
             range_std_m=(measured_m * NOISE_PX / measured_px).astype(np.float32),
             confidence=np.full(range_m.shape, 255, np.uint8),
         )
 
 
-def mapped(folder: Path, frames: DrawnFrames, cell_m: float) -> tuple[SiteMesh, Terrain, Any]:
-    """The mesh, the terrain and its errors, of a map in voxels and cells of that size."""
-    out = folder / f"{frames.spec.seed}_{1000 * cell_m:g}mm"
+def mapped(
+    folder: Path, frames: DrawnFrames, cell_m: float, own_track: bool
+) -> tuple[SiteMesh, Terrain, Any, NDArray[np.float64]]:
+    """The mesh, the terrain and its errors, of a map in voxels and cells of that size; and
+    T_world_map (4, 4).
+    """
+    out = folder / f"{frames.spec.seed}_{1000 * cell_m:g}mm{'_own' * own_track}"
     config = MappingConfig(
-        voxel_m=cell_m, dem_m=cell_m, mosaic_m=0.05, metrics_m=0.5, poses="given"
+        voxel_m=cell_m,
+        dem_m=cell_m,
+        mosaic_m=0.05,
+        metrics_m=0.5,
+        poses="prior" if own_track else "given",
     )
     if not (out / "map" / "mesh.ply").is_file():
         shutil.rmtree(out, ignore_errors=True)
-        build_map(frames, frames.pair, out / "map", config, frames.trajectory)
+        given = None if own_track else frames.trajectory
+        build_map(frames, frames.pair, out / "map", config, given)
     mesh = read_mesh(out)
     terrain = terrain_of(mesh, grid_of(mesh, cell_m))
-    posed = SimpleNamespace(
-        survey=frames,
-        geometry=frames.pair,
-        voxel_m=cell_m,
-        T_map_camera=list(frames.trajectory.T_world_camera),
+    true = np.array(frames.trajectory.T_world_camera)
+    T_map_camera = (
+        read_trajectory(out / "map" / "trajectory.tum").T_world_camera if own_track else true
     )
-    return mesh, terrain, terrain_errors(posed, terrain)  # type: ignore[arg-type]
+    assert len(T_map_camera) == len(true)
+    posed = SimpleNamespace(
+        survey=frames, geometry=frames.pair, voxel_m=cell_m, T_map_camera=list(T_map_camera)
+    )
+    seen = np.array([[0, 0, 0, 1], [1, 0, 1, 1], [0, 1, 1, 1], [0, 0, 2, 1]])
+    in_map, in_world = (
+        (poses @ seen.T).transpose(0, 2, 1)[..., :3].reshape(-1, 3)
+        for poses in (T_map_camera, true)
+    )
+    errors = terrain_errors(posed, terrain)  # type: ignore[arg-type]
+    return mesh, terrain, errors, rigid_alignment(in_map, in_world)
 
 
-def truth(terrain: Terrain, reef: Reef) -> Terrain:
+def truth(terrain: Terrain, reef: Reef, T_world_map: NDArray[np.float64]) -> Terrain:
     """The true heights of the cells that the map knows."""
-    x_m, y_m = terrain.points_m[..., 0], terrain.points_m[..., 1]
+    x_m, y_m, z_m = np.moveaxis(
+        terrain.points_m @ T_world_map[:3, :3].T + T_world_map[:3, 3], -1, 0
+    )
     column, row = (
         (each - low) / CELL_M for each, low in zip((x_m, y_m), reef.origin_m, strict=True)
     )
     height_m = cv2.remap(
         reef.height_m, column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR
     )
-    return replace(terrain, height_m=np.where(terrain.known, height_m, np.nan).astype(np.float64))
+    true_m = terrain.height_m + (height_m - z_m) * T_world_map[2, 2]
+    return replace(terrain, height_m=np.where(terrain.known, true_m, np.nan).astype(np.float64))
 
 
 def compared(
-    folder: Path, number: int, seed: int, cells_m: Sequence[float]
+    folder: Path, number: int, seed: int, cells_m: Sequence[float], own_track: bool
 ) -> Iterator[tuple[float, StructureAtScale, NDArray[np.float64]]]:
     """Cell, measured structure, true numbers of each edge of squares."""
     frames = DrawnFrames(number, seed)
     for cell_m in cells_m:
-        mesh, terrain, errors = mapped(folder, frames, cell_m)
+        mesh, terrain, errors, T_world_map = mapped(folder, frames, cell_m, own_track)
         cells = resolved_cells(terrain, errors)
-        true_m = truth(terrain, frames.reef).averaged(cells).height_m
+        true_m = truth(terrain, frames.reef, T_world_map).averaged(cells).height_m
         for found in structure(mesh, terrain, errors):
             yield (
                 cell_m,
@@ -147,12 +179,14 @@ def compared(
             )
 
 
-def main(folder: Path, reefs: Sequence[int], seed: int, cells_m: Sequence[float]) -> None:
+def main(
+    folder: Path, reefs: Sequence[int], seed: int, cells_m: Sequence[float], own_track: bool
+) -> None:
     """Print each reef's rugosity, then bias and coverage of each number."""
     names = Numbers.names()[:-1]  # of the mesh: heights have no overhangs to compare
     off: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for number in reefs:
-        for cell_m, found, true in compared(folder, number, seed, cells_m):
+        for cell_m, found, true in compared(folder, number, seed, cells_m, own_track):
             for k, name in enumerate(names):
                 value, std = getattr(found.mean, name), getattr(found.standard_error, name)
                 off[name].append((cell_m, (value - true[k]) / std))
@@ -188,5 +222,12 @@ if __name__ == "__main__":
     parser.add_argument("reefs", type=int, nargs="*", default=list(range(len(STEEPNESS))))
     parser.add_argument("--cells-mm", type=float, nargs="+", default=[1000 * m for m in CELLS_M])
     parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--own-track", action="store_true")
     given = parser.parse_args()
-    main(given.folder, given.reefs, given.seed, [mm / 1000 for mm in given.cells_mm])
+    main(
+        given.folder,
+        given.reefs,
+        given.seed,
+        [mm / 1000 for mm in given.cells_mm],
+        given.own_track,
+    )
