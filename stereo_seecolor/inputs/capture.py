@@ -180,15 +180,18 @@ def _text(value: Any) -> str:
 # Exposure and gain of each frame from a table: for cameras that write them to a log and not into
 # their images.
 
-NAMES = ("name", "file", "filename", "file_name", "image", "image_name", "path", "relative_path")
-EXPOSURES = {
-    "exposure_s": 1.0,
-    "exposure_ms": 1e-3,
-    "exposure_us": 1e-6,
-    "exposure_time": 1.0,
-    "exposuretime": 1.0,
-}
-"""Column -> seconds of its unit. exposure_time is EXIF's own name, in seconds."""
+NAMES = (
+    "name", "file", "filename", "file_name", "image", "image_name", "path", "relative_path",
+    "source_file",
+)  # fmt: skip
+EXPOSURES = ("exposure_s", "exposure_ms", "exposure_us", "exposure_time", "shutter_speed")
+"""Usual names; without a unit seconds, as in EXIF."""
+_SECONDS = {
+    "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "milliseconds": 1e-3, "us": 1e-6,
+    "µs": 1e-6, "microseconds": 1e-6,
+}  # fmt: skip
+_FRACTION = re.compile(r"\s*(\d+(?:\.\d+)?)\s*/\s*(\d+(?:\.\d+)?)\s*")
+"""``1/400``, as exiftool writes a time."""
 
 MOST_CHARACTERS = 10_000
 """Of a line; more is another file."""
@@ -219,9 +222,10 @@ class ExposureTable:
                 "exposures?"
             )
         reader = dict_reader(text)
-        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+        reader.fieldnames = [_plain(name) for name in reader.fieldnames or ()]
+        units_s = {name: unit for name in reader.fieldnames if (unit := _unit_s(name))}
         name, exposure, gain = (
-            _column(path, reader.fieldnames, known) for known in (NAMES, tuple(EXPOSURES), GAINS)
+            _column(path, reader.fieldnames, known) for known in (NAMES, tuple(units_s), GAINS)
         )
         if not name or not (exposure or gain):
             raise InputError(
@@ -233,7 +237,7 @@ class ExposureTable:
         for row in reader:
             where = f"{path}: line {reader.line_num}"
             exposure_s = (
-                _positive_exposure(where, row, exposure) * EXPOSURES[exposure] if exposure else None
+                _positive_exposure(where, row, exposure) * units_s[exposure] if exposure else None
             )
             rows[_key(row[name] or "")] = Capture(
                 exposure_s, _gain(where, row, gain) if gain else None
@@ -249,6 +253,24 @@ class ExposureTable:
         return replace(
             capture, exposure_s=exposure_s, gain=capture.gain if row.gain is None else row.gain
         )
+
+
+def _plain(name: str) -> str:
+    """``Exposure Time [ms]`` as exposure_time_ms, ``SourceFile`` as source_file."""
+    found = re.findall(r"dB|[µμ]s|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)
+    return "_".join(word.lower().replace("μ", "µ") for word in found)
+
+
+def _unit_s(name: str) -> float | None:
+    """Seconds of the unit of a column of exposure times; None for another column, and for
+    ``exposure`` alone, whose unit is open.
+    """
+    words = set(name.split("_"))
+    what = words & {"exposure", "shutter", "integration", "exposuretime"}
+    rest = words - what - {"time", "speed"}
+    if not what or len(rest) > 1 or words == {"exposure"}:
+        return None
+    return _SECONDS.get(rest.pop()) if rest else 1.0
 
 
 def _column(path: Path, header: Sequence[str], known: Sequence[str]) -> str:
@@ -279,8 +301,11 @@ def _positive_exposure(where: str, row: Mapping[str, str], column: str) -> float
 
 
 def _number(where: str, row: Mapping[str, str], column: str) -> float:
+    text = row[column] or ""
+    if (fraction := _FRACTION.fullmatch(text)) and float(fraction[2]):
+        text = str(float(fraction[1]) / float(fraction[2]))
     try:
-        number = float(row[column] or "")
+        number = float(text)
     except ValueError as error:
         raise InputError(
             f"{where}: {column} must be a number, got {row[column] or ''!r}"

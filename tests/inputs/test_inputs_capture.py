@@ -283,3 +283,34 @@ def test_tables_of_any_encoding_and_separator(encoding: str, tmp_path: Path) -> 
     (tmp_path / "log.csv").write_bytes(text.encode(encoding))
     read = ExposureTable.read(tmp_path / "log.csv")
     assert read.rows["Größe_0001.png"].exposure_s == pytest.approx(0.0025)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("File,Exposure (ms)", "2.5"),
+        ("image,Exposure time [us]", "2500"),
+        ("image,Exposure [µs]", "2500"),
+        ("fileName,exposureTimeUs", "2500"),
+        ("SourceFile,ExposureTime", "1/400"),
+        ("file,Shutter Speed", "1/400"),
+        ("file,shutter", "0.0025"),
+    ],
+)
+def test_usual_names_and_units_of_exposures(header: str, cells: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"{header}\na.png,{cells}\n", encoding="utf-8")
+    row = ExposureTable.read(tmp_path / "log.csv").rows["a.png"]
+    assert row.exposure_s == pytest.approx(0.0025)
+
+
+@pytest.mark.parametrize("gain", ["Gain_dB", "gain (dB)", "GAIN_DB"])
+def test_a_gain_in_decibels_is_known_however_it_is_written(gain: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"File, Exposure_ms, {gain}\na.png, 2.5, 20\n")
+    row = ExposureTable.read(tmp_path / "log.csv").rows["a.png"]
+    assert (row.exposure_s, row.gain) == (pytest.approx(0.0025), pytest.approx(10))
+
+
+def test_an_exposure_without_a_unit_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("file,exposure\na.png,2.5\n")
+    with pytest.raises(InputError, match="exposure_ms"):
+        ExposureTable.read(tmp_path / "log.csv")
