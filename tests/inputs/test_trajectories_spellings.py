@@ -232,6 +232,11 @@ def test_rows_of_poses(form: str, tmp_path: Path) -> None:
     assert trajectory_format(path) is not None
 
 
+def test_the_first_number_of_tum_is_a_time(tmp_path: Path) -> None:
+    rows = [[i, *row[1:]] for i, row in enumerate(TUM)]
+    assert read_trajectory(write(tmp_path, text_of(rows), "a.tum")).timestamps_s.tolist() == [0, 1]
+
+
 def test_an_archive_without_poses_is_named(tmp_path: Path) -> None:
     (tmp_path / "rig.npz").write_bytes(saved(np.savez, K=np.eye(3)))
     with pytest.raises(InputError, match="holds 0 arrays of poses among K"):

@@ -53,7 +53,7 @@ def _rows(lines: Lines, count: int, form: str) -> tuple[list[str], NDArray[np.fl
 
 def _named(poses: Trajectory, lines: Lines, firsts: list[str]) -> Trajectory:
     """The poses with the times or names before them. Raises InputError for what is neither."""
-    if not all(firsts) or firsts == [str(i) for i in range(len(firsts))]:
+    if not all(firsts):
         return poses
     if not any(map(is_number, firsts)) and all("." in first for first in firsts):
         return replace(poses, names=tuple(firsts))
@@ -127,7 +127,7 @@ def read_kitti(lines: Lines, mount: MountConfig) -> Trajectory:
     T = np.tile(np.eye(4), (len(matrices), 1, 1))
     T[:, :3] = matrices
     poses = Trajectory(("",) * len(T), np.full(len(T), np.nan), T, up="unknown")
-    if any(firsts):
+    if any(firsts) and firsts != [str(i) for i in range(len(firsts))]:
         return _named(poses, lines, firsts)
     return replace(poses, timestamps_s=_times(lines, len(T)))
 
