@@ -14,11 +14,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("calibration", "stereo_seecolor")
 
-KNOWN_CIRCLES: frozenset[tuple[str, str]] = frozenset()
-"""(importer, imported) of circles that are still to be cut, with a date; shrinks, and nothing may
-be added.
-"""
-
 
 @cache
 def parsed(text: str) -> ast.Module:
@@ -71,23 +66,8 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
 
 @pytest.mark.slow
 def test_no_import_circle():
-    graph = {
-        name: {other for other in others if (name, other) not in KNOWN_CIRCLES}
-        for name, others in every_import().items()
-    }
-    found = circle(graph)
+    found = circle(every_import())
     assert not found, " imports ".join(reversed(found))
-
-
-@pytest.mark.parametrize("edge", sorted(KNOWN_CIRCLES))
-def test_the_list_of_known_circles_holds_nothing_that_was_cut(edge):
-    others = KNOWN_CIRCLES - {edge}
-    assert circle(
-        {
-            name: {other for other in found if (name, other) not in others}
-            for name, found in every_import().items()
-        }
-    )
 
 
 def test_a_circle_through_a_function_is_found(tmp_path, monkeypatch):

@@ -92,13 +92,9 @@ def squares_of(
     values[-1, 2 + np.array(chosen)] = _mean(values[:-1, 2 + np.array(chosen)], seen)
     if rows and np.isfinite(noise_m):
         noise = np.full(heights_m.shape, noise_m)
-        smoothing = Smoothing(
-            np.tile([1, 1, HORN_CELLS, 1], len(rows)),
-            np.tile([False, False, False, True], len(rows)),
-        )
         found, *stds = corrected(
             measured,
-            smoothing,
+            _smoothing(len(rows)),
             derived,
             heights_m,
             noise,
@@ -110,6 +106,12 @@ def squares_of(
         std[:, chosen] = np.hypot(*stds).reshape(len(values), -1)
     site = float(values[-1, 2 + chosen[0]]), float(std[-1, chosen[0]])
     return Squares(cells * cell_m, names, values[:-1], std[:-1], *site)
+
+
+def _smoothing(squares: int) -> Smoothing:
+    """How the ROUGHNESS of so many squares goes with the scale."""
+    kernels, of_ranges = [1, 1, HORN_CELLS, 1], [False, False, False, True]
+    return Smoothing(np.tile(kernels, squares), np.tile(of_ranges, squares))
 
 
 def _mean(own: Array, seen: Array) -> Array:
