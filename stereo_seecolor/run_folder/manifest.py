@@ -227,8 +227,8 @@ class Manifest:
 
 def _refused(file: Path, error: ForeignPathError) -> OutputError:
     return OutputError(
-        f"{file}: is not as this program writes it: {error}; nothing was touched: choose another "
-        "folder"
+        f"{file}: is not as this program writes it: {error}; nothing outside this folder was "
+        "touched: choose another folder"
     )
 
 
