@@ -22,7 +22,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import files_below, write_replaceable
 from stereo_seecolor.files.contained import regular_bytes
-from stereo_seecolor.files.json_records import as_record
+from stereo_seecolor.files.json_records import Record, as_record
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.run_folder.dive_files import read_waters
@@ -64,6 +64,14 @@ def _kept_object(path: Path, key: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError("holds no object")
     return content
+
+
+def _kept_record(kind: type[Record], path: Path, key: str) -> Record | None:
+    """The record that JSON under that hash holds; None where there is none."""
+    try:
+        return as_record(kind, _kept_object(path, key))
+    except ValueError:
+        return None
 
 
 @dataclass(frozen=True)
@@ -119,10 +127,7 @@ class KeptFit:
     @classmethod
     def load(cls, root: Path, key: str) -> "KeptFit | None":
         """Read that of an earlier run; None where there is none."""
-        try:
-            return as_record(cls, _kept_object(cache_file(root, "fit"), key))
-        except ValueError:
-            return None
+        return _kept_record(cls, cache_file(root, "fit"), key)
 
     def waters(self, root: Path, names: Iterable[str]) -> Mapping[str, Water] | None:
         """Read the waters of water.json; None where it is gone, or not what the fit gave."""
@@ -155,10 +160,12 @@ class KeptRefinement:
     @classmethod
     def load(cls, root: Path, key: str) -> "tuple[KeptRefinement, StereoRig] | None":
         """Read that of an earlier run, and its rig; None where there is none."""
+        found = _kept_record(cls, cache_file(root, "refined_rig"), key)
+        if found is None:
+            return None
         try:
-            found = as_record(cls, _kept_object(cache_file(root, "refined_rig"), key))
             return found, native.parse(Section("the refined rig", found.rig))
-        except (ValueError, CalibrationError):
+        except CalibrationError:
             return None
 
 
@@ -231,11 +238,7 @@ class KeptPlan:
         """Read the prediction for a dive of so many pairs with these settings; None where there is
         none.
         """
-        try:
-            found = _kept_object(cache_file(root, "plan"), _plan_key(pairs, config))
-            return as_record(cls, found)
-        except ValueError:
-            return None
+        return _kept_record(cls, cache_file(root, "plan"), _plan_key(pairs, config))
 
     def cost(self, cores: int) -> Cost:
         """Compute the cost on so many cores; what is done once runs on one of them."""

@@ -25,10 +25,9 @@ MOST_LINES_ABOVE = 40
 
 def below(lines: Lines) -> Iterator[Lines]:
     """The lines without the first, the first two, and so on, up to MOST_LINES_ABOVE."""
-    contents = {text: None for _, text in lines.content}
     content = lines.content
     for above, line in enumerate(lines.all[:MOST_LINES_ABOVE], start=1):
-        content = content[1:] if line in contents and content and content[0][1] == line else content
+        content = content[1:] if content and content[0][1] == line else content
         if content:
             yield replace(lines, all=lines.all[above:], content=content)
 

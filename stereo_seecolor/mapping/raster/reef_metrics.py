@@ -69,8 +69,8 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
     heights = np.asarray(height_m, np.float64)
     if not _is_seen(heights):
         return ReefMetrics(_coverage(heights), *([float("nan")] * 7))
-    east, north, _ = _plane(heights, cell_m)
-    surface, linear, ruggedness, range_m = roughness(heights, cell_m)
+    east, north, residual = _plane(heights, cell_m)
+    surface, linear, ruggedness, range_m = _roughness(heights, residual, cell_m)
     return ReefMetrics(
         coverage=_coverage(heights),
         surface_rugosity=surface,
@@ -91,7 +91,13 @@ def roughness(heights: Heights, cell_m: float) -> tuple[float, float, float, flo
     """The metrics ROUGHNESS of a terrain model (H, W); NaN where too little was seen."""
     if not _is_seen(heights):
         return (float("nan"),) * 4
-    residual = _plane(heights, cell_m)[2]
+    return _roughness(heights, _plane(heights, cell_m)[2], cell_m)
+
+
+def _roughness(
+    heights: Heights, residual: Heights, cell_m: float
+) -> tuple[float, float, float, float]:
+    """residual: the heights without their plane."""
     return (
         surface_rugosity(heights, cell_m),
         _linear_rugosity(heights, cell_m),

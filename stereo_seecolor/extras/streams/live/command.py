@@ -1,7 +1,7 @@
 """``live``: correct pairs as they arrive."""
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,13 +94,11 @@ class LiveInputs:
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
             return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
-        try:
+        rig = None
+        with suppress(SizeMissingError):  # a bad calibration is named before a camera is opened
             rig = load_rig(self.calib)
-        except SizeMissingError:
-            source = live_source(str(self.left), str(self.right), config.input, stack)
-            rig = load_rig_of_images(self.calib, first_size(source))
-        else:
-            source = live_source(str(self.left), str(self.right), config.input, stack)
+        source = live_source(str(self.left), str(self.right), config.input, stack)
+        rig = rig or load_rig_of_images(self.calib, first_size(source))
         return source, Pipeline(behind_port(rig, config.input), config)
 
 
