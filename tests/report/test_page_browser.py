@@ -748,6 +748,26 @@ def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) ->
     expect(on_map.locator("#map .measures").first.locator("tbody tr")).to_have_count(1)
 
 
+def test_an_outline_that_crosses_itself_is_kept_so_that_a_corner_can_be_moved(on_map: Page) -> None:
+    on_map.get_by_role("button", name="Terrain", exact=True).click()
+    stage = on_map.locator(".map-stage")
+    on_map.get_by_role("button", name="Area", exact=True).click()
+    dots = on_map.locator(".map-overlay .dot:not([data-id])")
+    for count, (x, y) in enumerate(((0.46, 0.4), (0.54, 0.4), (0.46, 0.5), (0.54, 0.5)), start=1):
+        box = stage.bounding_box()
+        assert box
+        on_map.mouse.click(box["x"] + box["width"] * x, box["y"] + box["height"] * y)
+        expect(dots).to_have_count(count)
+    finish = on_map.locator("#map").get_by_role("button", name="Finish")
+    finish.click()
+    expect(on_map.locator("#map .readout").first).to_contain_text("crosses itself")
+    expect(dots).to_have_count(4)
+    on_map.locator("#map").get_by_role("button", name="Undo").click()
+    expect(dots).to_have_count(3)
+    finish.click()
+    expect(on_map.locator("#map .measures tbody tr")).to_have_count(1)
+
+
 def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page) -> None:
     on_map.get_by_role("button", name="Terrain", exact=True).click()
     bar = on_map.locator(".map-bar")

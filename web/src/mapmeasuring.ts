@@ -127,6 +127,10 @@ export class MapMeasuring {
     this.open = [];
     const made = await this.made(open, kind);
     if (made) this.table.measures.put(made);
+    else if (!this.open.length && this.kind === kind) {
+      this.open = open; // what was clicked stays: its last corner can be taken back
+      this.draw();
+    }
   }
 
   /** Draw everything where the map is now. */
