@@ -99,13 +99,13 @@ def is_unit(field: str) -> bool:
 
 
 def dict_reader(text: str) -> "csv.DictReader[str]":
-    """The rows of a table that people wrote: commas, semicolons or tabs between its columns, and
-    between the latter two also decimal commas.
+    """The rows of a table that people wrote, with decimal commas where no comma stands between its
+    columns.
     """
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    separator = max(",;\t", key=text.partition("\n")[0].count)
+    separator = separator_of(text.partition("\n")[0].strip())
     if separator != ",":
-        number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\r\n]|$)"
+        number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\n]|$)"
         text = re.sub(number, r"\1.\2", text)
     return csv.DictReader(io.StringIO(text), delimiter=separator, restval="", skipinitialspace=True)
 

@@ -72,7 +72,13 @@ def test_the_views_in_the_file_decide_the_convention(transposed: bool, tmp_path:
 
 @pytest.mark.parametrize(
     ("unit", "scale", "doubt"),
-    [("mm", 1000, ""), ("meters", 1, ""), ("mm", 1, "is taken as meters"), ("cm", 100, "")],
+    [
+        ("mm", 1000, ""),
+        ("meters", 1, ""),
+        ("mm", 1, "is taken as meters"),
+        ("cm", 100, ""),
+        ("feet", 1 / 0.3048, ""),
+    ],
 )
 def test_matlab_units(unit: str, scale: float, doubt: str, tmp_path: Path) -> None:
     found = load_rig(write_mat5(tmp_path / "calib.mat", stereo_objects(RIG, unit, scale)))

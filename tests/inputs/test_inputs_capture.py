@@ -278,8 +278,11 @@ def test_a_zoom_of_either_camera_is_named(side: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
-def test_tables_of_any_encoding_and_separator(encoding: str, tmp_path: Path) -> None:
-    text = "Datei;exposure_ms\n".replace("Datei", "file") + "Größe_0001.png;2,5\n"
+@pytest.mark.parametrize("separator", [";", "\t", "|", "   "])
+def test_tables_of_any_encoding_and_separator(
+    encoding: str, separator: str, tmp_path: Path
+) -> None:
+    text = f"file{separator}exposure_ms\nGröße_0001.png{separator}2,5\n"
     (tmp_path / "log.csv").write_bytes(text.encode(encoding))
     read = ExposureTable.read(tmp_path / "log.csv")
     assert read.rows["Größe_0001.png"].exposure_s == pytest.approx(0.0025)

@@ -8,6 +8,8 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from calibration.formats.reading.section import METERS
+
 _WORDS = {
     "time": "time timestamp stamp utc epoch datetime zeit zeitstempel uhrzeit heure horodatage "
             "hora fechahora ora tijd tid t",
@@ -56,9 +58,9 @@ _OWNERS = (
 )
 """Whose a number is, the one to be taken first. What lies on a ship (``ship_lat``) is not taken."""
 _UNITS = {
-    "deg": 1.0, "degree": 1.0, "degrees": 1.0, "m": 1.0, "meter": 1.0, "meters": 1.0,
-    "metres": 1.0, "s": 1.0, "sec": 1.0, "wgs": 1.0, "ft": 0.3048, "feet": 0.3048, "cm": 0.01,
-    "mm": 0.001, "cdeg": 0.01, "rad": math.degrees(1), "radians": math.degrees(1),
+    **METERS,
+    "deg": 1.0, "degree": 1.0, "degrees": 1.0, "cdeg": 0.01, "wgs": 1.0,
+    "rad": math.degrees(1), "radians": math.degrees(1), "s": 1.0, "sec": 1.0,
 }  # fmt: skip
 """In meters, degrees and seconds."""
 _ROLE_OF = {word: role for role, words in _WORDS.items() for word in words.split()}

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.formats.reading.section import METERS
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_table import is_unit, separator_of, split_fields
@@ -29,11 +30,7 @@ LONGEST_BAR_M = 20.0
 """Lengths without a unit that are longer are in centimeters or millimeters."""
 LEAST_APART_M = 0.05
 """All markers of a table within so much in x and y are degrees, not meters."""
-UNITS_M = {
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001,
-    "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "feet": 0.3048,
-}  # fmt: skip
-_UNITS = "|".join(sorted(UNITS_M, key=len, reverse=True))
+_UNITS = "|".join(sorted(METERS, key=len, reverse=True))
 LINES_ABOVE = 10
 """Most lines of titles and remarks above a header."""
 BAR = {
@@ -196,10 +193,10 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
             None,
         )
         if role and other and role in ("length", "x", "y", "z", "depth"):
-            raise InputError(f"column {cell!r}: its unit is not known: write {', '.join(UNITS_M)}")
+            raise InputError(f"column {cell!r}: its unit is not known: write {', '.join(METERS)}")
         if role:
             columns[role] = i
-            units[role] = UNITS_M[unit[1]] if unit else 1.0
+            units[role] = METERS[unit[1]] if unit else 1.0
     return columns, units
 
 
@@ -263,7 +260,7 @@ def _is_number(text: str) -> bool:
 def _number(where: str, text: str) -> float:
     """A number; with a unit behind it, in meters."""
     if match := re.fullmatch(rf"([-+]?[\d.]+)\s*({_UNITS})", text.strip().lower()):
-        return _number(where, match[1]) * UNITS_M[match[2]]
+        return _number(where, match[1]) * METERS[match[2]]
     if not _is_number(text) or not np.isfinite(float(text)):
         raise InputError(f"{where}: {text!r} is not a number")
     return float(text)
