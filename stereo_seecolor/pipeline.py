@@ -198,27 +198,17 @@ class Pipeline:
             CalibrationError: If one is of another size than the calibration's.
             MatchingError: If the two do not show the same scene.
         """
-        rectified, range_map = self._ranged(partial(self.read, pair), clock, self.matcher.match)
-        return rectified.left, range_map
-
-    def _ranged(
-        self, raw: Callable[[], StereoFrame], clock: Clock, match: Match
-    ) -> tuple[StereoFrame, RangeMap]:
-        """Rectify and match the unrectified pair that ``raw`` reads; results are upright, as the
-        left camera saw the scene.
-        """
         with clock("read"):
-            frame = raw()
+            raw = self.read(pair)
         with clock("rectify"):
-            rectified = self.rectify(frame)
-        del frame
+            rectified = self.rectify(raw)
+        del raw  # read again in the rare case that the check asks for it
         with clock("match"):
-            range_map = match(rectified)
-            range_map = self.check_pair(rectified.name, range_map, raw)
+            range_map = self.matcher.match(rectified)
+            range_map = self.check_pair(rectified.name, range_map, partial(self.read, pair))
+        upright = self.rectification.upright
         with clock("rectify"):
-            upright = self.rectification.upright
-            left, right = upright(rectified.left), upright(rectified.right)
-            return replace(rectified, left=left, right=right), range_map.each(upright)
+            return upright(rectified.left), range_map.each(upright)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
         """Rectify both images onto one plane, with the baseline along +x.
@@ -277,7 +267,15 @@ class Pipeline:
             for side, image in (("left", frame.left), ("right", frame.right))
         )
         frame = replace(frame, left=left, right=right)
-        rectified, range_map = self._ranged(lambda: frame, clock, match or self.matcher.match)
+        with clock("rectify"):
+            rectified = self.rectify(frame)
+        with clock("match"):
+            range_map = (match or self.matcher.match)(rectified)
+            range_map = self.check_pair(frame.name, range_map, lambda: frame)
+        upright = self.rectification.upright
+        with clock("rectify"):
+            left, right = upright(rectified.left), upright(rectified.right)
+            rectified, range_map = replace(frame, left=left, right=right), range_map.each(upright)
         with clock("color"):
             if callable(water):
                 water = water(rectified.left, range_map)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -25,6 +24,7 @@ from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.layout import INDEX
 
 if TYPE_CHECKING:
+    from stereo_seecolor.commands.stereo_inputs import DiveInputs
     from stereo_seecolor.dive.run_options import PageTime
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.progress import Listener
@@ -76,6 +76,8 @@ def run(
     with ExitStack() as both_steps:  # the workers stay for the map
         with report.working() as listener:
             compute = both_steps.enter_context(computing(cluster, report.notice))
+            from stereo_seecolor.commands.run import run_inputs
+
             loaded = settings.load(refine, device=device)
             if out_mcap:
                 load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite, bag)
@@ -91,7 +93,8 @@ def run(
             options = replace(
                 chosen, shard=part, cluster=compute, water=water, page=when, notice=report.notice
             )
-            summary = _run(left, right, calib, bag, topics)(out, loaded, options)
+            inputs = _inputs(left, right, calib, bag, topics)
+            summary = run_inputs(inputs, out, loaded, options)
         if summary.stopped:
             _end(report, summary, out)
         if fuse:
@@ -136,16 +139,16 @@ def check_sources(
         )
 
 
-def _run(
+def _inputs(
     left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str
-) -> "Callable[..., RunSummary]":
-    """The function that runs the given dive, called with OUT, settings and options."""
-    from stereo_seecolor.commands.run import run, run_inputs
+) -> "DiveInputs":
+    from stereo_seecolor.commands.stereo_inputs import StereoInputs
 
     if bag:
-        return partial(run_inputs, load("inputs", "bag").BagInputs(bag, calib or "", topics))
+        recorded: DiveInputs = load("inputs", "bag").BagInputs(bag, calib or "", topics)
+        return recorded
     assert left and right and calib
-    return partial(run, left, right, calib)
+    return StereoInputs(left, right, calib)
 
 
 @command("Single steps of run", "correct --images IMAGES --range RANGES --out OUT")

@@ -19,6 +19,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
     NO_LIGHT,
+    Ranges,
     correct_frames,
     count_frames,
     find_light,
@@ -93,23 +94,29 @@ def run_inputs(
         inputs, out, config, options, "corrected", ("ranges", "light", "waters", "colors")
     ) as run:
         if options.shard.whole:
-            color(run, options.water)
+            given = _given_waters(run)
+            color(run, measure_ranges(run), given)
         elif options.water:
             color_with(run, read_known_waters(options.water, [pair.name for pair in run.pairs]))
     return run.summary
 
 
-def color(run: DiveRun, water: Path | None = None) -> None:
-    """Take all pairs of a dive to true colors. water: a file of waters to remove; None: the water
-    is fitted to the dive.
+def color(run: DiveRun, ranges: Ranges, given: Mapping[str, Water] | None = None) -> None:
+    """Take all pairs of a dive from ranges to true colors. given: the water of each frame, by name;
+    None: the waters are fitted to the dive.
     """
-    given = read_waters(water, [pair.name for pair in run.pairs]) if water else None
-    ranges = measure_ranges(run)
     light = find_light(run, ranges)
     waters = fit_waters(run, ranges, light) if given is None else given
-    if waters and (water is None or water.resolve() != (run.folder.root / WATER).resolve()):
+    own, file = run.folder.root / WATER, run.options.water
+    if waters and (file is None or file.resolve() != own.resolve()):
         run.folder.dive.write(WATER, waters_content(waters, light.content))
     correct_frames(run, light, waters)
+
+
+def _given_waters(run: DiveRun) -> Mapping[str, Water] | None:
+    """The water of each frame from the file that the options name; None where they name none."""
+    file = run.options.water
+    return read_waters(file, [pair.name for pair in run.pairs]) if file else None
 
 
 def color_with(run: DiveRun, waters: Mapping[str, Water]) -> None:
@@ -217,7 +224,8 @@ def correct(
             "corrected",
             ("ranges", "waters", "colors"),
         ) as run:
-            color(run, options.water)
+            given = _given_waters(run)
+            color(run, measure_ranges(run), given)
         return run.summary
 
 
@@ -270,12 +278,12 @@ def rectify(
 
 def _rectified(
     pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock
-) -> tuple[FrameRow, bool]:
+) -> tuple[FrameRow, None]:
     """Rectify and write a pair, unless an earlier run has with the same inputs; returns its row."""
     inputs = folder.frames.inputs(pair.name, pipeline.inputs(pair), verify=False)
     key = content_key({side: file.sha256 for side, file in inputs.items()}, pipeline.settings)
     if folder.frames.finished("rectified", pair.name, key):
-        return FrameRow(pair.name, kept=True), True
+        return FrameRow(pair.name, kept=True), None
     with clock("read"):
         raw = pipeline.read(pair)
     with clock("rectify"):
@@ -287,4 +295,4 @@ def _rectified(
         folder.frames.save(
             record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files
         )
-    return FrameRow(pair.name), True
+    return FrameRow(pair.name), None

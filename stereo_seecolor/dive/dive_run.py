@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from calibration import CalibrationError
 from stereo_seecolor.checks.repeated import RepeatedImages
@@ -31,7 +31,8 @@ Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """The outcome of a pair. result: None where it failed; failure: the error then, else None.
+    """The outcome of a pair. result: None where it failed, or is not kept; failure: the error of a
+    pair that failed, else None.
 
     written: the stages whose files were written now. aside: files of the user that were moved to
     OUT/set_aside to make room.
@@ -44,8 +45,9 @@ class Outcome(Generic[Result]):
     aside: tuple[Path, ...]
 
 
-def attempt(work: Work[Result], folder: RunFolder, pair: Pair) -> Outcome[Result]:
-    """Do ``work`` on a pair; an error that concerns this pair alone goes into its row.
+def attempt(work: Work[Result], folder: RunFolder, keep: bool, pair: Pair) -> Outcome[Result]:
+    """Do ``work`` on a pair; an error that concerns this pair alone goes into its row. keep: its
+    result, and not its row alone.
 
     Raises errors that concern every pair: OutputError (a full disk), DeviceError, ClusterError.
     """
@@ -73,7 +75,7 @@ def attempt(work: Work[Result], folder: RunFolder, pair: Pair) -> Outcome[Result
     )
     return Outcome(
         named,
-        result,
+        result if keep else None,
         failure,
         folder.frames.written.stages(pair.name),
         tuple(folder.owned.set_aside),
@@ -134,15 +136,13 @@ class DiveRun:
         self.options.listener.advance(row)
 
     def map(
-        self, stage: str, work: Work[Result], pairs: Sequence[Pair]
-    ) -> Iterator[tuple[FrameRow, Result]]:
-        """Do ``work`` on these pairs, in a pass of its own; yields row and result of those that did
-        not fail, in order.
+        self, stage: str, work: Work[Result], pairs: Sequence[Pair], keep: bool = False
+    ) -> Iterator[Outcome[Result]]:
+        """Do ``work`` on these pairs, in a pass of its own; the outcomes of those that did not
+        fail, in order. keep: with the results, and not the rows alone.
         """
-        for outcome in self.outcomes(stage, partial(attempt, work, self.folder), pairs, len(pairs)):
-            self.note(outcome)
-            if outcome.result is not None:
-                yield outcome.row, outcome.result
+        of_pair = partial(attempt, work, self.folder, keep)
+        return filter(None, map(self.note, self.outcomes(stage, of_pair, pairs, len(pairs))))
 
     def outcomes(
         self, stage: str, work: Callable[[Item], Result], items: Sequence[Item], pairs: int
@@ -153,9 +153,9 @@ class DiveRun:
         self.begin(stage, pairs)
         return self.options.compute.each(work, items)
 
-    def note(self, outcome: Outcome[Any]) -> None:
-        """Note the outcome of a pair. Raises its error where the run is to stop at the first bad
-        pair.
+    def note(self, outcome: Outcome[Result]) -> Outcome[Result] | None:
+        """Note the outcome of a pair, and return it unless the pair failed. Raises its error where
+        the run is to stop at the first bad pair.
         """
         row = outcome.row
         self.folder.frames.note(row.name, outcome.written, outcome.aside)
@@ -165,3 +165,4 @@ class DiveRun:
         self.advance(row)
         if outcome.failure and self.options.strict:
             raise outcome.failure
+        return None if outcome.failure else outcome

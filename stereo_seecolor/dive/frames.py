@@ -153,49 +153,44 @@ class Ranged:
         )
 
 
-def measure_range(frames: Frames, pair: Pair, clock: Clock) -> Ranged:
-    """The range of a pair: an earlier run's, or measured and written now. Raises InputError,
-    MatchingError, CalibrationError.
+def measure_range(
+    frames: Frames, pair: Pair, clock: Clock, again: bool = False
+) -> tuple[FrameRow, Ranged]:
+    """The row of a pair, and its range: an earlier run's, or measured and written now. again: an
+    earlier run's files are damaged. Raises InputError, MatchingError, CalibrationError.
     """
     products, source = frames.folder.frames, frames.source
     with clock("read"):
         inputs = products.inputs(pair.name, source.inputs(pair), frames.verify)
         record = products.record(pair.name, pair.timestamp_s, inputs, pair.place)
         key = frames.range_key({side: file.sha256 for side, file in inputs.items()})
-        known = products.finished("range", pair.name, key) is not None
+        known = not again and products.finished("range", pair.name, key) is not None
     if known:
-        return Ranged(pair, record, key, kept="range" not in products.written.stages(pair.name))
+        kept = "range" not in products.written.stages(pair.name)
+        ranged = Ranged(pair, record, key, kept)
+        return ranged.row, ranged
     hashes = {file.sha256 for file in inputs.values()}
     if len(hashes) < len(inputs) and all(file.stamp.size for file in inputs.values()):
         raise MatchingError(
             f"{pair.left} and {pair.right} are the same picture: no range can be had from it"
         )
-    ranged = _measured(frames, Ranged(pair, record, key, kept=False), clock)
-    assert ranged.measured
-    _keep_pixels(frames, ranged, *ranged.measured)
-    return ranged
-
-
-def _measured(frames: Frames, ranged: Ranged, clock: Clock) -> Ranged:
-    source, name = frames.source, ranged.pair.name
-    image, range_map = source.measure(ranged.pair, clock)
-    facts = range_facts(range_map) | capture_facts(source.reader.capture(ranged.pair.left))
-    stage = StageRecord(ranged.key, source.settings, facts=facts, warnings=range_map.warnings)
+    image, range_map = source.measure(pair, clock)
+    facts = range_facts(range_map) | capture_facts(source.reader.capture(pair.left))
+    stage = StageRecord(key, source.settings, facts=facts, warnings=range_map.warnings)
     with clock("write"):
-        files = range_files(name, range_map, source.config.output) if source.makes_ranges else {}
-        record = frames.folder.frames.save(ranged.record.with_stage("range", stage), "range", files)
-    return replace(ranged, record=record, measured=(image, range_map))
+        files = (
+            range_files(pair.name, range_map, source.config.output) if source.makes_ranges else {}
+        )
+        record = products.save(record.with_stage("range", stage), "range", files)
+    ranged = Ranged(pair, record, key, kept=False, measured=(image, range_map))
+    _keep_pixels(frames, ranged, image, range_map)
+    return ranged.row, ranged
 
 
 def _keep_pixels(frames: Frames, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
     frames.pixels.keep(
         ranged.pair.name, ranged.key, FramePixels(image, range_map.range_m, ~range_map.filled)
     )
-
-
-def range_row(frames: Frames, pair: Pair, clock: Clock) -> tuple[FrameRow, bool]:
-    """The row of a pair once its range is known."""
-    return measure_range(frames, pair, clock).row, True
 
 
 def count_colors(
@@ -206,20 +201,20 @@ def count_colors(
 
     The table is an earlier run's, or counted now and kept.
     """
-    ranged = measure_range(frames, pair, clock)
+    row, ranged = measure_range(frames, pair, clock)
     path = frames.folder.root / table_file(pair.name, ranged.record.subfolder)
     key = content_key(ranged.key, light_key(light), frames.config.color.input_encoding)
     with clock("read"):
         packed = cache.kept(path, key)
     if packed:
-        return ranged.row, MomentTable.unpacked(packed)
+        return row, MomentTable.unpacked(packed)
     image, range_map = _pixels(frames, ranged, clock)
     image = _divided(frames, light, pair.name, image, range_map.measured_m, clock)
     with clock("color"):
         table = frames.source.corrector.measure(image, range_map.measured_m)
     with clock("write"):
         cache.keep(path, key, [table.packed()])
-    return ranged.row, table
+    return row, table
 
 
 def read_frame(frames: Frames, pair: Pair) -> tuple[Image, Map]:
@@ -227,7 +222,8 @@ def read_frame(frames: Frames, pair: Pair) -> tuple[Image, Map]:
     light.
     """
     clock = Clock()
-    image, range_map = _pixels(frames, measure_range(frames, pair, clock), clock)
+    _, ranged = measure_range(frames, pair, clock)
+    image, range_map = _pixels(frames, ranged, clock)
     return image, range_map.measured_m
 
 
@@ -253,9 +249,9 @@ def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeM
                 for product in ("range", "confidence")
             )
     except InputError:
-        again = _measured(frames, ranged, clock)
-        assert again.measured
-        return again.measured
+        _, measured = measure_range(frames, pair, clock, again=True)
+        assert measured.measured
+        return measured.measured
     image = kept.image if kept else source.image(pair, clock)
     range_map = RangeMap.of_ranges(range_m, confidence > 0, warnings)
     _keep_pixels(frames, ranged, image, range_map)
@@ -291,13 +287,14 @@ def correct_frame(
     page: PageFrames | None,
     pair: Pair,
     clock: Clock,
-) -> tuple[FrameRow, bool]:
+) -> tuple[FrameRow, None]:
     """The row of a pair once its colors are corrected and written: by an earlier run with the same
     inputs, or now.
 
     usual: the water of all frames but ``others``.
     """
-    ranged, water = measure_range(frames, pair, clock), others.get(pair.name, usual)
+    row, ranged = measure_range(frames, pair, clock)
+    water = others.get(pair.name, usual)
     settings, water_hash = color_settings(frames.config, light), water_key(water)
     key = content_key(ranged.key, settings, water_hash)
     stage = frames.folder.frames.finished("corrected", pair.name, key)
@@ -326,9 +323,8 @@ def correct_frame(
             with clock("page"):
                 _save_for_page(frames, page, record, frame)
     frames.pixels.drop(pair.name, ranged.key)
-    return ranged.row.then(
-        FrameRow(pair.name, kept=kept, warnings=stage.warnings, facts=dict(stage.facts))
-    ), True
+    facts = dict(stage.facts)
+    return row.then(FrameRow(pair.name, kept=kept, warnings=stage.warnings, facts=facts)), None
 
 
 @dataclass(frozen=True, eq=False)

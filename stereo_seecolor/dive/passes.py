@@ -28,7 +28,7 @@ from stereo_seecolor.dive.frames import (
     color_settings,
     correct_frame,
     count_colors,
-    range_row,
+    measure_range,
     read_frame,
     water_keys,
 )
@@ -92,7 +92,8 @@ def measure_ranges(run: DiveRun) -> Ranges:
     )
     key, captures = ContentKey(), list[Capture]()
     different: dict[Capture, Capture] = {}  # a dive has few
-    for row, _ in run.map("ranges", partial(range_row, run.frames), run.pairs):
+    for outcome in run.map("ranges", partial(measure_range, run.frames), run.pairs):
+        row = outcome.row
         key.add((row.name, run.frames.range_key(row.hashes)))
         capture = recorded_capture(row.facts)
         captures.append(different.setdefault(capture, capture))
@@ -182,8 +183,10 @@ def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, W
 
 def count_frames(run: DiveRun, light: Light | None) -> Iterator[tuple[str, MomentTable]]:
     """Count the colors over range of all good pairs: yields name and moment table."""
-    for row, table in run.map("waters", partial(count_colors, run.frames, light), run.good_pairs):
-        yield row.name, table
+    work = partial(count_colors, run.frames, light)
+    for outcome in run.map("waters", work, run.good_pairs, keep=True):
+        assert outcome.result
+        yield outcome.row.name, outcome.result
 
 
 def _join_groups(run: DiveRun, light: Light | None, fitter: Fitter) -> None:
@@ -202,23 +205,19 @@ def _join_groups(run: DiveRun, light: Light | None, fitter: Fitter) -> None:
 
 def _count_group(
     work: Work[MomentTable], folder: RunFolder, config: ColorConfig, pairs: Sequence[Pair]
-) -> tuple[list[Outcome[bool]], CountedFrames]:
+) -> tuple[list[Outcome[MomentTable]], CountedFrames]:
     """The outcome of each pair of a group, and the sum of the moment tables of those that did not
     fail.
     """
-    outcomes: list[Outcome[bool]] = []
+    outcomes: list[Outcome[MomentTable]] = []
 
     def tables() -> Iterator[tuple[str, MomentTable]]:
         for pair in pairs:
-            outcome = attempt(work, folder, pair)
+            outcome = attempt(work, folder, True, pair)
             row = replace(
                 outcome.row, hashes={}, facts={}, left="", right=""
             )  # the first pass has noted these
-            outcomes.append(
-                Outcome(
-                    row, outcome.result is not None, outcome.failure, outcome.written, outcome.aside
-                )
-            )
+            outcomes.append(replace(outcome, row=row, result=None))
             if outcome.result is not None:
                 yield pair.name, outcome.result
 
@@ -240,8 +239,8 @@ def correct_frames(run: DiveRun, light: DiveLight, waters: Mapping[str, Water]) 
         make_pass(run, "colors", work, chosen(run.pairs, lambda pair: pair.name in waters))
 
 
-def make_pass(run: DiveRun, stage: str, work: Work[bool], pairs: Sequence[Pair]) -> None:
-    """Make a pass of which only the rows are kept."""
+def make_pass(run: DiveRun, stage: str, work: Work[None], pairs: Sequence[Pair]) -> None:
+    """Make a pass whose work on a pair leaves nothing but files."""
     for _ in run.map(stage, work, pairs):
         pass
 

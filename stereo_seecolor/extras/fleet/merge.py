@@ -84,7 +84,7 @@ def merge(
                 )
                 folder.dive.write(WATER, waters_content(_of_pairs(run, fitted)))
             elif waters is None:
-                color(run)
+                color(run, measure_ranges(run))
             else:
                 color_with(run, _of_pairs(run, waters))
         return run.summary

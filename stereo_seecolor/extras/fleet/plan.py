@@ -14,6 +14,7 @@ from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process import peak_bytes
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.passes import measure_ranges
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import files_below
@@ -188,5 +189,5 @@ def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> R
         with reported(
             pipeline, opened.pairing, inputs.names, folder, options, "corrected", passes
         ) as run:
-            color(run)
+            color(run, measure_ranges(run))
         return run.summary

@@ -5,6 +5,7 @@ around what was found.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.matching.census import census, mirrored_census
@@ -122,20 +123,24 @@ def search(left: Gray, right: Gray, band: Band) -> MatchedDisparity:
     def search_strip(first: int) -> None:
         end = min(first + CONSTANTS.strip, height)
         rows = max(0, first - CONSTANTS.halo), first, end, min(height, end + CONSTANTS.halo)
-
-        def match(band: Band) -> None:
-            # By numpy, which asks for large pages: of a wide image this is the largest block, and
-            # small ones take long to clear
-            widths = TILE * band.count.sum(axis=1)
-            total = np.empty(int(widths[np.arange(first, end) // TILE].sum()), np.uint8)
-            match_rows(images, (band.lowest, band.count), rows, costs, found, on_edge, total)
-
-        match(band)
+        of_tiles = band.lowest, band.count
+        match_rows(images, of_tiles, rows, costs, found, on_edge, _room(band, first, end))
         tiles = slice(first // TILE, -(-end // TILE))
         narrow = np.zeros(on_edge.shape, np.bool_)
         narrow[tiles] = on_edge[tiles] > CONSTANTS.band_edge_pixels * TILE**2
         if narrow[tiles].mean() > CONSTANTS.band_edge_tiles:
-            match(band.widened(narrow))
+            wider = band.widened(narrow)
+            of_tiles = wider.lowest, wider.count
+            match_rows(images, of_tiles, rows, costs, found, on_edge, _room(wider, first, end))
 
     list(pool.map(search_strip, range(0, height, CONSTANTS.strip)))
     return MatchedDisparity(disparity, best, uniqueness)
+
+
+def _room(band: Band, first: int, end: int) -> NDArray[np.uint8]:
+    """Room for the sums of these rows, one for each disparity of their bands. Made by numpy, which
+    asks for large pages: of a wide image this is the largest block, and small ones take long to
+    clear.
+    """
+    widths = TILE * band.count.sum(axis=1)
+    return np.empty(int(widths[np.arange(first, end) // TILE].sum()), np.uint8)
