@@ -7,7 +7,9 @@ import json
 import os
 import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,9 +17,17 @@ import cv2
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from conftest import Dive
+from conftest import Dive, write_dive
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    FloatRect,
+    Locator,
+    Page,
+    expect,
+    sync_playwright,
+)
 
 from stereo_seecolor.color.white_point import white_errors, with_white
 from stereo_seecolor.commands.fuse import fuse
@@ -44,6 +54,25 @@ NASTY = "<img src=x onerror=document.title='fooled'>"
 FLAT_BGR = np.array([40, 120, 200])
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """No graphics card, and tests in a container run as root."""
+SHOWN = {
+    "overview": ".verdict",
+    "frames": ".stage img",
+    "plots": ".plot canvas",
+    "map": ".map-stage canvas",
+    "Measure": ".overlay",
+    "Length": ".measuring .hint",
+    "Mosaic": ".map-flat canvas",
+}
+"""What a part of the page shows when it is there, or when a button of it has been pressed."""
+RANGES_ARE_READ = """(overlay => {
+    const box = overlay.getBoundingClientRect();
+    const place = { clientX: box.x + box.width / 2, clientY: box.y + box.height / 2 };
+    overlay.dispatchEvent(new PointerEvent("pointermove", place));
+    return document.querySelector(".measuring .readout").textContent.includes("±");
+})(document.querySelector(".overlay"))"""
+"""The pointer, over the middle of the picture to measure in, is told a range."""
+PATIENCE_S = 60.0
+"""A busy machine is no failure."""
 
 
 @pytest.fixture(scope="module")
@@ -52,14 +81,37 @@ def browser() -> Iterator[Browser]:
         pytest.skip("Chromium is not installed (apt-get install chromium, or CHROMIUM=PATH)")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE))
+        expect.set_options(timeout=1000 * PATIENCE_S)
         yield browser
         browser.close()
 
 
 @pytest.fixture
-def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
-    """A run of three pairs, one of which failed, and one with markup as its name."""
-    dive = make_dive(3)
+def new_context(browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
+    """Makes contexts of a browser, by Playwright's options, in which pages do not scroll smoothly:
+    what is clicked stands still. They are closed after the test.
+    """
+    made: list[BrowserContext] = []
+
+    def make(width: int = 1200, height: int = 900, **options: Any) -> BrowserContext:
+        context = browser.new_context(
+            viewport={"width": width, "height": height}, reduced_motion="reduce", **options
+        )
+        made.append(context)
+        return context
+
+    yield make
+    for context in made:
+        context.close()
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of three pairs, one of which failed, and one with markup as its name; to be read
+    only.
+    """
+    folder = tmp_path_factory.mktemp("page")
+    dive, out = write_dive(folder / "dive", 3), folder / "out"
     for side in "LR":
         (dive.root / side / "0002.png").rename(dive.root / side / f"{NASTY}.png")
     (dive.root / "L/0001.png").write_bytes(b"")
@@ -67,21 +119,21 @@ def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
         dive.root / "L",
         dive.root / "R",
         dive.root / "cam.yaml",
-        tmp_path / "out",
+        out,
         load_config(None, []),
         RunOptions(),
     )
-    report(tmp_path / "out")
-    return tmp_path / "out"
+    report(out)
+    return out
 
 
 @pytest.fixture
-def opened(browser: Browser, out: Path) -> Iterator[Callable[[str], Page]]:
+def opened(new_context: Callable[..., BrowserContext], out: Path) -> Iterator[Callable[..., Page]]:
     """Opens the page at a hash. Whatever it complains of, or asks a network for, fails the test."""
-    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    context = new_context()
     complaints: list[str] = []
 
-    def go(place: str) -> Page:
+    def go(place: str, out: Path = out) -> Page:
         page = context.new_page()
         page.on(
             "console",
@@ -98,19 +150,30 @@ def opened(browser: Browser, out: Path) -> Iterator[Callable[[str], Page]]:
         return page
 
     yield go
-    context.close()
     assert not complaints
 
 
-def until(page: Page, condition: str) -> None:
-    """Wait for a condition; the page's policy forbids Playwright's own way, which evaluates text
-    inside the page.
+def until(page: Page, condition: str | Callable[[], bool]) -> None:
+    """Wait for a condition, in the page's language or this one; the page's policy forbids
+    Playwright's own way, which evaluates text inside the page.
     """
-    for _ in range(100):
-        if page.evaluate(condition):
-            return
+    end_s = time.monotonic() + PATIENCE_S
+    while not (page.evaluate(condition) if isinstance(condition, str) else condition()):
+        assert time.monotonic() < end_s, condition
         page.wait_for_timeout(100)
-    raise AssertionError(condition)
+
+
+def box_of(shown: Locator) -> FloatRect:
+    """Where something is in the window now, all of it in sight where that can be."""
+    shown.scroll_into_view_if_needed()
+    box = shown.bounding_box()
+    assert box
+    return box
+
+
+def stop_clock(page: Page) -> None:
+    """On the page no time goes by from here: two clicks are quick on a busy machine as well."""
+    page.evaluate("(now => { performance.now = () => now; })(performance.now())")
 
 
 def _is_local(url: str) -> bool:
@@ -145,8 +208,7 @@ def test_the_slider_moves_by_key_and_by_mouse(opened: Callable[[str], Page]) -> 
     slider = page.locator(".stage .slider")
     slider.press("ArrowRight")
     assert slider.get_attribute("aria-valuenow") == "52"
-    box = slider.bounding_box()
-    assert box
+    box = box_of(slider)
     page.mouse.click(box["x"] + box["width"] / 4, box["y"] + 20)
     until(
         page,
@@ -173,8 +235,7 @@ def test_the_range_under_the_pointer_is_the_one_measured(
     page.get_by_role("button", name="Range").click()
     canvas = page.locator(".stage canvas")
     canvas.wait_for()
-    box = canvas.bounding_box()
-    assert box
+    box = box_of(canvas)
     width, height = open_run(out).geometry.image_size  # type: ignore[union-attr]
     page.mouse.move(
         box["x"] + box["width"] * (90.5 / width), box["y"] + box["height"] * (64.5 / height)
@@ -184,14 +245,14 @@ def test_the_range_under_the_pointer_is_the_one_measured(
 
 
 def test_a_white_within_its_error_is_chosen_by_sliders_and_saved_for_a_rerun(
-    browser: Browser, make_dive: Callable[..., Dive], tmp_path: Path
+    new_context: Callable[..., BrowserContext], make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
     """What the page shows with it is what a run with the saved water makes."""
     dive, out = make_dive(2), tmp_path / "out"
     config = load_config(None, ["color.lock=survey"])
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config)
     report(out)
-    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page = new_context().new_page()
     page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
     page.get_by_role("button", name="White point").click()
     until(page, "document.querySelector('.stage img').naturalWidth > 0")
@@ -204,7 +265,6 @@ def test_a_white_within_its_error_is_chosen_by_sliders_and_saved_for_a_rerun(
     saved.value.save_as(tmp_path / "water_white.json")
     page.locator(".stage img").click(position={"x": 5, "y": 5})
     assert "--white 0000:" in page.locator(".white .readout").inner_text()
-    page.close()
     old, new = Water.load(out / "water.json"), Water.load(tmp_path / "water_white.json")
     red, blue = white_errors(old) * [1, -0.5]
     np.testing.assert_allclose(
@@ -237,14 +297,26 @@ def screen(page: Page, folder: Path) -> np.ndarray:
     return shown[height // 3 : -height // 3, width // 3 : -width // 3]
 
 
+def measuring(page: Page) -> Callable[[float, float], tuple[float, float]]:
+    """Open the picture to measure in, and wait for its ranges. Returns ``window_place``."""
+    page.get_by_role("button", name="Measure").click()
+    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
+    until(page, RANGES_ARE_READ)
+    return partial(window_place, page)
+
+
 def clicked(page: Page, *places: tuple[float, float]) -> None:
     """Click places of the picture to measure in, pixels of an image of 176x128."""
-    box = page.locator(".overlay").bounding_box()
-    assert box
     for x, y in places:
-        page.mouse.click(
-            box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128
-        )
+        page.mouse.click(*window_place(page, x, y))
+
+
+def window_place(page: Page, x: float, y: float) -> tuple[float, float]:
+    """Where a place of the picture to measure in, pixels of an image of 176x128, is in the
+    window.
+    """
+    box = box_of(page.locator(".overlay"))
+    return box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128
 
 
 def stored(page: Page) -> list[dict[str, Any]]:
@@ -257,9 +329,7 @@ def test_measures_in_the_browser_are_those_of_the_command_line(
     opened: Callable[[str], Page], out: Path, tmp_path: Path
 ) -> None:
     page = opened("frames/0000")
-    page.get_by_role("button", name="Measure").click()
-    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
-    page.wait_for_timeout(500)
+    measuring(page)
     clicked(page, (60, 40), (120, 50), (90, 70))
     page.get_by_role("button", name="Finish").click()
     page.get_by_role("button", name="Area", exact=True).click()
@@ -277,23 +347,10 @@ def test_measures_in_the_browser_are_those_of_the_command_line(
         assert mine["std"] == pytest.approx(theirs.std, rel=0.03)
 
 
-def measuring(page: Page) -> Callable[[float, float], tuple[float, float]]:
-    """Open the picture to measure in. Returns where a place of it, in pixels, is in the window."""
-    page.get_by_role("button", name="Measure").click()
-    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
-    page.wait_for_timeout(500)
-
-    def at(x: float, y: float) -> tuple[float, float]:
-        box = page.locator(".overlay").bounding_box()
-        assert box
-        return box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128
-
-    return at
-
-
 def test_a_double_click_ends_a_line_and_adds_no_point(opened: Callable[[str], Page]) -> None:
     page = opened("frames/0000")
     at = measuring(page)
+    stop_clock(page)
     page.mouse.click(*at(60, 40))
     page.mouse.dblclick(*at(120, 50))
     expect(page.locator(".measures tbody tr")).to_have_count(1)
@@ -309,22 +366,18 @@ def test_a_double_click_ends_a_line_and_adds_no_point(opened: Callable[[str], Pa
 
 
 def test_a_double_tap_ends_a_line_on_a_phone_and_nothing_is_wider_than_it(
-    browser: Browser, out: Path
+    new_context: Callable[..., BrowserContext], out: Path
 ) -> None:
-    context = browser.new_context(
-        viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
-    )
-    page = context.new_page()
+    page = new_context(390, 844, has_touch=True, is_mobile=True).new_page()
     page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
     at = measuring(page)
-    page.locator(".overlay").scroll_into_view_if_needed()
+    stop_clock(page)
     page.touchscreen.tap(*at(60, 40))
     page.touchscreen.tap(*at(120, 50))
     page.touchscreen.tap(*at(120, 50))
     expect(page.locator(".measures tbody tr")).to_have_count(1)
     assert len(stored(page)[0]["places"]) == 2
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    context.close()
 
 
 def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(
@@ -354,9 +407,10 @@ def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(
     np.testing.assert_allclose(stored(page)[0]["places"], [(60, 40), (75, 50)], atol=0.2)
 
 
-def test_the_tools_for_measuring_stand_above_the_fold(browser: Browser, out: Path) -> None:
-    context = browser.new_context(viewport={"width": 1400, "height": 900})
-    page = context.new_page()
+def test_the_tools_for_measuring_stand_above_the_fold(
+    new_context: Callable[..., BrowserContext], out: Path
+) -> None:
+    page = new_context(1400, 900).new_page()
     page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
     measuring(page)
     for name in ("Finish", "Undo"):
@@ -364,28 +418,20 @@ def test_the_tools_for_measuring_stand_above_the_fold(browser: Browser, out: Pat
         assert box and box["y"] + box["height"] < 900
     box = page.locator(".overlay").bounding_box()
     assert box and box["y"] + box["height"] <= 900
-    context.close()
 
 
 def test_a_point_that_is_dragged_is_measured_anew(
     opened: Callable[[str], Page], out: Path, tmp_path: Path
 ) -> None:
     page = opened("frames/0000")
-    page.get_by_role("button", name="Measure").click()
-    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
-    page.wait_for_timeout(500)
+    measuring(page)
     clicked(page, (60, 40), (120, 50))
     page.get_by_role("button", name="Finish").click()
     before_m = stored(page)[0]["value"]
-    box = page.locator(".overlay").bounding_box()
-    assert box
-    x, y = (
-        box["x"] + box["width"] * (120 + 0.5) / 176,
-        box["y"] + box["height"] * (50 + 0.5) / 128,
-    )
-    page.mouse.move(x, y)
+    place, other = window_place(page, 120, 50), window_place(page, 90, 70)
+    page.mouse.move(*place)
     page.mouse.down()
-    page.mouse.move(x - box["width"] * 30 / 176, y + box["height"] * 20 / 128, steps=5)
+    page.mouse.move(*other, steps=5)
     page.mouse.up()
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save as CSV").click()
@@ -400,8 +446,7 @@ def test_measures_are_undone_labelled_kept_and_exported(
     opened: Callable[[str], Page], tmp_path: Path
 ) -> None:
     page = opened("frames/0000")
-    page.get_by_role("button", name="Measure").click()
-    page.wait_for_timeout(500)
+    measuring(page)
     overlay = page.locator(".overlay")
     overlay.focus()
     overlay.press(" ")
@@ -444,8 +489,7 @@ def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page],
     ]
     assert [each.inner_text() for each in labels] == list(curves)
     plot = page.locator(".plot .u-over").first
-    box = plot.bounding_box()
-    assert box
+    box = box_of(plot)
     plot.click(position={"x": box["width"] - 4, "y": 40})
     until(page, "location.hash.startsWith('#frames/')")
     expect(page.locator(".frame-name")).to_have_text(NASTY)
@@ -453,8 +497,9 @@ def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page],
 
 @pytest.mark.slow
 def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(
-    opened: Callable[[str], Page], out: Path
+    opened: Callable[..., Page], out: Path, tmp_path: Path
 ) -> None:
+    out = shutil.copytree(out, tmp_path / "out")
     head, tail = "seecolor.dive(", ");\n"
     dive = json.loads((out / "page/dive.js").read_text().removeprefix(head).removesuffix(tail))
     count = 5000
@@ -465,7 +510,7 @@ def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(
         "problems_of": {},
     }
     (out / "page/dive.js").write_text(f"{head}{json.dumps(dive)}{tail}")
-    page = opened("frames/n2500")
+    page = opened("frames/n2500", out)
     expect(page.locator(".frame-name")).to_have_text("n2500")
     assert page.locator(".strip-item").count() < 60
     expect(page.locator("#strip-2500")).to_be_visible()
@@ -473,17 +518,17 @@ def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(
     expect(page.locator("#strip-4999")).to_be_visible()
 
 
-def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
-    context = browser.new_context(viewport={"width": 360, "height": 740})
-    page = context.new_page()
+def test_nothing_is_wider_than_a_phone(
+    new_context: Callable[..., BrowserContext], out: Path
+) -> None:
+    page = new_context(360, 740).new_page()
     for place in ("overview", "frames", "plots"):
         page.goto(f"{(out / 'index.html').as_uri()}#{place}")
-        page.wait_for_timeout(200)
+        page.locator(SHOWN[place]).first.wait_for()
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
         assert page.evaluate(
             "(tabs => tabs.scrollWidth <= tabs.clientWidth)(document.querySelector('.tabs'))"
         )
-    context.close()
 
 
 # The map
@@ -499,14 +544,9 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-SHOWN = {"overview": ".verdict", "frames": ".stage img", "map": ".map-stage canvas"}
-"""What a part of the page shows when it is there."""
-
-
 @pytest.fixture
-def on_map(browser: Browser, mapped: Path) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": 1200, "height": 900})
-    page, complaints = context.new_page(), []
+def on_map(new_context: Callable[..., BrowserContext], mapped: Path) -> Iterator[Page]:
+    page, complaints = new_context().new_page(), []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on(
         "request",
@@ -515,7 +555,6 @@ def on_map(browser: Browser, mapped: Path) -> Iterator[Page]:
     page.goto(f"{(mapped / 'index.html').as_uri()}#map")
     page.locator(".map-stage canvas").wait_for()
     yield page
-    context.close()
     assert not complaints
 
 
@@ -541,15 +580,28 @@ def middle_color(page: Page) -> np.ndarray:
     )
 
 
+def until_drawn(page: Page) -> None:
+    """Wait until the map has its color in the middle."""
+    until(page, lambda: bool(abs(middle_color(page) - FLAT_BGR).max() < 12))
+
+
+def at_rest(page: Page) -> bytes:
+    """The map as it is drawn once nothing of it moves or is loaded any more."""
+    drawn: list[bytes] = []
+
+    def rests() -> bool:
+        drawn.append(page.locator(".map-stage").screenshot())
+        page.wait_for_timeout(500)  # longer than the map waits before it draws a view that rests
+        return drawn[-2:-1] == drawn[-1:]
+
+    until(page, rests)
+    return drawn[-1]
+
+
 @pytest.mark.slow
 def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Page) -> None:
-    for _ in range(50):
-        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
-            break
-        on_map.wait_for_timeout(200)
-    assert abs(middle_color(on_map) - FLAT_BGR).max() < 12
-    box = on_map.locator(".map-stage canvas").bounding_box()
-    assert box
+    until_drawn(on_map)
+    box = box_of(on_map.locator(".map-stage canvas"))
     on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     found = on_map.locator(".found .card")
     found.first.wait_for()
@@ -560,28 +612,21 @@ def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Pag
 
 @pytest.mark.slow
 def test_the_whole_map_is_seen_in_a_window_that_changes_its_shape(on_map: Page) -> None:
-    on_map.wait_for_timeout(1000)
+    until_drawn(on_map)
     on_map.set_viewport_size({"width": 390, "height": 1000})
-    on_map.wait_for_timeout(1000)
-    turned = on_map.locator(".map-stage canvas").screenshot()
+    until(on_map, "document.querySelector('.map-stage canvas').width < 390")
+    turned = at_rest(on_map)
     on_map.get_by_role("button", name="Whole map").click()
-    on_map.wait_for_timeout(1000)
-    assert on_map.locator(".map-stage canvas").screenshot() == turned
+    assert at_rest(on_map) == turned
 
 
 @pytest.mark.slow
 def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) -> None:
     on_map.get_by_role("button", name="Mosaic").click()
-    for _ in range(50):
-        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
-            break
-        on_map.wait_for_timeout(200)
-    assert abs(middle_color(on_map) - FLAT_BGR).max() < 12
+    until_drawn(on_map)
     on_map.get_by_role("button", name="Closer").click()
     on_map.get_by_role("button", name="Terrain").click()
-    on_map.wait_for_timeout(300)
-    box = on_map.locator(".map-flat").bounding_box()
-    assert box
+    box = box_of(on_map.locator(".map-flat"))
     on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     on_map.locator(".found .card").first.wait_for()
 
@@ -592,17 +637,19 @@ def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) ->
     [("overview", ""), ("frames", ""), ("frames", "Measure"), ("map", "Length"), ("map", "Mosaic")],
 )
 def test_axe_finds_no_fault(
-    browser: Browser, mapped: Path, scheme: Literal["light", "dark"], place: str, pressed: str
+    new_context: Callable[..., BrowserContext],
+    mapped: Path,
+    scheme: Literal["light", "dark"],
+    place: str,
+    pressed: str,
 ) -> None:
-    context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme=scheme)
-    page = context.new_page()
+    page = new_context(color_scheme=scheme).new_page()
     page.goto(f"{(mapped / 'index.html').as_uri()}#{place}")
     page.locator(SHOWN[place]).first.wait_for()
     if pressed:
         page.locator(f"#{place}").get_by_role("button", name=pressed, exact=True).click()
-        page.wait_for_timeout(200)
+        page.locator(f"#{place} {SHOWN[pressed]}").first.wait_for()
     found = Axe().run(page)
-    context.close()
     assert found.response["passes"]
     assert not found.response["violations"], found.generate_report()
 
@@ -622,7 +669,7 @@ def test_hillshade_is_offered_where_it_changes_what_is_shown(on_map: Page) -> No
 
 @pytest.mark.slow
 def test_frames_are_looked_for_at_the_height_of_the_terrain(
-    mapped: Path, browser: Browser, tmp_path: Path
+    mapped: Path, new_context: Callable[..., BrowserContext], tmp_path: Path
 ) -> None:
     """And not at the middle height of a piece, which is made wrong here."""
     copy = shutil.copytree(mapped, tmp_path / "out")
@@ -632,32 +679,26 @@ def test_frames_are_looked_for_at_the_height_of_the_terrain(
     for each in about["pieces"].values():
         each["high_m"][2] += 1
     file.write_text(f"{head}({json.dumps(about)});\n", "ascii")
-    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page = new_context().new_page()
     page.goto(f"{(copy / 'index.html').as_uri()}#map")
     page.get_by_role("button", name="Terrain").click()
-    page.locator(".map-flat canvas").first.wait_for()
-    page.wait_for_timeout(500)
-    box = page.locator(".map-flat").bounding_box()
-    assert box
+    page.locator(".map-bar").wait_for()
+    box = box_of(page.locator(".map-flat"))
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     found = page.locator(".found h2")
     found.wait_for()
     height_m = float(re.findall(r"-?[0-9.]+(?= m\))", found.inner_text())[0])
-    page.close()
     assert about["terrain"]["low_m"] - 0.01 < height_m < about["terrain"]["high_m"] + 0.01
 
 
 @pytest.mark.parametrize("view", ["In three dimensions", "Mosaic"])
 def test_a_double_click_ends_a_line_on_the_map(on_map: Page, view: str) -> None:
     on_map.get_by_role("button", name=view).click()
-    for _ in range(50):
-        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
-            break
-        on_map.wait_for_timeout(200)
-    box = on_map.locator(".map-stage").bounding_box()
-    assert box
-    places = [(box["x"] + box["width"] * x, box["y"] + 0.45 * box["height"]) for x in (0.46, 0.54)]
+    until_drawn(on_map)
     on_map.get_by_role("button", name="Length", exact=True).click()
+    box = box_of(on_map.locator(".map-stage"))
+    places = [(box["x"] + box["width"] * x, box["y"] + 0.45 * box["height"]) for x in (0.46, 0.54)]
+    stop_clock(on_map)
     on_map.mouse.click(*places[0])
     expect(on_map.locator(".map-overlay .dot:not([data-id])")).to_have_count(1)
     on_map.mouse.dblclick(*places[1])
@@ -672,20 +713,16 @@ def test_measures_on_the_map_are_those_of_the_command_line(
     on_map: Page, mapped: Path, tmp_path: Path, view: str
 ) -> None:
     on_map.get_by_role("button", name=view).click()
-    for _ in range(50):
-        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
-            break
-        on_map.wait_for_timeout(200)
-    box = on_map.locator(".map-stage").bounding_box()
-    assert box
+    until_drawn(on_map)
     for number, kind in enumerate(("Length", "Area", "Point"), start=1):
         corners = (
             (0.46, 0.4 + 0.05 * number),
             (0.54, 0.4 + 0.05 * number),
             (0.5, 0.46 + 0.05 * number),
         )  # beside earlier ones
-        places = [(box["x"] + box["width"] * x, box["y"] + box["height"] * y) for x, y in corners]
         on_map.get_by_role("button", name=kind, exact=True).click()
+        box = box_of(on_map.locator(".map-stage"))
+        places = [(box["x"] + box["width"] * x, box["y"] + box["height"] * y) for x, y in corners]
         count = {"Length": 2, "Area": 3, "Point": 1}[kind]
         for dots, place in enumerate(places[:count], start=1):
             on_map.mouse.click(*place)
@@ -728,11 +765,10 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
 
 def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) -> None:
     on_map.get_by_role("button", name="Mosaic", exact=True).click()
-    on_map.wait_for_timeout(800)
-    box = on_map.locator(".map-stage").bounding_box()
-    assert box
+    until_drawn(on_map)
     on_map.get_by_role("button", name="Area", exact=True).click()
     for number, size in enumerate((0.04, 0.02), start=1):
+        box = box_of(on_map.locator(".map-stage"))
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] * (0.35 + 0.1 * number)
         for dots, (i, k) in enumerate(((0, 0), (1, 0), (1, 1), (0, 1)), start=1):
             on_map.mouse.click(x + i * size * box["width"], y + k * size * box["width"])
@@ -771,19 +807,18 @@ def test_an_outline_that_crosses_itself_is_kept_so_that_a_corner_can_be_moved(on
 def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page) -> None:
     on_map.get_by_role("button", name="Terrain", exact=True).click()
     bar = on_map.locator(".map-bar")
-    expect(bar).to_be_visible()
-    on_map.wait_for_timeout(1500)
-    said, width = bar.inner_text(), bar.bounding_box()
-    value, unit = said.split()
+    at_rest(on_map)
+    value, unit = bar.inner_text().split()
     length_m = float(value) / (100 if unit == "cm" else 1)
-    box = on_map.locator(".map-flat").bounding_box()
-    assert width and box
-    places = []
-    for dx in (0.0, width["width"]):
+    width = box_of(bar)["width"]
+    found, places = on_map.locator(".found h2"), [""]
+    for dx in (0.0, width):
+        box = box_of(on_map.locator(".map-flat"))
         on_map.mouse.click(box["x"] + box["width"] / 2 + dx / 2, box["y"] + box["height"] / 2)
-        on_map.wait_for_timeout(700)
-        places.append(re.findall(r"-?[0-9.]+", on_map.locator(".found h2").inner_text())[1:3])
-    (x1, y1), (x2, y2) = ((float(x), float(y)) for x, y in places)
+        found.wait_for()
+        expect(found).not_to_have_text(places[-1])
+        places.append(found.inner_text())
+    (x1, y1), (x2, y2) = (map(float, re.findall(r"-?[0-9.]+", place)[1:3]) for place in places[1:])
     assert np.hypot(x2 - x1, y2 - y1) == pytest.approx(length_m / 2, abs=0.02)
     assert on_map.locator(".map-north").count() == 0
     expect(on_map.locator(".map-marks .clicked")).to_have_count(1)

@@ -4,13 +4,13 @@ parts work.
 
 import os
 import shutil
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from conftest import Dive
 from firefox import firefox
+from test_page_browser import RANGES_ARE_READ
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.view import report
@@ -52,8 +52,8 @@ def test_the_page_works_in_firefox(make_dive: Callable[..., Dive], tmp_path: Pat
             "each.textContent === 'Measure').click()"
         )
         browser.until("document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
-        browser.ask("document.querySelector('.overlay').scrollIntoView()")
-        time.sleep(1)  # ranges are read
+        browser.until(RANGES_ARE_READ)
+        browser.ask("document.querySelector('.overlay').scrollIntoView({ behavior: 'instant' })")
         place = "(r => [r.left + 0.4 * r.width, r.left + 0.6 * r.width, r.top + 0.4 * r.height])"
         x1, x2, y = (
             item["value"]

@@ -1,13 +1,14 @@
 """The preview page of a live dive, in a real browser."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
-from test_page_browser import browser  # noqa: F401  (a fixture)
+from playwright.sync_api import BrowserContext
+from test_page_browser import browser, new_context  # noqa: F401  (fixtures)
 
 from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -23,7 +24,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"])
 def test_the_page_shows_what_arrives(
     make_dive,
-    browser: Browser,  # noqa: F811
+    new_context: Callable[..., BrowserContext],  # noqa: F811
     tmp_path: Path,
     host: str,
 ) -> None:
@@ -36,8 +37,7 @@ def test_the_page_shows_what_arrives(
     assert pair is not None
     counts = LiveCounts(waiting="the right camera")
     preview = Preview(counts)
-    context = browser.new_context(viewport={"width": 1000, "height": 700})
-    page, complaints = context.new_page(), []
+    page, complaints = new_context(1000, 700).new_page(), []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     with served(preview, 0, host) as address:
         page.goto(address)
@@ -66,7 +66,6 @@ def test_the_page_shows_what_arrives(
         shown = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
         assert shown.std() > 20
     _until(lambda: page.inner_text("#state") == "the program has ended")
-    context.close()
     assert not complaints
 
 
