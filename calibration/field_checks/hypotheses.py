@@ -389,6 +389,6 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
     doubt = (
         f"{readings[best].reading}: images decide: the vertical disparity is "
-        f"{errors_px[best]:.2f} px, and {others} px otherwise"
+        f"{errors_px[best]:.1f} px, and {others} px otherwise"
     )
     return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))
