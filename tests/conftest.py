@@ -11,6 +11,7 @@ import os
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -51,7 +52,15 @@ REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
 Cli = Callable[..., tuple[int, str, str]]
-SHARED_FIXTURES = ("sample_run", "finished_demo", "fused_dive", "by_day", "board_pairs", "dives")
+SHARED_FIXTURES = (
+    "sample_run",
+    "finished_demo",
+    "fused_dive",
+    "by_day",
+    "board_pairs",
+    "dives",
+    "web",
+)
 """They take seconds to make: tests that use one run in one process, of several that of the
 first.
 """
@@ -103,6 +112,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                         reason="needs named pipes, kills or limits, which Windows has not"
                     )
                 )
+
+
+@pytest.fixture(scope="session")
+def web(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the sources of the page's program, with the libraries that it is built with."""
+    if shutil.which("npm") is None:
+        pytest.skip("Node is not installed: the page's program cannot be built")
+    sources = Path(__file__).resolve().parents[1] / "web"
+    work = tmp_path_factory.mktemp("page") / "web"
+    shutil.copytree(sources, work, ignore=shutil.ignore_patterns("node_modules"))
+    if (sources / "node_modules").is_dir():
+        (work / "node_modules").symlink_to(sources / "node_modules")
+    elif subprocess.run(
+        ["npm", "ci", "--no-audit", "--no-fund"], cwd=work, capture_output=True
+    ).returncode:
+        pytest.skip("npm ci could not fetch the libraries of the page's program")
+    return work
 
 
 @pytest.fixture

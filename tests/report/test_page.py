@@ -629,29 +629,24 @@ def test_a_warning_with_a_semicolon_is_read_back_as_one(tmp_path: Path) -> None:
 # The page's program
 
 
-WEB = Path(__file__).resolve().parents[2] / "web"
 BUILT = ("page.js", "map.js", "live.js", "page.css", "licenses.txt")
 
 
 @pytest.mark.slow
-def test_the_built_program_is_that_of_its_sources(tmp_path: Path) -> None:
-    if shutil.which("npm") is None:
-        pytest.skip("Node is not installed: the page's program cannot be built again")
-    work = tmp_path / "web"
-    shutil.copytree(WEB, work, ignore=shutil.ignore_patterns("node_modules"))
-    if (WEB / "node_modules").is_dir():
-        (work / "node_modules").symlink_to(WEB / "node_modules")
-    elif subprocess.run(
-        ["npm", "ci", "--no-audit", "--no-fund"], cwd=work, capture_output=True
-    ).returncode:
-        pytest.skip("npm ci could not fetch the page's libraries")
-    (tmp_path / "built").mkdir()
-    subprocess.run(["npx", "--no-install", "tsc", "--noEmit"], cwd=work, check=True)
-    subprocess.run(["node", "build.mjs", str(tmp_path / "built")], cwd=work, check=True)
+def test_the_built_program_is_that_of_its_sources(web: Path, tmp_path: Path) -> None:
+    subprocess.run(["npx", "--no-install", "tsc", "--noEmit"], cwd=web, check=True)
+    subprocess.run(["node", "build.mjs", str(tmp_path)], cwd=web, check=True)
     for name in BUILT:
-        assert (tmp_path / "built" / name).read_bytes() == (STATIC / name).read_bytes(), (
+        assert (tmp_path / name).read_bytes() == (STATIC / name).read_bytes(), (
             f"{name}: run npm run build in web/"
         )
+
+
+@pytest.mark.slow
+def test_the_unit_tests_of_the_program_pass(web: Path) -> None:
+    run = subprocess.run(["npm", "test"], cwd=web, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+    assert int(re.search(r"^# pass (\d+)$", run.stdout, re.MULTILINE)[1]) >= 30  # type: ignore[index]
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,10 @@ import { button, Choice, DoublePress, element } from "./elements";
 import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
-import { crossesItself, planarArea, profile, straightLength, totalStd, type Measured, type Vector } from "./measure";
+import { planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
 import type { Kind, Measure } from "./measures";
 import type { MeasureTable } from "./measuretable";
+import { crossesItself, type Flat, type Vector } from "./outlines";
 import { drawProfile } from "./profile";
 import { Ground, type Spot } from "./terrain";
 
@@ -179,7 +180,7 @@ export class MapMeasuring {
     await this.ground.heights.load(placed.map((each) => each.point_m));
     const spots = placed.map(({ point_m: [x, y, z], click_m }) => this.ground.pick(x, y, z, click_m)).filter((spot): spot is Spot => spot !== null);
     if (spots.length < placed.length) return null;
-    if (kind === "area" && crossesItself(spots.map((each) => [each.point_m[0], each.point_m[1]]))) {
+    if (kind === "area" && crossesItself(spots.map((each): Flat => [each.point_m[0], each.point_m[1]]))) {
       this.said.textContent = this.text("measure.crosses");
       return null;
     }

@@ -1,6 +1,7 @@
 // Points, lengths, areas and profiles on a frame's surface, as stereo_seecolor/extras/reef/measuring computes them (a test compares both).
 
 import type { Geometry } from "./dive";
+import { inside, planeThrough, polygonArea, type Flat, type Vector } from "./outlines";
 import { STD_BLOCK_PX, type Ranges } from "./ranges";
 
 const HALF_WINDOW_PX = 3;
@@ -13,8 +14,7 @@ const STEP_PX = 8;
 const STEP = 0.1;
 const STEP_STDS = 6;
 const AREA_STEP_PX = 4;
-
-export type Vector = [number, number, number];
+const LEAST_SPAN = 1e-6;
 
 /** A point with its covariance, 3x3, by row. */
 export interface Placed {
@@ -48,8 +48,7 @@ const outer = (a: Vector, b: Vector) => a.flatMap((x) => b.map((y) => x * y));
 const quadratic = (m: number[], v: Vector) =>
   dot(v, [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[3] * v[0] + m[4] * v[1] + m[5] * v[2], m[6] * v[0] + m[7] * v[1] + m[8] * v[2]]);
 
-/** Standard error by everything together. */
-/** calibration_std: of a length, relative. */
+/** Standard error by everything together. calibration_std: of a length, relative. */
 export const totalStd = ({ value, std, power }: Measured, calibration_std: number) => Math.hypot(std, power * calibration_std * value);
 
 /** The surface at a place of the image; null where nothing was measured around it. */
@@ -57,7 +56,8 @@ export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): P
   const found = around(ranges, g, x_px, y_px, HALF_WINDOW_PX);
   if (!found) return null;
   const layer = nearestLayer(found.inverse, found.relativeStd);
-  const plane = fitPlane(layer, found.dx, found.dy, found.inverse);
+  const cells = layer.map((i): Vector => [found.dx[i], found.dy[i], found.inverse[i]]);
+  const plane = planeThrough(cells, LEAST_PIXELS, (n) => LEAST_SPAN * n ** 3);
   return plane[0] > 0 ? pointOf(g, x_px, y_px, plane, found.relativeStd) : null;
 }
 
@@ -98,29 +98,6 @@ function nearestLayer(inverse: number[], relativeStd: number): number[] {
     layers[layers.length - 1].push(order[i]);
   }
   return layers.find((layer) => layer.length >= LEAST_PIXELS) ?? layers.reduce((a, b) => (b.length > a.length ? b : a));
-}
-
-/** Value at the click and slopes; the mean, flat, where the pixels do not span a plane. */
-function fitPlane(layer: number[], dx: number[], dy: number[], inverse: number[]): Vector {
-  let [n, sx, sy, sxx, sxy, syy, sv, sxv, syv] = [0, 0, 0, 0, 0, 0, 0, 0, 0];
-  for (const i of layer) {
-    n += 1;
-    sx += dx[i];
-    sy += dy[i];
-    sxx += dx[i] * dx[i];
-    sxy += dx[i] * dy[i];
-    syy += dy[i] * dy[i];
-    sv += inverse[i];
-    sxv += dx[i] * inverse[i];
-    syv += dy[i] * inverse[i];
-  }
-  const det = n * (sxx * syy - sxy * sxy) - sx * (sx * syy - sxy * sy) + sy * (sx * sxy - sxx * sy);
-  if (n < LEAST_PIXELS || det < 1e-6 * n ** 3) return [sv / n, 0, 0];
-  return [
-    (sv * (sxx * syy - sxy * sxy) - sx * (sxv * syy - sxy * syv) + sy * (sxv * sxy - sxx * syv)) / det,
-    (n * (sxv * syy - sxy * syv) - sv * (sx * syy - sxy * sy) + sy * (sx * syv - sxv * sy)) / det,
-    (n * (sxx * syv - sxv * sxy) - sx * (sx * syv - sxv * sy) + sv * (sx * sxy - sxx * sy)) / det,
-  ];
 }
 
 function pointOf(g: Geometry, x_px: number, y_px: number, [value, bx, by]: Vector, relativeStd: number): Pick {
@@ -202,13 +179,13 @@ export function planarArea(picks: Placed[]): Measured {
 /** Area of the surface inside the outline of points, and the fraction of it that is known. */
 export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measured, number] {
   const areas: number[] = [];
-  const xs = picks.map((each) => each.x_px);
-  const ys = picks.map((each) => each.y_px);
+  const outline = picks.map((each): Flat => [each.x_px, each.y_px]);
+  const [xs, ys] = [0, 1].map((axis) => outline.map((place) => place[axis]));
   const first = (values: number[]) => Math.ceil(Math.min(...values) / AREA_STEP_PX) * AREA_STEP_PX;
   let [total, relative] = [0, 0];
   for (let y = first(ys); y <= Math.max(...ys); y += AREA_STEP_PX) {
     for (let x = first(xs); x <= Math.max(...xs); x += AREA_STEP_PX) {
-      if (!inside(picks, x, y)) continue;
+      if (!inside(outline, x, y)) continue;
       total += 1;
       const found = pick(ranges, g, x, y);
       if (!found) continue;
@@ -218,7 +195,7 @@ export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measur
   }
   const known = areas.length;
   if (!known) return [UNKNOWN, 0];
-  const value = mean(areas) * polygonPixels(picks);
+  const value = mean(areas) * polygonArea(outline);
   const planar = planarArea(picks);
   const byRange = (2 * relative) / known / Math.sqrt(Math.max(1, (known * AREA_STEP_PX ** 2) / (2 * HALF_WINDOW_PX + 1) ** 2));
   const std = value * Math.hypot(planar.std / planar.value, byRange, unseenStd(areas, known / total));
@@ -232,18 +209,6 @@ export function unseenStd(values: number[], known: number): number {
   const middle = mean(values);
   return ((1 - known) * Math.sqrt(mean(values.map((each) => (each - middle) ** 2)))) / middle;
 }
-
-/** Whether two sides of a polygon that share no corner cross. */
-export function crossesItself(outline: [number, number][]): boolean {
-  const end = (i: number) => outline[(i + 1) % outline.length];
-  return outline.some((a, i) =>
-    outline.some((c, j) => j >= i + 2 && !(i === 0 && j === outline.length - 1) && cross2(a, end(i), c, end(j))),
-  );
-}
-
-type Flat = [number, number];
-const side = (a: Flat, b: Flat, p: Flat) => (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
-const cross2 = (a: Flat, b: Flat, c: Flat, d: Flat) => side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0;
 
 /** Depth of a nearer surface within STEP_PX of a point, as beside a fish or a coral; null where there is none. */
 export function nearer(ranges: Ranges, g: Geometry, picked: Pick): number | null {
@@ -261,18 +226,4 @@ function pixelArea(found: Pick, g: Geometry): number {
   const [bx, by] = found.slope;
   const atCenter = 1 / depth - bx * (found.x_px - g.cx_left_px) - by * (found.y_px - g.cy_px);
   return (depth ** 3 * Math.hypot(bx * g.focal_px, by * g.focal_px, atCenter)) / g.focal_px ** 2;
-}
-
-function polygonPixels(outline: Pick[]): number {
-  const next = (i: number) => outline[(i + 1) % outline.length];
-  return Math.abs(outline.reduce((sum, a, i) => sum + a.x_px * next(i).y_px - a.y_px * next(i).x_px, 0)) / 2;
-}
-
-function inside(outline: Pick[], x: number, y: number): boolean {
-  let found = false;
-  outline.forEach((a, i) => {
-    const b = outline[(i + 1) % outline.length];
-    if (a.y_px > y !== b.y_px > y && x < ((b.x_px - a.x_px) * (y - a.y_px)) / (b.y_px - a.y_px) + a.x_px) found = !found;
-  });
-  return found;
 }

@@ -3,6 +3,7 @@
 import type { Dive, Text } from "./dive";
 import { button, element, readable, withError } from "./elements";
 import { labelList, LABELS } from "./labels";
+import { polygonArea } from "./outlines";
 import { Measures, save, type Kind, type Measure } from "./measures";
 
 const SAID_BELOW = 0.95; // of an outline in which the surface is known
@@ -90,9 +91,7 @@ export class MeasureTable {
 
 /** The area in plan of outlines on the map, square meters. */
 function planOf(measures: readonly Measure[]): number {
-  const areas = measures.filter((each) => each.map && each.kind === "area").map(({ points }) =>
-    Math.abs(points.reduce((sum, [x, y], i) => sum + x * points[(i + 1) % points.length][1] - points[(i + 1) % points.length][0] * y, 0)) / 2,
-  );
+  const areas = measures.filter((each) => each.map && each.kind === "area").map((each) => polygonArea(each.points));
   return areas.reduce((a, b) => a + b, 0);
 }
 

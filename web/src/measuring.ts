@@ -2,9 +2,10 @@
 
 import type { Dive, Text } from "./dive";
 import { button, Choice, DoublePress, element } from "./elements";
-import { alongSurface, crossesItself, nearer, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
+import { alongSurface, nearer, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
 import type { Kind, Measure, Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
+import { crossesItself } from "./outlines";
 import { drawProfile } from "./profile";
 import { ranges, type Ranges } from "./ranges";
 

@@ -1,7 +1,8 @@
 // Points, lengths and areas on the map's terrain, as stereo_seecolor/extras/reef/measuring/terrain.py computes them (a test compares both).
 
 import type { Heights } from "./heights";
-import { mean, planarArea, unseenStd, type Measured, type Placed, type Vector } from "./measure";
+import { mean, planarArea, unseenStd, type Measured, type Placed } from "./measure";
+import { inside, planeThrough, polygonArea, type Vector } from "./outlines";
 
 const LEAST_CELLS = 2;
 const LAYER_CELLS = 2;
@@ -10,6 +11,7 @@ const STEP_CELLS = 2;
 const STEP_STDS = 6;
 const NOISE = 0.25;
 const STEEPEST = 0.5;
+const LEAST_SPAN = 1e-3; // of the squared mean size of the cells' offsets
 
 /** A point of the map with its covariance; slope: rise to the east and to the north. */
 export interface Spot extends Placed {
@@ -36,7 +38,7 @@ export class Ground {
     const cells = this.around(Math.floor(column + 0.5), Math.floor(row + 0.5), x_m, y_m);
     const layer = z_m === null ? this.highest(cells) : cells.filter((cell) => Math.abs(cell[2] - z_m) <= this.gap_m);
     if (layer.length < LEAST_CELLS) return z_m === null ? null : this.spot([x_m, y_m, z_m], [0, 0], click_m);
-    const [height, east, north] = plane(layer);
+    const [height, east, north] = planeOf(layer);
     return this.spot([x_m, y_m, z_m ?? height], [east, north], click_m);
   }
 
@@ -82,7 +84,7 @@ export class Ground {
   /** Area of the ground inside an outline; null where the outline stands too steep to be seen from above, or nothing is known. */
   area(spots: Spot[]): [Measured, number] | null {
     const outline = spots.map((spot) => this.heights.cell(spot.point_m[0], spot.point_m[1]));
-    const level_m2 = polygon(outline) * this.cell_m ** 2;
+    const level_m2 = polygonArea(outline) * this.cell_m ** 2;
     const planar = planarArea(spots);
     if (!(level_m2 >= STEEPEST * planar.value) || !spots.every((spot) => this.isOnGround(spot))) return null;
     const [xs, ys] = [0, 1].map((axis) => outline.map((place) => place[axis]));
@@ -94,7 +96,7 @@ export class Ground {
       }
     }
     if (!steepness.length) return null;
-    const known = Math.min(1, steepness.length / Math.max(polygon(outline), 1));
+    const known = Math.min(1, steepness.length / Math.max(polygonArea(outline), 1));
     const value = mean(steepness) * level_m2;
     const byNoise = Math.sqrt(1 + (NOISE * (this.std_m / this.cell_m) ** 2) / mean(steepness.map((each) => each * each))) - 1;
     return [{ value, std: value * Math.hypot(planar.std / planar.value, byNoise, unseenStd(steepness, known)), power: 2 }, known];
@@ -102,7 +104,7 @@ export class Ground {
 
   /** Area over level area of the plane through 3x3 cells, of all layers. */
   private steepness(column: number, row: number): number {
-    const [, east, north] = plane(this.around(column, row, ...this.heights.center(column, row)));
+    const [, east, north] = planeOf(this.around(column, row, ...this.heights.center(column, row)));
     return Math.hypot(1, east, north);
   }
 
@@ -120,40 +122,5 @@ export class Ground {
   }
 }
 
-/** Height at the middle, and rise to the east and north, of the plane through cells; their mean, level, where they span none. */
-function plane(cells: Vector[]): Vector {
-  let [n, sx, sy, sxx, sxy, syy, sv, sxv, syv] = [0, 0, 0, 0, 0, 0, 0, 0, 0];
-  for (const [x, y, z] of cells) {
-    n += 1;
-    sx += x;
-    sy += y;
-    sxx += x * x;
-    sxy += x * y;
-    syy += y * y;
-    sv += z;
-    sxv += x * z;
-    syv += y * z;
-  }
-  const det = n * (sxx * syy - sxy * sxy) - sx * (sx * syy - sxy * sy) + sy * (sx * sxy - sxx * sy);
-  const size = (sxx + syy) / n;
-  if (n < 4 || !(det > 1e-3 * n ** 3 * size ** 2)) return [sv / n, 0, 0];
-  return [
-    (sv * (sxx * syy - sxy * sxy) - sx * (sxv * syy - sxy * syv) + sy * (sxv * sxy - sxx * syv)) / det,
-    (n * (sxv * syy - sxy * syv) - sv * (sx * syy - sxy * sy) + sy * (sx * syv - sxv * sy)) / det,
-    (n * (sxx * syv - sxv * sxy) - sx * (sx * syv - sxv * sy) + sv * (sx * sxy - sxx * sy)) / det,
-  ];
-}
-
-function polygon(outline: [number, number][]): number {
-  const next = (i: number) => outline[(i + 1) % outline.length];
-  return Math.abs(outline.reduce((sum, [x, y], i) => sum + x * next(i)[1] - y * next(i)[0], 0)) / 2;
-}
-
-function inside(outline: [number, number][], x: number, y: number): boolean {
-  let found = false;
-  outline.forEach(([ax, ay], i) => {
-    const [bx, by] = outline[(i + 1) % outline.length];
-    if (ay > y !== by > y && x < ((bx - ax) * (y - ay)) / (by - ay) + ax) found = !found;
-  });
-  return found;
-}
+/** Height at the middle, and rise to the east and north. */
+const planeOf = (cells: Vector[]) => planeThrough(cells, 4, (n, size) => LEAST_SPAN * n ** 3 * size ** 2);

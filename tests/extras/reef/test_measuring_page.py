@@ -1,7 +1,6 @@
 """The page's program measures as ``measure`` does: both are given the same surfaces and places."""
 
 import json
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from stereo_seecolor.extras.reef.measuring.measures import crosses_itself, surfa
 from stereo_seecolor.extras.reef.measuring.picking import Surface
 from stereo_seecolor.extras.reef.measuring.terrain import Ground
 
-WEB = Path(__file__).resolve().parents[3] / "web"
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 PLACES = [(30.0, 20.0), (120.0, 24.0), (110.0, 100.0), (36.0, 96.0)]
 CROSSED = [PLACES[0], PLACES[2], PLACES[1], PLACES[3]]
@@ -22,7 +20,8 @@ BESIDE = (51.5, 64.0)
 CORNERS = [(0.12, 0.92), (0.85, 0.9), (0.8, 0.2), (0.15, 0.1)]
 PROGRAM = """
 import { readFileSync } from "node:fs";
-import { crossesItself, nearer, pick, surfaceArea } from "./src/measure";
+import { nearer, pick, surfaceArea } from "./src/measure";
+import { crossesItself } from "./src/outlines";
 import { Ground } from "./src/terrain";
 const given = JSON.parse(readFileSync(0, "utf8"));
 const known = (values) => Float32Array.from(values, (each) => (each === null ? NaN : each));
@@ -41,7 +40,7 @@ console.log(JSON.stringify({
   frame: surfaceArea(ranges, given.pair, given.places.map(at)),
   step: nearer(ranges, given.pair, at(given.beside)),
   plain: nearer(ranges, given.pair, at(given.places[0])),
-  crossed: [given.places, given.crossed].map(crossesItself),
+  crossed: [given.places, given.crossed].map((each) => crossesItself(each)),
   map: ground.area(spots),
 }));
 """  # noqa: E501
@@ -67,9 +66,7 @@ def reef() -> Ground:
 
 
 @pytest.fixture(scope="module")
-def page() -> dict:
-    if shutil.which("node") is None or not (WEB / "node_modules").is_dir():
-        pytest.skip("the page's program cannot be built: npm ci in web/")
+def page(web: Path) -> dict:
     bundle = [
         "npx",
         "--no-install",
@@ -81,7 +78,7 @@ def page() -> dict:
         "--banner:js=globalThis.window=globalThis;",
     ]
     built = subprocess.run(
-        bundle, cwd=WEB, input=PROGRAM, capture_output=True, text=True, check=True
+        bundle, cwd=web, input=PROGRAM, capture_output=True, text=True, check=True
     ).stdout
     surface, ground = seen(), reef()
     ranges = {

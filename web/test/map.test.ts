@@ -1,0 +1,60 @@
+import assert from "node:assert/strict";
+import { mock, test } from "node:test";
+import type { About } from "../src/about";
+import { decoded } from "../src/codes";
+import type { Dive } from "../src/dive";
+import { DoublePress } from "../src/elements";
+import { Heights } from "../src/heights";
+import { sightings } from "../src/seen";
+import { span } from "../src/squares";
+
+test("codes are predicted from their neighbors, and NaN where nothing was known", () => {
+  const codes = [7, 9, 4, 65535, 0, 12];
+  const [width, height] = [3, 2];
+  const errors = codes.map((_, i) => {
+    const predicted = (k: number) => codes[k] - (k >= width ? codes[k - width] : 0);
+    const error = ((predicted(i) - (i % width ? predicted(i - 1) : 0)) << 16) >> 16;
+    return ((error << 1) ^ (error >> 31)) & 0xffff;
+  });
+  const bytes = Uint8Array.from([...errors.map((each) => each & 255), ...errors.map((each) => each >> 8)]);
+  const found = decoded(bytes, Uint8Array.of(0b11101100), width, height, (code) => code / 2);
+  assert.deepEqual([...found], [3.5, 4.5, 2, NaN, 0, 6]);
+});
+
+test("cells and their centers agree, with the map's own coordinates", () => {
+  const place = { west_m: 500, north_m: 900, pixel_m: 0.02, width: 50, height: 40, tiles: [] };
+  const heights = new Heights(place as never, [500, 880, 0]);
+  const [x, y] = heights.center(10, 20);
+  assert.ok(Math.abs(x - 0.21) < 1e-9 && Math.abs(y - 19.59) < 1e-9);
+  heights.cell(x, y).forEach((value, i) => assert.ok(Math.abs(value - [10, 20][i]) < 1e-6));
+  assert.ok(Number.isNaN(heights.at(10, 20))); // not loaded
+});
+
+test("frames that see a spot, nearest first; none behind the camera or beside the picture", () => {
+  const down = (x: number, z: number) => [1, 0, 0, x, 0, -1, 0, 0, 0, 0, -1, z];
+  const geometry = { focal_px: 200, cx_left_px: 80, cx_right_px: 80, cy_px: 64, baseline_m: 0.1, image_size: [160, 128] };
+  const poses = { far: down(0, 4), near: down(0, 2), below: down(0, -1), beside: down(3, 2) };
+  const found = sightings({ geometry, poses } as unknown as Dive, [0.1, 0, 0]);
+  assert.deepEqual(found.map((each) => each.name), ["near", "far"]);
+  assert.ok(Math.abs(found[0].x_px - 90) < 1e-9 && Math.abs(found[0].range_m - Math.hypot(2, 0.1)) < 1e-9);
+});
+
+test("a second press within 0.4 s at the same place is a double one, a third begins anew", () => {
+  let now = 0;
+  mock.method(performance, "now", () => now);
+  const press = new DoublePress();
+  const pressed = (at: number, x: number) => {
+    now = at;
+    return press.again(x, 0);
+  };
+  assert.deepEqual([pressed(0, 0), pressed(100, 3), pressed(200, 3)], [false, true, false]);
+  assert.deepEqual([pressed(1000, 0), pressed(1500, 0)], [false, false]); // too late
+  assert.deepEqual([pressed(3000, 0), pressed(3100, 20)], [false, false]); // elsewhere
+  mock.restoreAll();
+});
+
+test("the span of a metric leaves out squares without it", () => {
+  const squares = { rows: [[0, 0, 1.2], [0, 1, null], [1, 0, 1.6]] } as unknown as NonNullable<About["squares"]>;
+  assert.deepEqual(span(squares, 0), [1.2, 1.6]);
+  assert.deepEqual(span({ ...squares, rows: [] }, 0), [0, 1]);
+});

@@ -1,0 +1,91 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+import { texter, type Dive } from "../src/dive";
+import { Measures, placed, quoted, type Measure } from "../src/measures";
+
+/** The camera of frame b stands at (1, 2, 3), turned by a quarter around z. */
+const DIVE = {
+  id: "dive", names: ["a", "b"], image_suffix: ".png", offset_m: [100, 200, 0], north: true,
+  poses: { b: [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3] },
+} as unknown as Dive;
+const LENGTH: Omit<Measure, "id"> = {
+  frame: "a", kind: "length", label: "Acropora", places: [[10, 20], [30, 15]], points: [[0, 0, 1], [0.25, 0, 1]],
+  value: 0.25, std: 0.002, surface: 0.26, surface_std: 0.003,
+};
+const ON_MAP: Omit<Measure, "id"> = { ...LENGTH, frame: "", map: "m", kind: "point", label: "", places: [], points: [[1, 2, -3]], clicks_m: [0.01], surface: null, surface_std: null };
+
+beforeEach(() => localStorage.clear());
+
+test("measures are numbered, kept by the browser, and a removed number is not given to an older one", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  assert.deepEqual([measures.put(LENGTH), measures.put(ON_MAP)], [1, 2]);
+  measures.remove(1);
+  assert.equal(measures.put(LENGTH), 3);
+  assert.deepEqual(new Measures(DIVE, () => undefined).list, measures.list);
+  assert.equal(new Measures({ ...DIVE, id: "other" }, () => undefined).list.length, 0);
+});
+
+test("every step can be taken back", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  const before: string[] = [];
+  const remember = () => before.push(JSON.stringify(measures.list));
+  remember();
+  const id = measures.put(LENGTH);
+  remember();
+  measures.put({ ...LENGTH, id, label: "Porites" });
+  remember();
+  measures.remove(id);
+  while (measures.canUndo) {
+    measures.undo();
+    assert.equal(JSON.stringify(measures.list), before.pop());
+  }
+  assert.equal(before.length, 0);
+});
+
+test("a table has a row for each point, in the map's world or the frame's camera", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  measures.put(LENGTH);
+  measures.put(ON_MAP);
+  const [head, ...rows] = measures.csv().trimEnd().split("\r\n").map((row) => row.split(","));
+  const column = (name: string) => rows.map((row) => row[head.indexOf(name)]);
+  assert.deepEqual(column("measure"), ["1", "1", "2"]);
+  assert.deepEqual(column("x_px"), ["10.00", "30.00", ""]);
+  assert.deepEqual(column("x_m"), ["0.00000", "0.25000", "101.00000"]);
+  assert.deepEqual(column("click_m"), ["", "", "0.01000"]);
+});
+
+test("features lie where the camera saw them, and say in which axes", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  measures.put({ ...LENGTH, frame: "b" });
+  measures.put(LENGTH);
+  measures.put({ ...ON_MAP, kind: "area", points: [[0, 0, 0], [1, 0, 0], [1, 1, 0]] });
+  const [onMap, inCamera, area] = JSON.parse(measures.geojson()).features;
+  assert.deepEqual(onMap.geometry, { type: "LineString", coordinates: [[101, 202, 4], [101, 202.25, 4]] });
+  assert.match(onMap.properties.axes, /^map: x east/);
+  assert.deepEqual(inCamera.geometry.coordinates, LENGTH.points);
+  assert.match(inCamera.properties.axes, /^rectified left camera/);
+  assert.deepEqual(area.geometry.coordinates[0], [[100, 200, 0], [101, 200, 0], [101, 201, 0], [100, 200, 0]]);
+});
+
+test("VIAME's detections have millimeters, a box, head and tail", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  measures.put(LENGTH);
+  measures.put(ON_MAP);
+  const rows = measures.viame().trimEnd().split("\n").slice(1);
+  assert.deepEqual(rows, ["1,a.png,0,10.00,15.00,30.00,20.00,1,250.00,Acropora,1,(kp) head 10.00 20.00,(kp) tail 30.00 15.00"]);
+});
+
+test("a cell is quoted where it must be, and is never a formula", () => {
+  const cells: [string | number, string][] = [["a,b", '"a,b"'], ['say "a"', '"say ""a"""'], ["two\nlines", '"two\nlines"'], ["=1+1", "'=1+1"], [-2, "-2"], ["sand", "sand"]];
+  for (const [value, cell] of cells) assert.equal(quoted(value), cell);
+});
+
+test("a point of the camera is placed by its pose", () => {
+  assert.deepEqual(placed(DIVE.poses.b, [1, 0, 0]), [1, 3, 3]);
+});
+
+test("texts are filled by name, and what has no value stays", () => {
+  const text = texter({ greeting: "{count} frames of {dive}" });
+  assert.equal(text("greeting", { count: 3 }), "3 frames of {dive}");
+  assert.equal(text("unknown"), "unknown");
+});
