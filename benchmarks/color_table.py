@@ -145,7 +145,9 @@ def dive_results(
 def reef_rows(data: Path) -> Iterator[Row]:
     """A reef dive: colors of sand, and differences of one spot between views."""
     dive = data / "acfr"
-    config = RunConfig.model_validate({"input": {"refine": True}, "output": {"clouds": False}})
+    config = RunConfig.model_validate(
+        {"input": {"refine": True}, "output": {"preset": "no-clouds"}}
+    )
     columns = {variants[0]: column for column, variants in COLUMNS.items()}
     sand: dict[str, list[np.ndarray]] = {column: [] for column in COLUMNS}
     with tempfile.TemporaryDirectory() as folder:
@@ -208,7 +210,7 @@ def drawn_dive_rows(data: Path) -> Iterator[Row]:
         night = Path(folder) / "night"
         synthesize(NIGHT, night)
         for title, dive in (("sample dive", ROOT / "data_samples/reef"), ("by night", night)):
-            config = RunConfig.model_validate({"output": {"clouds": False}})
+            config = RunConfig.model_validate({"output": {"preset": "no-clouds"}})
             out = Path(folder) / f"out {title}"
             sides = (dive / "left", dive / "right", dive / "cam.yaml")
             scores: dict[str, list[tuple[float, float]]] = {

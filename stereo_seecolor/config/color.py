@@ -141,21 +141,12 @@ class ColorConfig(StageConfig):
         "fraction of full scale. 0.18 is mid-gray. Light above it is compressed where the "
         "brightest would clip. Not for images read as as-is.",
     )
-    input_noise: float = Field(
-        default=0.006,
-        gt=0,
-        lt=1,
-        description="Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of "
-        "255; of linear images as if they "
-        "were encoded in sRGB.",
-    )
     output_noise: float = Field(
         default=0.06,
         gt=0,
-        description="A channel's gain stops where its noise would pass this fraction of full "
-        "scale (linear light): a third of "
-        "mid-gray, the limit of detection. What is missing comes from the other channels, and is "
-        "marked.",
+        description="A channel's gain stops where the noise of a pixel (1.5 of 255) would pass "
+        "this fraction of full scale (linear light): a third of mid-gray, the limit of detection. "
+        "What is missing comes from the other channels, and is marked.",
     )
     unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
         default="interpolate",

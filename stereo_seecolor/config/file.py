@@ -54,6 +54,9 @@ RENAMED = {
     "maps",
     "output.range_std": "standard errors of ranges are always written; output.preset=lean rounds "
     "them",
+    "output.clouds": "it is now output.preset=no-clouds",
+    "color.input_noise": "it is fixed at 1.5 of 255; color.output_noise sets where gains stop",
+    "mapping.loop_closure": "places seen before are always recognized where GTSAM is installed",
     "mapping.bundle_adjustment": "poses are adjusted wherever GTSAM is installed",
     "mapping.max_gap_s": "poses are always interpolated across gaps of at most 5 s",
     **dict.fromkeys(

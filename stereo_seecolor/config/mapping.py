@@ -99,10 +99,6 @@ class MappingConfig(StageConfig):
         gt=0,
         description="A pose that would need more is a jump: the map breaks there.",
     )
-    loop_closure: bool = Field(
-        default=True,
-        description="Own odometry: recognize places seen before (needs the slam extra, GTSAM).",
-    )
     poses: Literal["given", "prior"] = Field(
         default="prior",
         description="How a trajectory is used. prior: frames are placed by its poses and by the "

@@ -50,20 +50,16 @@ class OutputConfig(StageConfig):
         "pixels, named and sized as its "
         "images are, in OUT/original, for photogrammetry with a calibration of its own.",
     )
-    preset: Literal["full", "lean"] = Field(
+    preset: Literal["full", "no-clouds", "lean"] = Field(
         default="full",
-        description="lean: no clouds of single pairs, range maps deflated, their standard errors "
-        "rounded to 0.2 %: "
-        "a quarter of the disk.",
-    )
-    clouds: bool = Field(
-        default=True, description="Write a colored cloud for each pair; preset lean writes none."
+        description="full: with a colored cloud for each pair. no-clouds: without. lean: without, "
+        "range maps deflated, their standard errors rounded to 0.2 %: a quarter of the disk.",
     )
 
     @property
     def with_clouds(self) -> bool:
         """Whether clouds are written."""
-        return self.clouds and self.preset == "full"
+        return self.preset == "full"
 
     @property
     def deflated_maps(self) -> bool:

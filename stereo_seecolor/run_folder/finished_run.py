@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from calibration import CalibrationError, RectifiedPair, StereoRig
 from calibration.files import load_json
@@ -345,6 +346,12 @@ def _run_content(out: Path) -> dict[str, Any]:
             "config": RunConfig.model_validate(content["config"]),
         }
     except (TypeError, KeyError, ValueError, AttributeError, CalibrationError) as error:
+        if isinstance(error, ValidationError) and error.errors()[0]["type"] == "extra_forbidden":
+            setting = ".".join(map(str, error.errors()[0]["loc"]))
+            raise InputError(
+                f"{path}: was written by another version of the program, with the setting "
+                f"{setting!r}: run again"
+            ) from error
         raise InputError(f"{path}: is damaged: run again, which keeps what is finished") from error
 
 

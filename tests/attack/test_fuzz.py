@@ -140,7 +140,7 @@ def calibrations(folder: Path) -> list[Path]:
 def configs(folder: Path) -> list[Path]:
     (folder / "run.yaml").write_text(
         "color:\n  lock: survey\n  median_luminance: 0.1\nmatching: {max_range_m: 7}\noutput:\n  "
-        "clouds: no\n"
+        "preset: no-clouds\n"
     )
     return sorted(folder.iterdir())
 

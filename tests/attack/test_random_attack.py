@@ -115,7 +115,7 @@ SETTINGS = (
     (),
     ("color.lock=survey",),
     ("output.image_format=jpg",),
-    ("matching.min_confidence=0.5", "output.clouds=false"),
+    ("matching.min_confidence=0.5", "output.preset=no-clouds"),
 )
 OVERWRITE = st.booleans()
 

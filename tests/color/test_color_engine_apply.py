@@ -3,6 +3,7 @@ and broken frames.
 """
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.render import tone
 from stereo_seecolor.color.render.tone import fine_ranges_m
 from stereo_seecolor.color.table.encoding import decode, encode
 from stereo_seecolor.config import ColorConfig
@@ -38,6 +40,11 @@ def some_water(encoding="srgb", seed=0):
     return Water(**veil, **dimming, white=rng.uniform(0.3, 1, 3), input_encoding=encoding)
 
 
+def noise_of(fraction):
+    """A camera of that noise."""
+    return mock.patch.object(tone, "INPUT_NOISE", fraction)
+
+
 def random_frame(seed, depth=8, shape=(40, 60)):
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 2**depth, (*shape, 3)).astype(np.uint8 if depth == 8 else np.uint16)
@@ -55,7 +62,7 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     centers = fine_ranges_m().astype(np.float32)  # where a level's gain is the range's own
     range_m[known] = centers[np.searchsorted(centers, range_m[known])]
     water = some_water(encoding, seed)
-    corrector = Corrector(ColorConfig(input_encoding=encoding, input_noise=1e-9))
+    corrector = Corrector(ColorConfig(input_encoding=encoding))
     full = 2**depth - 1
     z = np.where(known, range_m, 1.0)
     truth = (
@@ -64,7 +71,9 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
         / (water.attenuation(z) * water.white)
     )
 
-    found = corrector.apply(image, range_m, water, exposure=0.7)
+    with noise_of(1e-9):
+        found = corrector.apply(image, range_m, water, exposure=0.7)
+        linear = corrector.apply_linear(image, range_m, water, exposure=0.7)
     unclipped = known & (image < 0.95 * full).all(axis=2)
     off = np.abs(found.image - full * encode(np.clip(truth, 0, 1), encoding))[unclipped]
     assert off.max() < (0.7 if depth == 8 else 1.5)  # a half is rounding
@@ -72,7 +81,6 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     assert np.array_equal(found.unknown, ~known)
     assert found.image.dtype == image.dtype
 
-    linear = corrector.apply_linear(image, range_m, water, exposure=0.7)
     assert linear.dtype == np.float32
     assert np.allclose(linear[known], truth[known], rtol=1e-5, atol=1e-5)
     assert (linear[~known] == 0).all()
@@ -82,10 +90,11 @@ MATRIX = np.array([[1.4, -0.3, -0.1], [-0.2, 1.5, -0.3], [0.05, -0.45, 1.4]])
 
 
 @pytest.mark.parametrize("depth", [8, 16])
-def test_a_color_matrix_mixes_the_corrected_light(depth):
+def test_a_color_matrix_mixes_the_corrected_light(depth, monkeypatch):
     image, range_m = random_frame(4, depth)
     full, water = 2**depth - 1, some_water()
-    corrector = Corrector(ColorConfig(input_noise=1e-9, unknown_pixels="black"))
+    corrector = Corrector(ColorConfig(unknown_pixels="black"))
+    monkeypatch.setattr(tone, "INPUT_NOISE", 1e-9)
     plain = corrector.apply_linear(image, range_m, water, exposure=0.7)
     mixed = corrector.apply_linear(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
     np.testing.assert_allclose(mixed, plain @ MATRIX.T, rtol=1e-4, atol=1e-5)
@@ -135,11 +144,11 @@ def test_what_noise_hides_comes_out_gray_and_the_rest_as_it_is(depth):
         ) + 0.006 * rng.standard_normal((60, 60, 3))
         return np.round(np.clip(camera, 0, 1) * full).astype(np.uint8 if depth == 8 else np.uint16)
 
-    shown, sharp = (Corrector(ColorConfig(input_noise=noise)) for noise in (0.006, 1e-9))
-    black, gray = (
-        [c.apply(seen(light), range_m, water, exposure=1.0).image / full for c in (shown, sharp)]
-        for light in (0, 0.3)
-    )
+    def corrected(light, noise):
+        with noise_of(noise):
+            return Corrector().apply(seen(light), range_m, water, exposure=1.0).image / full
+
+    black, gray = ([corrected(light, noise) for noise in (0.006, 1e-9)] for light in (0, 0.3))
     color, before = (angle_deg(image + 1e-3, np.ones(3)).mean() for image in black)
     assert color < 0.4 * before
     assert abs(gray[0].mean() - gray[1].mean()) < 0.005

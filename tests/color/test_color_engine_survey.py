@@ -5,6 +5,7 @@ import pytest
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened
+from stereo_seecolor.color.render import tone
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
@@ -78,7 +79,7 @@ def test_sliding_lock_is_the_fit_to_the_last_frames():
     )  # begun from another water
 
 
-def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water():
+def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water(monkeypatch):
     frames = [reef(seed) for seed in range(5)]
     _, steady = waters_of(frames, lock="survey")
     corrector, waters = waters_of([*frames, reef(5, exposure=0.01)], lock="survey")
@@ -90,7 +91,8 @@ def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water():
     assert corrector.apply(
         image, range_m, waters["5"]
     ).unrecoverable.all()  # a hundred times the noise
-    uncapped = Corrector(ColorConfig(input_encoding="as-is", input_noise=1e-9))
+    monkeypatch.setattr(tone, "INPUT_NOISE", 1e-9)
+    uncapped = Corrector(ColorConfig(input_encoding="as-is"))
     bright = uncapped.apply(*reef(5), waters["0"]).image.mean()
     assert uncapped.apply(image, range_m, waters["5"]).image.mean() == pytest.approx(
         bright, rel=0.5

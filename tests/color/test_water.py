@@ -21,7 +21,7 @@ SAMPLES = Path(__file__).parents[2] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
 
 
-ONE_WATER = ["color.lock=survey", "output.clouds=false"]
+ONE_WATER = ["color.lock=survey", "output.preset=no-clouds"]
 
 
 @pytest.fixture(scope="module")

@@ -16,11 +16,11 @@ from stereo_seecolor.errors import ConfigError
 
 def test_file_then_overrides(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text("color:\n  lock: survey\nmatching:\n  max_range_m: 7\n")
-    config = load_config(tmp_path / "run.yaml", ["matching.max_range_m=9", "output.clouds=false"])
-    assert (config.color.lock, config.matching.max_range_m, config.output.clouds) == (
+    config = load_config(tmp_path / "run.yaml", ["matching.max_range_m=9", "output.preset=lean"])
+    assert (config.color.lock, config.matching.max_range_m, config.output.preset) == (
         "survey",
         9.0,
-        False,
+        "lean",
     )
     assert load_config() == RunConfig()
 
@@ -90,7 +90,10 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.clipped_fraction=0.1", r"brightness is now set by color\.median_luminance$"),
         ("color.robust.white_point=[1, yes, 1]", r"^--set: color\.robust\.white_point: "),
         ("input.video_every=1.5", r"input\.video_every: input should be a valid integer"),
-        ("output.clouds=1", r"output\.clouds: input should be a valid boolean"),
+        ("matching.fill=1", r"matching\.fill: input should be a valid boolean"),
+        ("output.clouds=false", r"it is now output\.preset=no-clouds"),
+        ("color.input_noise=0.01", r"it is fixed at 1\.5 of 255; color\.output_noise sets where"),
+        ("mapping.loop_closure=false", r"places seen before are always recognized"),
         ("mapping.mount=5", r"mapping\.mount: "),
         (
             "mapping.mount={surge: 1}",
@@ -209,6 +212,20 @@ def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -
     (tmp_path / "run.json").write_text(json.dumps(run))
     assert load_config(tmp_path / "run.json") == config
     assert load_config(tmp_path / "run.json", ["color.lock=frame"]).color.lock == "frame"
+
+
+def test_settings_that_are_fixed_now_may_stand_in_the_run_json_of_an_earlier_version(
+    tmp_path: Path,
+) -> None:
+    content = RunConfig().model_dump(mode="json")
+    content["color"]["input_noise"], content["output"]["clouds"] = 0.006, True
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps({"format": "stereo-seecolor/run", "config": content}))
+    assert load_config(path) == RunConfig()
+    content["output"]["clouds"] = False
+    path.write_text(json.dumps({"format": "stereo-seecolor/run", "config": content}))
+    with pytest.raises(ConfigError, match=r"run\.json: .*output\.clouds.*output\.preset=no-clouds"):
+        load_config(path)
 
 
 def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:

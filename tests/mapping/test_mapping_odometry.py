@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from mapping_scene import ReefFrames
 
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -21,7 +20,8 @@ from stereo_seecolor.mapping.track.features import detect
 from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
 from stereo_seecolor.records import SurveyFrame
 
-ALONE = MappingConfig(loop_closure=False)
+ALONE = 0
+"""Rounds of looking for loops: none."""
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +37,11 @@ def frames(reef: ReefFrames) -> list[SurveyFrame]:
 def estimate(
     frames: list[SurveyFrame],
     reef: ReefFrames,
-    config: MappingConfig,
+    rounds: int = odometry.SETTINGS.loop_rounds,
     priors: Sequence[pose_graph.Prior] = (),
 ) -> Placement:
     survey = Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))
-    return odometry.solve(odometry.follow(survey), config.loop_closure, priors)
+    return odometry.solve(odometry.follow(survey), priors, rounds)
 
 
 def blank(frame: SurveyFrame) -> SurveyFrame:
@@ -85,7 +85,7 @@ def test_frames_out_of_order_are_followed_by_their_times(
 def test_loops_bring_it_to_a_fifth_of_a_percent(
     reef: ReefFrames, frames: list[SurveyFrame]
 ) -> None:
-    placement = estimate(frames, reef, MappingConfig())
+    placement = estimate(frames, reef)
     error = trajectory_error(
         placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]
     )
@@ -145,7 +145,7 @@ def test_a_long_blank_stretch_breaks_the_map_in_two(
 @pytest.mark.slow
 def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
-    placement = estimate(blanked, reef, MappingConfig())
+    placement = estimate(blanked, reef)
     placed = placement.components == 0
     assert placed.sum() == 9
     error = trajectory_error(
@@ -163,7 +163,7 @@ def test_frames_of_another_reef_are_never_joined(
         dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4)
         for i, f in enumerate(other)
     ]  # type: ignore[operator]
-    placement = estimate(frames[:6] + strangers, reef, MappingConfig())
+    placement = estimate(frames[:6] + strangers, reef)
     assert placement.components.tolist() == [0] * 6 + [1] * 4
 
 
@@ -230,7 +230,7 @@ def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
     graphs = []
     real = pose_graph.solve
     monkeypatch.setattr(pose_graph, "solve", lambda *args: graphs.append(args[2]) or real(*args))
-    placement = estimate([frames[i] for i in shuffle], reef, MappingConfig())
+    placement = estimate([frames[i] for i in shuffle], reef)
     assert placement.components.tolist() == [0] * 12
     for edge in graphs[-1]:
         assert edge.loop == (abs(shuffle[edge.i] - shuffle[edge.j]) > odometry.SETTINGS.window)
@@ -258,7 +258,7 @@ def test_without_gtsam_the_map_is_made_and_says_what_is_missing(
     reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "gtsam", None)
-    placement = estimate(frames[:3], reef, MappingConfig())
+    placement = estimate(frames[:3], reef)
     assert "loops were not closed: pip install 'stereo-seecolor[slam]'" in placement.warnings[0]
     with pytest.raises(DeviceError, match="GTSAM"):
         pose_graph.solve(ring(), range(12), [])

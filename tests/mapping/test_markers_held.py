@@ -44,9 +44,7 @@ def survey(frames: list[SurveyFrame]) -> Survey:
 
 
 def held(survey: Survey, trajectory: Trajectory | None = None, **markers: object) -> Placed:
-    return place_survey(
-        survey, MappingConfig(markers=MarkersConfig(**markers), loop_closure=False), trajectory
-    )  # type: ignore[arg-type]
+    return place_survey(survey, MappingConfig(markers=MarkersConfig(**markers)), trajectory)  # type: ignore[arg-type]
 
 
 def steps_m(T: NDArray[np.float64]) -> NDArray[np.float64]:

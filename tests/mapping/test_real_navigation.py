@@ -85,7 +85,7 @@ def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
     )
     settings = {
         "input": {"refine": True},
-        "output": {"clouds": False},
+        "output": {"preset": "no-clouds"},
         "color": {"lock": "survey", "unknown_pixels": "raw"},
     }
     config = RunConfig.model_validate(settings)

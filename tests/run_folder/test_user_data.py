@@ -212,7 +212,7 @@ def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(
     go(dive, out)
     mine = keep(out / "notes.txt")
     (dive.root / "L/0002.png").unlink()
-    go(dive, out, "output.clouds=false", overwrite=True)
+    go(dive, out, "output.preset=no-clouds", overwrite=True)
     assert mine.read_bytes() == PRECIOUS
     assert not (out / "clouds").exists()
     assert sorted(path.name for path in (out / "corrected").iterdir()) == ["0000.png", "0001.png"]
@@ -356,7 +356,7 @@ def test_a_finished_run_is_read_without_its_inputs(dive: Dive, tmp_path: Path) -
 def test_a_changed_format_leaves_nothing_of_the_old_one(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
-    go(dive, out, "output.image_format=jpg", "output.clouds=false")
+    go(dive, out, "output.image_format=jpg", "output.preset=no-clouds")
     assert {path.suffix for path in (out / "corrected").iterdir()} == {".jpg"}
     assert not list(out.glob("clouds/*"))
     products = {name for name in open_run(out).frames[0].products if not name.startswith("page/")}

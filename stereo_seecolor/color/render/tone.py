@@ -26,6 +26,10 @@ from stereo_seecolor.records import Water
 MID_GRAY = 0.18
 """Linear light of a surface in the middle of the grays."""
 
+INPUT_NOISE = 0.006
+"""Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255; of linear images as
+if they were encoded in sRGB. ``color.output_noise`` over this sets where gains stop.
+"""
 FINE = 4
 FINE_BINS = FINE * RANGE_BINS
 """Bins of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
@@ -83,7 +87,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
     black = np.square(_noise(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
     without_water = np.square(
-        config.input_noise * decoding_slope(np.zeros(1), config.input_encoding) * exposure
+        INPUT_NOISE * decoding_slope(np.zeros(1), config.input_encoding) * exposure
     )
     noise = np.sqrt(np.maximum(black - without_water, 0.0)).astype(np.float32)
     return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
@@ -108,9 +112,7 @@ def _noise(
     ``surface``.
     """
     light = (offset + surface) / gain
-    return np.asarray(
-        config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding)
-    )
+    return np.asarray(INPUT_NOISE * decoding_slope(np.minimum(light, 1.0), config.input_encoding))
 
 
 # The exposure of an image for display, and the roll-off of highlights beyond full scale.

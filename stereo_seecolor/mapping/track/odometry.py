@@ -186,12 +186,15 @@ def _featured(survey: Survey) -> Track:
     return track
 
 
-def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) -> Placement:
+def solve(
+    track: Track, priors: Sequence[pose_graph.Prior] = (), rounds: int = SETTINGS.loop_rounds
+) -> Placement:
     """Place the frames by their edges, loops, and a pose graph over all.
 
     The world is the first placed frame's camera. With priors (navigation, depth, attitude) it is
     theirs, and components that pictures cannot join keep their place by them. Frames that match no
-    other are named; frames that only match among themselves make a component of their own.
+    other are named; frames that only match among themselves make a component of their own. rounds:
+    of looking for loops.
     Raises MappingError if no two frames match; DeviceError for priors without GTSAM.
     """
     if not track.edges:
@@ -201,9 +204,9 @@ def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) ->
     index = track.survey.index
     guess = Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
-    if priors or (loops and pose_graph.available()):
-        guess = _close_loops(track, guess, priors, SETTINGS.loop_rounds if loops else 0)
-    elif loops:
+    if priors or (rounds and pose_graph.available()):
+        guess = _close_loops(track, guess, priors, rounds)
+    elif rounds:
         warnings.append("loops were not closed: pip install 'stereo-seecolor[slam]' (GTSAM)")
     unplaced = tuple(
         Unplaced(index.names[i], track.reasons[int(i)])

@@ -260,7 +260,7 @@ def _checked_attitudes(
 
 def _own(track: odometry.Track, config: MappingConfig) -> Placement:
     """Place the frames by the pictures alone."""
-    return _adjusted(track, odometry.solve(track, config.loop_closure))
+    return _adjusted(track, odometry.solve(track))
 
 
 def _upright(

@@ -121,7 +121,7 @@ def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(
     small_dive: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    config = load_config(overrides=["output.clouds=false"])
+    config = load_config(overrides=["output.preset=no-clouds"])
     run(small_dive / "left", small_dive / "right", small_dive / "cam.yaml", out, config)
     report = evaluate(out, small_dive / "truth")
     assert [frame.name for frame in report.frames] == NAMES

@@ -33,7 +33,7 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
     file = write(
         tmp_path / "campaign.yaml",
         *entries,
-        more="settings: {color.lock: survey, output.clouds: false}\n",
+        more="settings: {color.lock: survey, output.preset: no-clouds}\n",
     )
     result = campaign(file)
     assert [(found.state, found.ok, found.failed) for found in result.dives] == [
