@@ -71,6 +71,16 @@ RANGES_ARE_READ = """(overlay => {
     return document.querySelector(".measuring .readout").textContent.includes("±");
 })(document.querySelector(".overlay"))"""
 """The pointer, over the middle of the picture to measure in, is told a range."""
+CLOCK = """
+for (const clock of [Date, performance]) {
+    const now = clock.now.bind(clock);
+    clock.now = () => clock.stopped ?? now();
+}
+globalThis.stopClock = () => {
+    for (const clock of [Date, performance]) clock.stopped = clock.now();
+};
+"""
+"""A clock of the page that ``stop_clock`` stops."""
 PATIENCE_S = 60.0
 """A busy machine is no failure."""
 
@@ -97,6 +107,8 @@ def new_context(browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
         context = browser.new_context(
             viewport={"width": width, "height": height}, reduced_motion="reduce", **options
         )
+        context.set_default_timeout(1000 * PATIENCE_S)
+        context.add_init_script(CLOCK)
         made.append(context)
         return context
 
@@ -172,8 +184,10 @@ def box_of(shown: Locator) -> FloatRect:
 
 
 def stop_clock(page: Page) -> None:
-    """On the page no time goes by from here: two clicks are quick on a busy machine as well."""
-    page.evaluate("(now => { performance.now = () => now; })(performance.now())")
+    """On the page no time goes by from here: a click, and two, are quick on a busy machine as
+    well.
+    """
+    page.evaluate("stopClock()")
 
 
 def _is_local(url: str) -> bool:
@@ -626,6 +640,7 @@ def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) ->
     until_drawn(on_map)
     on_map.get_by_role("button", name="Closer").click()
     on_map.get_by_role("button", name="Terrain").click()
+    stop_clock(on_map)
     box = box_of(on_map.locator(".map-flat"))
     on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     on_map.locator(".found .card").first.wait_for()
@@ -683,6 +698,7 @@ def test_frames_are_looked_for_at_the_height_of_the_terrain(
     page.goto(f"{(copy / 'index.html').as_uri()}#map")
     page.get_by_role("button", name="Terrain").click()
     page.locator(".map-bar").wait_for()
+    stop_clock(page)
     box = box_of(page.locator(".map-flat"))
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     found = page.locator(".found h2")
@@ -714,6 +730,7 @@ def test_measures_on_the_map_are_those_of_the_command_line(
 ) -> None:
     on_map.get_by_role("button", name=view).click()
     until_drawn(on_map)
+    stop_clock(on_map)
     for number, kind in enumerate(("Length", "Area", "Point"), start=1):
         corners = (
             (0.46, 0.4 + 0.05 * number),
@@ -766,6 +783,7 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
 def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) -> None:
     on_map.get_by_role("button", name="Mosaic", exact=True).click()
     until_drawn(on_map)
+    stop_clock(on_map)
     on_map.get_by_role("button", name="Area", exact=True).click()
     for number, size in enumerate((0.04, 0.02), start=1):
         box = box_of(on_map.locator(".map-stage"))
@@ -786,12 +804,12 @@ def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) ->
 
 def test_an_outline_that_crosses_itself_is_kept_so_that_a_corner_can_be_moved(on_map: Page) -> None:
     on_map.get_by_role("button", name="Terrain", exact=True).click()
-    stage = on_map.locator(".map-stage")
+    on_map.locator(".map-bar").wait_for()
+    stop_clock(on_map)
     on_map.get_by_role("button", name="Area", exact=True).click()
     dots = on_map.locator(".map-overlay .dot:not([data-id])")
     for count, (x, y) in enumerate(((0.46, 0.4), (0.54, 0.4), (0.46, 0.5), (0.54, 0.5)), start=1):
-        box = stage.bounding_box()
-        assert box
+        box = box_of(on_map.locator(".map-stage"))
         on_map.mouse.click(box["x"] + box["width"] * x, box["y"] + box["height"] * y)
         expect(dots).to_have_count(count)
     finish = on_map.locator("#map").get_by_role("button", name="Finish")
@@ -811,6 +829,7 @@ def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page
     value, unit = bar.inner_text().split()
     length_m = float(value) / (100 if unit == "cm" else 1)
     width = box_of(bar)["width"]
+    stop_clock(on_map)
     found, places = on_map.locator(".found h2"), [""]
     for dx in (0.0, width):
         box = box_of(on_map.locator(".map-flat"))
