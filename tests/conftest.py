@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,8 @@ from calibration.formats import native
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.dive.run_options import PageTime, RunOptions
 from stereo_seecolor.extras.synthetic import demo
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -52,6 +53,7 @@ REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
 Cli = Callable[..., tuple[int, str, str]]
+CopyRun = Callable[..., Path]
 SHARED_FIXTURES = (
     "sample_run",
     "finished_demo",
@@ -60,6 +62,11 @@ SHARED_FIXTURES = (
     "board_pairs",
     "dives",
     "web",
+    "scene",
+    "survey",
+    "wheel",
+    "shell",
+    "installed",
 )
 """They take seconds to make: tests that use one run in one process, of several that of the
 first.
@@ -277,6 +284,29 @@ FOCAL_PX, BASELINE_M, WIDTH, HEIGHT = 150.0, 0.1, 176, 128
 def make_dive(tmp_path: Path) -> Callable[..., Dive]:
     """``write_dive`` into a folder of the test's own."""
     return partial(write_dive, tmp_path / "dive")
+
+
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """The output folder of a run of ``make_dive(pairs)`` with some settings, made once for all
+    tests; to be read only.
+    """
+
+    @cache
+    def finished(pairs: int = 3, *settings: str, page: PageTime = "end") -> Path:
+        folder = tmp_path_factory.mktemp("finished")
+        root = write_dive(folder / "dive", pairs).root
+        sides, config = (root / "L", root / "R", root / "cam.yaml"), load_config(None, settings)
+        assert run(*sides, folder / "out", config, RunOptions(page=page)).all_done
+        return folder / "out"
+
+    return finished
+
+
+@pytest.fixture
+def copy_run(finished_run: Callable[..., Path]) -> CopyRun:
+    """Puts a copy of ``finished_run`` into a folder: what a run of that dive would write there."""
+    return lambda out, *made, **how: shutil.copytree(finished_run(*made, **how), out)
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import Dive, contents
+from conftest import CopyRun, Dive, contents
 
 from stereo_seecolor.commands.run import correct, range_maps, run
 from stereo_seecolor.dive.run_options import RunOptions
@@ -45,11 +45,15 @@ def exchange(dive: Dive, first: str, second: str) -> None:
 @pytest.mark.parametrize("command", [run, range_maps])
 @pytest.mark.parametrize("frames", [("0001", "0002"), ("0002", "0003")])
 def test_dives_that_begin_with_the_same_frame_are_two(
-    dive: Dive, tmp_path: Path, command: Callable[..., object], frames: tuple[str, str]
+    copy_run: CopyRun,
+    dive: Dive,
+    tmp_path: Path,
+    command: Callable[..., object],
+    frames: tuple[str, str],
 ) -> None:
     out, other = tmp_path / "out", copied(dive, "tuesday")
     exchange(other, *frames)
-    go(dive, out)
+    copy_run(out, 4)
     before = contents(out)
     with pytest.raises(OutputError, match="holds the results of another dive"):
         go(other, out, command)
@@ -72,20 +76,20 @@ def test_another_dive_at_the_same_path_is_another(dive: Dive, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_a_dive_with_other_names_and_the_same_first_frame_is_another(
-    dive: Dive, tmp_path: Path
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
 ) -> None:
     out, other = tmp_path / "out", copied(dive, "tuesday")
     for side in "LR":
         for name in ("0001", "0002", "0003"):
             (other.root / side / f"{name}.png").rename(other.root / side / f"1{name}.png")
-    go(dive, out)
+    copy_run(out, 4)
     with pytest.raises(OutputError, match="holds the results of another dive"):
         go(other, out)
 
 
 @pytest.mark.slow
-def test_a_correction_of_another_dives_images_is_refused(dive: Dive, tmp_path: Path) -> None:
-    go(dive, tmp_path / "ranges")
+def test_a_correction_of_another_dives_images_is_refused(copy_run: CopyRun, tmp_path: Path) -> None:
+    copy_run(tmp_path / "ranges", 4)
     for place in ("a", "b"):
         shutil.copytree(tmp_path / "ranges/corrected", tmp_path / place / "images")
         shutil.copytree(tmp_path / "ranges/range", tmp_path / place / "range")

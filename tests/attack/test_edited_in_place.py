@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Dive
+from conftest import CopyRun, Dive
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.view import report
@@ -54,6 +54,7 @@ def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> object
     ("settings", "overwrite"), [((), True), (("matching.min_confidence=0.7",), False)]
 )
 def test_a_product_edited_in_the_middle_is_kept_aside(
+    copy_run: CopyRun,
     make_dive: Callable[..., Dive],
     tmp_path: Path,
     settings: tuple[str, ...],
@@ -61,7 +62,7 @@ def test_a_product_edited_in_the_middle_is_kept_aside(
     same_time: bool,
 ) -> None:
     dive, out = make_dive(2), tmp_path / "out"
-    go(dive, out)
+    copy_run(out, 2)
     paths = [next((out / product).iterdir()) for product in PRODUCTS] + [
         out / "frames.csv",
         out / "rig.yaml",
@@ -76,10 +77,9 @@ def test_a_product_edited_in_the_middle_is_kept_aside(
 @pytest.mark.slow
 @pytest.mark.parametrize("same_time", [True, False])
 def test_a_mesh_edited_in_the_middle_outlives_the_next_map(
-    make_dive: Callable[..., Dive], tmp_path: Path, same_time: bool
+    copy_run: CopyRun, tmp_path: Path, same_time: bool
 ) -> None:
-    dive, out = make_dive(2), tmp_path / "out"
-    go(dive, out)
+    out = copy_run(tmp_path / "out", 2)
     for content in (LARGE, LARGE + b"next"):
         with RunFolder.existing(out, "fuse") as folder, building_map(folder, "key") as building:
             (building / "mesh.ply").write_bytes(content)
@@ -90,11 +90,8 @@ def test_a_mesh_edited_in_the_middle_outlives_the_next_map(
 
 
 @pytest.mark.slow
-def test_a_page_edited_in_the_middle_is_kept_aside(
-    make_dive: Callable[..., Dive], tmp_path: Path
-) -> None:
-    dive, out = make_dive(2), tmp_path / "out"
-    go(dive, out)
+def test_a_page_edited_in_the_middle_is_kept_aside(copy_run: CopyRun, tmp_path: Path) -> None:
+    out = copy_run(tmp_path / "out", 2)
     mine = edited(out / "index.html", same_time=False)
     report(out)
     assert (out / "set_aside/index.html").read_bytes() == mine
@@ -102,10 +99,10 @@ def test_a_page_edited_in_the_middle_is_kept_aside(
 
 @pytest.mark.slow
 def test_an_unchanged_result_copied_with_a_new_time_is_replaced_and_not_kept_twice(
-    make_dive: Callable[..., Dive], tmp_path: Path
+    copy_run: CopyRun, make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
     dive, out = make_dive(2), tmp_path / "out"
-    go(dive, out)
+    copy_run(out, 2)
     for path in out.rglob("*"):
         os.utime(path, ns=(1, 1))
     go(dive, out, overwrite=True)

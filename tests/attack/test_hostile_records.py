@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Dive, command
+from conftest import CopyRun, Dive, command
 
-from stereo_seecolor.commands.run import run
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth, true_frames
 from stereo_seecolor.files.decode import read_array
@@ -110,10 +109,10 @@ def test_a_record_of_other_types_is_damaged_and_nothing_worse(
 
 
 @pytest.fixture
-def hostile(make_dive: Callable[..., Dive], tmp_path: Path) -> tuple[Path, Path]:
+def hostile(copy_run: CopyRun, make_dive: Callable[..., Dive], tmp_path: Path) -> tuple[Path, Path]:
     """A finished run, and a file of the user's beside it."""
-    dive = make_dive(2)
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+    make_dive(2)
+    copy_run(tmp_path / "out", 2)
     (tmp_path / "home").mkdir()
     (tmp_path / "home/notes.txt").write_bytes(MINE)
     return tmp_path / "out", tmp_path / "home/notes.txt"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import Dive, contents
+from conftest import CopyRun, Dive, contents
 
 from stereo_seecolor.cli.app import every_command
 from stereo_seecolor.commands.fuse import fuse
@@ -43,9 +43,9 @@ def go(
     )
 
 
-def finished(dive: Dive, out: Path) -> Path:
+def finished(copy_run: CopyRun, out: Path) -> Path:
     """A finished run with a track in its map, as far as its manifest knows."""
-    go(dive, out, "color.lock=survey")
+    copy_run(out, 3, "color.lock=survey")
     (out / "map").mkdir()
     (out / "map/trajectory.tum").write_text("0 0 0 0 0 0 0 1\n")
     manifest = Manifest(out)
@@ -62,9 +62,9 @@ def test_what_every_command_may_replace_is_known() -> None:
 @BOTH
 @pytest.mark.parametrize("given", ["poses", "config", "exposures", "control points", "scale bars"])
 def test_no_input_of_a_run_may_lie_in_its_results(
-    dive: Dive, tmp_path: Path, given: str, overwrite: bool
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, given: str, overwrite: bool
 ) -> None:
-    out = finished(dive, tmp_path / "out")
+    out = finished(copy_run, tmp_path / "out")
     before, table = contents(out), out / "frames.csv"
     table.write_text("name,exposure_s\n0000.png,0.01\n0001.png,0.01\n0002.png,0.01\n")
     setting = {
@@ -120,9 +120,11 @@ def test_a_folder_of_images_above_its_results_is_no_input_among_them(dive: Dive)
 
 
 @pytest.mark.slow
-def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: Path) -> None:
+def test_a_calibration_found_in_out_itself_is_not_deleted(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before, rig = contents(out), (out / RIG).read_bytes()
     with pytest.raises(OutputError, match=REFUSED):
         go(dive, out, calib=out, overwrite=True)
@@ -135,10 +137,10 @@ def test_a_calibration_found_in_out_itself_is_not_deleted(dive: Dive, tmp_path: 
     [((), RIG), (("color.lock=survey",), WATER), (("color.lock=survey",), "run.json")],
 )
 def test_a_run_may_read_what_it_leaves_as_it_is(
-    dive: Dive, tmp_path: Path, settings: tuple[str, ...], name: str
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, settings: tuple[str, ...], name: str
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out, *settings)
+    copy_run(out, 3, *settings)
     content = (out / name).read_bytes()
     options = {WATER: {"water": out / name}, "run.json": {"config_file": out / name}}.get(name, {})
     assert go(dive, out, *settings, calib=out / RIG if name == RIG else None, **options).all_done
@@ -146,9 +148,11 @@ def test_a_run_may_read_what_it_leaves_as_it_is(
 
 
 @pytest.mark.slow
-def test_a_rig_that_refinement_replaces_is_refused(dive: Dive, tmp_path: Path) -> None:
+def test_a_rig_that_refinement_replaces_is_refused(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before = contents(out)
     with pytest.raises(OutputError, match=REFUSED):
         go(dive, out, "input.refine=true", calib=out / RIG)
@@ -167,10 +171,10 @@ def measured_water(out: Path) -> Path:
 
 @pytest.mark.slow
 def test_a_measured_water_is_used_where_it_lies_and_never_removed_by_the_run_that_reads_it(
-    dive: Dive, tmp_path: Path
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out, "color.lock=survey")
+    copy_run(out, 3, "color.lock=survey")
     water = measured_water(out)
     content = water.read_bytes()
     assert go(dive, out, "color.lock=survey", water=water).all_done
@@ -188,8 +192,10 @@ def test_a_measured_water_is_used_where_it_lies_and_never_removed_by_the_run_tha
 
 
 @pytest.mark.slow
-def test_a_fusion_refuses_the_track_of_the_map_that_it_replaces(dive: Dive, tmp_path: Path) -> None:
-    out = finished(dive, tmp_path / "out")
+def test_a_fusion_refuses_the_track_of_the_map_that_it_replaces(
+    copy_run: CopyRun, tmp_path: Path
+) -> None:
+    out = finished(copy_run, tmp_path / "out")
     before = contents(out)
     with pytest.raises(OutputError, match=REFUSED):
         fuse(out, out / "map/trajectory.tum")
@@ -198,9 +204,11 @@ def test_a_fusion_refuses_the_track_of_the_map_that_it_replaces(dive: Dive, tmp_
 
 @pytest.mark.slow
 @BOTH
-def test_a_part_is_not_merged_into_itself(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
+def test_a_part_is_not_merged_into_itself(
+    copy_run: CopyRun, tmp_path: Path, overwrite: bool
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before = contents(out)
     with pytest.raises(OutputError, match=REFUSED):
         merge([out], out, RunOptions(overwrite=overwrite))
@@ -209,10 +217,10 @@ def test_a_part_is_not_merged_into_itself(dive: Dive, tmp_path: Path, overwrite:
 
 @pytest.mark.slow
 def test_range_maps_of_out_are_refused_as_inputs_of_their_correction(
-    dive: Dive, tmp_path: Path
+    copy_run: CopyRun, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     correct(out / "corrected", out / "range", tmp_path / "other")
     with pytest.raises(OutputError, match=REFUSED):
         correct(

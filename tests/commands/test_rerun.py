@@ -13,9 +13,9 @@ from stereo_seecolor.run_folder.finished_run import open_run
 
 
 @pytest.mark.slow
-def test_second_run_keeps_everything(make_dive, cli, tmp_path) -> None:
+def test_second_run_keeps_everything(copy_run, make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
-    cli(*dive.command(out))
+    copy_run(out)
     before = {
         path: path.stat().st_mtime_ns
         for path in out.rglob("*")
@@ -28,9 +28,9 @@ def test_second_run_keeps_everything(make_dive, cli, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -> None:
+def test_only_what_depends_on_a_change_is_done_again(copy_run, make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
-    cli(*dive.command(out))
+    copy_run(out)
     ranges = {path: path.stat().st_mtime_ns for path in (out / "range").iterdir()}
     cli(*dive.command(out, "--set", "color.median_luminance=0.1"))
     assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, (
@@ -43,9 +43,9 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
 
 
 @pytest.mark.slow
-def test_a_lost_output_is_made_again(make_dive, cli, tmp_path) -> None:
+def test_a_lost_output_is_made_again(copy_run, make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
-    cli(*dive.command(out))
+    copy_run(out)
     before = contents(out)
     (out / "range/0001.tiff").unlink()
     (out / "corrected/0002.png").unlink()
@@ -55,9 +55,9 @@ def test_a_lost_output_is_made_again(make_dive, cli, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
+def test_what_was_damaged_since_is_made_again(copy_run, make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
-    cli(*dive.command(out))
+    copy_run(out)
     before = contents(out)
     range_map = out / "range/0000.tiff"
     range_map.write_bytes(range_map.read_bytes()[:100])
@@ -73,9 +73,9 @@ def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_water_of_one_dive_serves_another(make_dive, cli, tmp_path) -> None:
+def test_water_of_one_dive_serves_another(copy_run, make_dive, cli, tmp_path) -> None:
     dive = make_dive()
-    cli(*dive.command(tmp_path / "a", "--set", "color.lock=survey"))
+    copy_run(tmp_path / "a", 3, "color.lock=survey")
     code, _, _ = cli(*dive.command(tmp_path / "b", "--water", str(tmp_path / "a/water.json")))
     assert code == 0
     assert (tmp_path / "b/water.json").read_bytes() == (tmp_path / "a/water.json").read_bytes()
@@ -95,8 +95,8 @@ def test_water_of_one_dive_serves_another(make_dive, cli, tmp_path) -> None:
         (".state/manifest.json", "{", "manifest.json: is damaged or of another version"),
     ],
 )
-def test_a_damaged_run_is_not_fused(make_dive, tmp_path, cli, name, content, message) -> None:
-    cli(*make_dive(1).command(tmp_path / "out"))
+def test_a_damaged_run_is_not_fused(copy_run, tmp_path, name, content, message) -> None:
+    copy_run(tmp_path / "out", 1)
     (tmp_path / "out" / name).write_text(content)
     with pytest.raises(SeeColorError, match=message):
         open_run(tmp_path / "out")

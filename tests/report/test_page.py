@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import REEF, Cli, Dive, SampleRun, command, contents
+from conftest import REEF, Cli, CopyRun, Dive, SampleRun, command, contents
 
 from calibration.formats import native
 from calibration.rig import Movement, Refinement, RigErrors
@@ -60,9 +60,8 @@ def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> None:
 
 
 @pytest.fixture
-def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
-    go(make_dive(2), tmp_path / "out")
-    return tmp_path / "out"
+def out(copy_run: CopyRun, tmp_path: Path) -> Path:
+    return copy_run(tmp_path / "out", 2, page="none")
 
 
 def data(out: Path) -> dict:
@@ -262,11 +261,11 @@ def test_formats_that_no_browser_shows_are_shown_as_jpeg(
 
 @pytest.mark.slow
 def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
-    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    copy_run: CopyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("stereo_seecolor.report.live_page.BRIEF_FRAMES", 2)
     monkeypatch.setattr("stereo_seecolor.report.frame_files.COUNT", 1)
-    go(make_dive(5), tmp_path / "out")
+    copy_run(tmp_path / "out", 5, page="none")
     brief = report(tmp_path / "out", brief=True)
     assert {"0000", "0003"} <= set(data(tmp_path / "out")["shown"])
     assert (brief.made, brief.kept) == (len(data(tmp_path / "out")["shown"]), 0)
@@ -380,9 +379,11 @@ def test_a_damaged_frame_is_named_and_left_out(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_overwrite_takes_the_page_away(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+def test_overwrite_takes_the_page_away(
+    copy_run: CopyRun, make_dive: Callable[..., Dive], tmp_path: Path
+) -> None:
     dive, out = make_dive(2), tmp_path / "out"
-    go(dive, out)
+    copy_run(out, 2, page="none")
     report(out)
     (dive.root / "L/0001.png").unlink()
     go(dive, out, overwrite=True)
@@ -392,10 +393,10 @@ def test_overwrite_takes_the_page_away(make_dive: Callable[..., Dive], tmp_path:
 
 @pytest.mark.slow
 def test_a_pair_that_is_gone_takes_its_pictures_along(
-    make_dive: Callable[..., Dive], tmp_path: Path
+    copy_run: CopyRun, make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:
     dive, out = make_dive(3), tmp_path / "out"
-    go(dive, out)
+    copy_run(out, 3, page="none")
     report(out)
     for side in "LR":
         (dive.root / side / "0002.png").unlink()

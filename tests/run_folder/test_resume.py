@@ -62,9 +62,8 @@ def run_in_process(dive, out: Path, listener=None):  # type: ignore[no-untyped-d
 
 
 @pytest.mark.slow
-def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
+def test_kills_at_random_instants_change_nothing(finished_run, make_dive, tmp_path) -> None:
     dive = make_dive(10)
-    run_in_process(dive, tmp_path / "whole")
     words = [PROGRAM, *dive.command(tmp_path / "killed", "--workers", "2")]
     rng = random.Random(5)
     for _ in range(4):
@@ -82,7 +81,7 @@ def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
             process.kill()
         assert_whole(tmp_path / "killed")
     assert subprocess.run(words, stdout=subprocess.DEVNULL).returncode == 0
-    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+    assert contents(tmp_path / "killed") == contents(finished_run(10))
     assert not list((tmp_path / "killed").rglob(".writing-*"))
     rows = list(csv.DictReader((tmp_path / "killed/frames.csv").read_text().splitlines()))
     assert [row["status"] for row in rows] == ["ok"] * 10
@@ -100,11 +99,11 @@ main()
 @pytest.mark.slow
 @pytest.mark.posix
 def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes_for_a_run(
-    make_dive, tmp_path, cli
+    copy_run, finished_run, make_dive, tmp_path, cli
 ) -> None:
     """All frames are of the new settings then, and run.json is of the old ones."""
     dive, out = make_dive(2), tmp_path / "out"
-    assert cli(*dive.command(out))[0] == 0
+    copy_run(out, 2)
     words = dive.command(out, "--set", "matching.min_confidence=0.5")
     killed = subprocess.run(
         [sys.executable, "-c", KILLED_AT_THE_END, *words], cwd=ROOT, capture_output=True
@@ -118,48 +117,39 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     code, printed, _ = cli(*words)
     assert code == 0 and "2 of them kept" in printed
     assert open_run(out).config.matching.min_confidence == 0.5
-    run(
-        dive.root / "L",
-        dive.root / "R",
-        dive.root / "cam.yaml",
-        tmp_path / "whole",
-        open_run(out).config,
-    )
-    assert contents(out) == contents(tmp_path / "whole")
+    assert contents(out) == contents(finished_run(2, "matching.min_confidence=0.5"))
 
 
 @pytest.mark.slow
 def test_what_a_killed_worker_left_of_a_record_costs_no_frame_its_files(
-    make_dive, tmp_path
+    finished_run, make_dive, tmp_path
 ) -> None:
     """The temporary file of a record names its frame's files: taken for a frame that has left the
     dive, it would cost it them.
     """
     dive, out = make_dive(3), tmp_path / "out"
-    run_in_process(dive, tmp_path / "whole")
 
     def lose() -> None:
         record = out / ".state/frames/0000.json"
         (record.parent / ".writing-c3104a26564-9-0000.json").write_bytes(record.read_bytes())
 
     run_in_process(dive, out, AtPair(4, lose))
-    assert contents(out) == contents(tmp_path / "whole")
+    assert contents(out) == contents(finished_run(3))
     assert not list(out.rglob(".writing-*"))
     assert run_in_process(dive, out).kept == 3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [2, 7])
-def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> None:
+def test_interrupt_tells_what_was_done_and_resumes(finished_run, make_dive, tmp_path, at) -> None:
     dive, out = make_dive(5), tmp_path / "out"
-    run_in_process(dive, tmp_path / "whole")
     summary = run_in_process(dive, out, AtPair(at, lambda: os.kill(os.getpid(), signal.SIGINT)))
     assert summary.stopped
     assert not summary.all_done
     assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
     assert_whole(out)
     assert run_in_process(dive, out).all_done
-    assert contents(out) == contents(tmp_path / "whole")
+    assert contents(out) == contents(finished_run(5))
 
 
 @pytest.mark.posix
@@ -244,9 +234,9 @@ def test_read_only_inputs_and_links(make_dive, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_kept_tables_that_are_damaged_are_counted_again(make_dive, tmp_path) -> None:
+def test_kept_tables_that_are_damaged_are_counted_again(copy_run, make_dive, tmp_path) -> None:
     dive, out = make_dive(2), tmp_path / "out"
-    run_in_process(dive, out)
+    copy_run(out, 2)
     before = contents(out)
     cut, wrong = sorted((out / ".state" / "tables").iterdir())
     cut.write_bytes(cut.read_bytes()[:-20])

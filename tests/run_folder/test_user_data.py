@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import AtPair, Dive, contents
+from conftest import AtPair, CopyRun, Dive, contents
 
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.commands.fuse import fuse
@@ -146,9 +146,11 @@ def test_out_may_be_a_link_itself(dive: Dive, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: str) -> None:
+def test_files_that_are_in_nobodys_way_stay(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, name: str
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     mine = keep(out / name)
     for settings, overwrite in (((), False), (("color.lock=survey",), False), ((), True)):
         assert go(dive, out, *settings, overwrite=overwrite).all_done
@@ -161,10 +163,10 @@ def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: st
     "name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), "water_measured.json"]
 )
 def test_files_in_a_products_place_are_refused(
-    dive: Dive, tmp_path: Path, name: str, overwrite: bool
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, name: str, overwrite: bool
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before, mine = contents(out), keep(out / name)
     with pytest.raises(OutputError, match=r"is not of this program.*nothing was touched"):
         go(dive, out, "color.lock=survey", overwrite=overwrite)
@@ -178,10 +180,10 @@ def test_files_in_a_products_place_are_refused(
     [(("color.lock=survey",), False), ((), True), (("output.image_format=jpg",), False)],
 )
 def test_a_product_that_the_user_edited_is_kept_aside(
-    dive: Dive, tmp_path: Path, settings: tuple[str, ...], overwrite: bool
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, settings: tuple[str, ...], overwrite: bool
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     keep(out / "corrected/0001.png")
     summary = go(dive, out, *settings, overwrite=overwrite)
     assert (out / "set_aside/corrected/0001.png").read_bytes() == PRECIOUS
@@ -193,10 +195,10 @@ def test_a_product_that_the_user_edited_is_kept_aside(
 @pytest.mark.slow
 @BOTH
 def test_a_product_replaced_by_a_link_is_not_written_through(
-    dive: Dive, tmp_path: Path, overwrite: bool
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, overwrite: bool
 ) -> None:
     out, mine = tmp_path / "out", keep(tmp_path / "elsewhere/photo.png")
-    go(dive, out)
+    copy_run(out)
     (out / "corrected/0001.png").unlink()
     (out / "corrected/0001.png").symlink_to(mine)
     go(dive, out, "color.lock=survey", overwrite=overwrite)
@@ -206,10 +208,10 @@ def test_a_product_replaced_by_a_link_is_not_written_through(
 
 @pytest.mark.slow
 def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(
-    dive: Dive, tmp_path: Path
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     mine = keep(out / "notes.txt")
     (dive.root / "L/0002.png").unlink()
     go(dive, out, "output.preset=no-clouds", overwrite=True)
@@ -223,9 +225,11 @@ def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("given", ["water.json", "run.json", "rig.yaml"])
-def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, given: str) -> None:
+def test_overwrite_never_deletes_its_own_inputs(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, given: str
+) -> None:
     out = tmp_path / "out"
-    go(dive, out, "color.lock=survey")
+    copy_run(out, 3, "color.lock=survey")
     before = contents(out)
     left, right, calib = (
         dive.root / "L",
@@ -246,10 +250,10 @@ def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, give
 @pytest.mark.slow
 @BOTH
 def test_range_maps_are_not_overwritten_by_their_own_correction(
-    dive: Dive, tmp_path: Path, overwrite: bool
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, overwrite: bool
 ) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before = contents(out)
     with pytest.raises(
         OutputError, match="another dive or command" if not overwrite else "is an input of this run"
@@ -274,9 +278,11 @@ def test_images_inside_out_are_not_deleted(dive: Dive, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_may_take_the_water_of_its_own_folder(dive: Dive, tmp_path: Path) -> None:
+def test_a_run_may_take_the_water_of_its_own_folder(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out, "color.lock=survey")
+    copy_run(out, 3, "color.lock=survey")
     water = (out / "water.json").read_bytes()
     assert go(dive, out, "color.lock=survey", water=out / "water.json").all_done
     assert (out / "water.json").read_bytes() == water
@@ -287,10 +293,10 @@ def test_a_run_may_take_the_water_of_its_own_folder(dive: Dive, tmp_path: Path) 
 
 @pytest.mark.slow
 def test_another_dives_results_are_refused_without_the_flag(
-    dive: Dive, make_dive, tmp_path: Path
+    copy_run: CopyRun, dive: Dive, make_dive, tmp_path: Path
 ) -> None:  # type: ignore[no-untyped-def]
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before = contents(out)
     (tmp_path / "first").mkdir()
     dive.root.rename(tmp_path / "first/dive")
@@ -311,8 +317,10 @@ def test_two_programs_never_write_into_one_folder(
 
 
 @pytest.mark.slow
-def test_rectified_images_are_refused_where_a_run_lies(dive: Dive, tmp_path: Path) -> None:
-    go(dive, tmp_path / "out")
+def test_rectified_images_are_refused_where_a_run_lies(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
+    copy_run(tmp_path / "out")
     with pytest.raises(OutputError, match="another dive or command"):
         rectify(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
 
@@ -353,9 +361,11 @@ def test_a_finished_run_is_read_without_its_inputs(dive: Dive, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_changed_format_leaves_nothing_of_the_old_one(dive: Dive, tmp_path: Path) -> None:
+def test_a_changed_format_leaves_nothing_of_the_old_one(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     go(dive, out, "output.image_format=jpg", "output.preset=no-clouds")
     assert {path.suffix for path in (out / "corrected").iterdir()} == {".jpg"}
     assert not list(out.glob("clouds/*"))
@@ -394,9 +404,11 @@ def test_old_products_of_a_pair_that_fails_now_are_kept_aside(dive: Dive, tmp_pa
 
 
 @pytest.mark.slow
-def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
+def test_products_of_a_pair_that_was_removed_are_kept_aside(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before = products_of(out, "0001")
     for side in "LR":
         (dive.root / side / "0001.png").unlink()
@@ -412,9 +424,11 @@ def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path
 
 
 @pytest.mark.slow
-def test_ranges_by_another_calibration_leave_no_old_colors(dive: Dive, tmp_path: Path) -> None:
+def test_ranges_by_another_calibration_leave_no_old_colors(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     rig = load_rig(dive.root / "cam.yaml")
     wider = rig.T_right_left.copy()
     wider[0, 3] *= 1.1
@@ -426,9 +440,11 @@ def test_ranges_by_another_calibration_leave_no_old_colors(dive: Dive, tmp_path:
 
 
 @pytest.mark.slow
-def test_ranges_by_the_same_settings_keep_the_colors(dive: Dive, tmp_path: Path) -> None:
+def test_ranges_by_the_same_settings_keep_the_colors(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out, "color.lock=survey")
+    copy_run(out, 3, "color.lock=survey")
     before = contents(out)
     assert range_maps(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out).kept == 3
     assert contents(out) == before
@@ -441,9 +457,11 @@ def test_ranges_by_the_same_settings_keep_the_colors(dive: Dive, tmp_path: Path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 4])
-def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path, at: int) -> None:
+def test_a_stopped_run_hides_nothing_and_is_not_fused(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, at: int
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     options = RunOptions(workers=1, listener=AtPair(at, KeyboardInterrupt))
     config = load_config(None, ["color.robust.white_point=gray", "matching.min_confidence=0.5"])
     summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config, options)
@@ -473,10 +491,10 @@ def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     "writes", [7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 28, 3) if n != 7)]
 )
 def test_a_full_disk_loses_nothing(
-    dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int
+    copy_run: CopyRun, dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int
 ) -> None:
     out, left = tmp_path / "out", writes
-    go(dive, tmp_path / "whole")
+    copy_run(tmp_path / "whole")
     genuine = atomic.write_temporary
 
     def full(path: Path, content: atomic.Content) -> Path:
@@ -563,9 +581,11 @@ def test_a_folder_lost_while_files_are_written_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> None:
+def test_a_damaged_manifest_is_refused_untouched(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     before = contents(out)
     (out / ".state/manifest.json").write_text("{")
     for overwrite in (False, True):
@@ -575,9 +595,11 @@ def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_folder_turned_into_a_file_is_left_alone(dive: Dive, tmp_path: Path) -> None:
+def test_a_folder_turned_into_a_file_is_left_alone(
+    copy_run: CopyRun, dive: Dive, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     shutil.rmtree(out / "corrected")
     mine = keep(out / "corrected")
     with pytest.raises(OutputError, match="corrected"):
@@ -589,9 +611,9 @@ def test_a_folder_turned_into_a_file_is_left_alone(dive: Dive, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_users_file_in_the_map_is_refused(dive: Dive, tmp_path: Path) -> None:
+def test_a_users_file_in_the_map_is_refused(copy_run: CopyRun, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    go(dive, out)
+    copy_run(out)
     mine = keep(out / "map/report.docx")
     with pytest.raises(OutputError, match=r"report\.docx: is not of this program"):
         fuse(out, config=RunConfig())
