@@ -103,7 +103,7 @@ def test_nothing_else_parses_text_of_users() -> None:
 )
 def test_toml_of_many_levels_is_refused_at_once(text: str, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(f"[cam_0]\n{text}\n")
-    start_s = time.monotonic()
+    start_s = time.process_time()
     with pytest.raises(CalibrationError, match="levels"):
         load_rig(str(tmp_path / "rig.toml"))
-    assert time.monotonic() - start_s < 5
+    assert time.process_time() - start_s < 5

@@ -51,7 +51,9 @@ NUMBERS = [
 
 @contextmanager
 def bounded() -> Iterator[None]:
-    """No more than five seconds, no more than a gibibyte over what the process has now."""
+    """No more than five seconds of a processor, no more than a gibibyte over what the process has
+    now.
+    """
     import resource
 
     def too_slow(*_: object) -> None:
@@ -59,13 +61,13 @@ def bounded() -> Iterator[None]:
 
     before = resource.getrlimit(resource.RLIMIT_AS)
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    signal.signal(signal.SIGALRM, too_slow)
-    signal.alarm(SECONDS)
+    signal.signal(signal.SIGPROF, too_slow)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     resource.setrlimit(resource.RLIMIT_AS, (size + BYTES, before[1]))
     try:
         yield
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 

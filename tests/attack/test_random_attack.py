@@ -411,7 +411,7 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(240 + 90 * MINUTES)
+@pytest.mark.timeout(600 + 90 * MINUTES)
 def test_no_sequence_of_commands_and_accidents_loses_a_file_of_the_users(
     make_dive: Callable[..., Dive], tmp_path: Path
 ) -> None:

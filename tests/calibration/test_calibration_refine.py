@@ -136,7 +136,6 @@ def test_too_few_pairs() -> None:
 
 @pytest.mark.slow
 @pytest.mark.real_data
-@pytest.mark.timeout(600)
 def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
     """The reef dive: 0.6 px as published, under 0.15 px on pairs that took no part."""
     files = [sorted((real_data / "acfr" / side).glob("*.png")) for side in ("left", "right")]

@@ -143,7 +143,6 @@ def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shel
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.usefixtures("demo_at_hand")
 @pytest.mark.parametrize(
     "page",

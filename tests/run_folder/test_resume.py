@@ -154,24 +154,6 @@ def test_interrupt_tells_what_was_done_and_resumes(finished_run, make_dive, tmp_
 
 @pytest.mark.posix
 @pytest.mark.slow
-def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) -> None:
-    dive, out = make_dive(40), tmp_path / "out"
-    words = [PROGRAM, *dive.command(out)]
-    with subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        while not (out / "range").exists() and process.poll() is None:
-            time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        printed, said = process.communicate(timeout=20)
-    assert process.returncode == 130, said
-    assert "stopped early" in printed
-    assert "Traceback" not in said
-    assert not list(out.rglob(".writing-*"))
-
-
-@pytest.mark.posix
-@pytest.mark.slow
 def test_disk_full_is_one_line_and_resumable(make_dive, tmp_path) -> None:
     dive, out = make_dive(3), tmp_path / "out"
 

@@ -322,7 +322,6 @@ LIMIT_BYTES = 900_000_000
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_a_local_worker_beyond_its_memory_is_ended_and_its_batch_done_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

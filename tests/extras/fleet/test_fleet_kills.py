@@ -74,7 +74,6 @@ def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)  # new workers of a busy machine need a minute to start
 def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
     dive = make_dive(6)
     (dive.root / "R/0003.png").write_bytes(b"")
@@ -133,7 +132,6 @@ def test_a_worker_that_begins_at_the_very_end_sees_the_shared_folder(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_the_client_is_killed(make_dive, tmp_path: Path) -> None:
     dive, out = make_dive(5), tmp_path / "cluster"
     words = [

@@ -77,7 +77,7 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
     beaten, utime = threading.Event(), os.utime
     monkeypatch.setattr(lock.os, "utime", lambda *of: (utime(*of), beaten.set()))
     with leased(out, locked=True) as me:
-        assert beaten.wait(10)
+        assert beaten.wait(60)
         check_lease(out, me.token)
         hold(out, ELSEWHERE)
         with pytest.raises(
