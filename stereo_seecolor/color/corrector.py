@@ -1,6 +1,4 @@
-"""The color stage: images and range maps in, corrected images out, as numpy arrays. numba and torch
-are loaded when first used.
-"""
+"""The color stage: images and range maps in, corrected images out, as numpy arrays."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -28,13 +26,9 @@ class Sampling:
     """Which rows of a large image are counted: neighboring rows are similar."""
 
     pixels: int = 400_000
-    """Pixels that are counted at least: of an image with n times as many, every nth row is
-    counted.
-    """
+    """Pixels counted at least: of an image with n times as many, every nth row is counted."""
     least_known: int = 65_000
-    """Least pixels of known range in these rows, else all rows are counted: quantiles of 20 ranges
-    need some 3,000 each.
-    """
+    """Least pixels of known range in these rows, else all are counted: 20 ranges of 3,000 each."""
 
 
 SAMPLING = Sampling()
@@ -72,11 +66,8 @@ class Corrector:
         range_m = without_rim(image, range_m, self.config.input_encoding)
         every = max(range_m.size // SAMPLING.pixels, 1)
         table = self._count(image, range_m, every)
-        return (
-            self._count(image, range_m)
-            if every > 1 and table.pixels.sum() < SAMPLING.least_known
-            else table
-        )
+        few = every > 1 and table.pixels.sum() < SAMPLING.least_known
+        return self._count(image, range_m) if few else table
 
     def _count(self, image: Image, range_m: Map, every: int = 1) -> MomentTable:
         return measure(image, range_m, every)
@@ -202,7 +193,7 @@ class Corrector:
         return correct(image, range_m, water, tone, self.config)
 
     def carry_ranges(self, image: Image, range_m: Map, seen: Mask | None = None) -> Map:
-        """Fill the unknown pixels of a range map (see ``render.carried_ranges``).
+        """Fill the unknown pixels of a range map (see ``render.carried``).
 
         Args:
             image: As in ``measure``.
@@ -215,7 +206,7 @@ class Corrector:
         return carry_ranges(image, range_m, seen)
 
     def within_measured(self, image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-        """Limit the colors of filled-in ranges to measured ones (see ``render.carried_colors``).
+        """Limit the colors of filled-in ranges to measured ones (see ``render.carried``).
 
         Args:
             image: (H, W, 3), corrected.

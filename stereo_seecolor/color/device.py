@@ -23,9 +23,7 @@ def find_device(name: str) -> torch.device:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for torch in this block: tensors of a fit are small, and threads that wait for
-    each other spin.
-    """
+    """One thread for torch in this block: a fit's tensors are small, and waiting threads spin."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -1,6 +1,4 @@
-"""The color stage as two functions of numpy arrays or torch tensors: ``fit`` a water, ``correct``
-images.
-"""
+"""The color stage as two functions of numpy arrays or torch tensors: ``fit`` and ``correct``."""
 
 import sys
 from dataclasses import replace
@@ -103,9 +101,8 @@ def _like(image: Any, frames: list[Correction]) -> Correction:
 
     def joined(parts: list[NDArray[Any]]) -> Any:
         whole = np.stack(parts) if image.ndim == 4 else parts[0]
-        return (
-            sys.modules["torch"].from_numpy(whole).to(image.device) if _is_tensor(image) else whole
-        )
+        torch = sys.modules.get("torch") if _is_tensor(image) else None
+        return torch.from_numpy(whole).to(image.device) if torch else whole
 
     maps = {
         name: joined([getattr(frame, name) for frame in frames])

@@ -9,9 +9,7 @@ from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import PerChannel, Water
 
 DOUBTED = 0.08
-"""Standard error of red or blue over green beyond which a white point is in doubt: gray is then off
-by more than a degree.
-"""
+"""Standard error of red or blue over green beyond which gray may be off by over a degree."""
 DISPLAY_POWER = 2.2
 """Of linear light over displayed values, about that of sRGB."""
 DOUBT = "white point: "
@@ -31,17 +29,13 @@ def white_errors(water: Water) -> NDArray[np.float64]:
 
 
 def gray_error_deg(water: Water) -> float:
-    """Standard error of the color of gray as displayed, degrees from (1, 1, 1) in RGB; NaN where it
-    is not known.
-    """
+    """Standard error of displayed gray, degrees from (1, 1, 1); NaN where it is not known."""
     logs = water.standard_errors.get("white", np.full(3, np.nan)) / water.white
     return float(np.degrees(np.linalg.norm(logs) / np.sqrt(3) / DISPLAY_POWER))
 
 
 def white_doubt(water: Water) -> str:
-    """A line that says how uncertain the white point is, and what settles it; "" where it is
-    certain, or its error not known.
-    """
+    """A line on how uncertain the white point is, and what settles it; "" where it is certain."""
     red, blue = errors = white_errors(water)
     if not (errors > DOUBTED).any():
         return ""

@@ -8,7 +8,7 @@ give J = D / A the contrast of D, a mean of a half, and nothing above full scale
 of a range map is a product, so the networks are the functions of ``water.physics`` with raw weights
 before a sigmoid or a softplus. A loss is a sum over pixels of a function of channel, range and
 value: running sums of a moment table give it and its gradient exactly, without a pixel
-(docs/theory.md).
+(docs/lab/theory.md).
 """
 
 import time
@@ -43,27 +43,19 @@ COLD = {
 }
 """The water before any training: thin backscatter, attenuation of 0.2 per meter."""
 LEAST = 1e-6
-"""Fractions stay this far inside (0, 1), rates above it: raw weights are finite, and no image shows
-the difference.
-"""
+"""Fractions stay this far inside (0, 1), rates above it: raw weights are finite."""
 CLAMP_DEVIATIONS = 5.0
-"""The direct signal is clamped to so many standard deviations about its mean (docs/theory.md, row
-5).
-"""
+"""The direct signal is clamped to so many standard deviations about its mean (row 5)."""
 PENALTY = 1000.0
 """k of the backscatter loss: what a negative direct signal costs against a positive one (row 5)."""
 LEARNING_RATE = 0.03
 """Adam's."""
 TARGET = 0.5
-"""Mean of a channel of the corrected image in the intensity loss, fraction of full scale (row
-6).
-"""
+"""Mean of a corrected channel in the intensity loss, fraction of full scale (row 6)."""
 LEAST_VARIANCE = 1e-24
 """Under the root of a standard deviation: gives an image of one color a gradient."""
 LEAST_TRANSMISSION = 1e-26
-"""A below which it counts as this: its inverse is finite, and far above any gain that a fit could
-want.
-"""
+"""A below which it counts as this: its inverse is finite, far above any useful gain."""
 
 
 def fit(
@@ -73,8 +65,7 @@ def fit(
     start: Water | None = None,
     until_s: float | None = None,
 ) -> Water:
-    """The water after ``config.iterations`` steps, or after ``config.iterations_per_frame`` from
-    the start.
+    """The water after ``config.iterations`` steps; ``iterations_per_frame`` from a start.
 
     table: of at least one pixel. start: the water of a frame of the same scene. until_s: time of
     ``time.perf_counter`` after which no further step begins; one is always taken.
@@ -108,9 +99,7 @@ class Training:
         self._attenuation = Adam(raw_weights(ATTENUATION, start), LEARNING_RATE)
 
     def step(self) -> None:
-        """One step of Adam for each network; that of attenuation is trained on what the other
-        leaves now.
-        """
+        """One step of Adam for each network; attenuation is trained on what the other leaves."""
         sums, raw = self._sums, self._backscatter.weights
         self._backscatter.step(
             backscatter_loss(sums, backscatter(raw, sums.z, self._config.final_sigmoid), PENALTY)
@@ -137,20 +126,16 @@ class Training:
 
 
 def backscatter(raw: Tensor, z: Tensor, final_sigmoid: bool = False) -> Tensor:
-    """The backscatter network (the paper's fig. backscatter-net): (3, L) of raw weights (4, 3, 1)
-    at (L,) ranges.
+    """The backscatter network (fig. backscatter-net): (3, L), of weights (4, 3, 1) at (L,) ranges.
 
-    final_sigmoid: the sigmoid is the last layer, as printed, and gamma_inf and eta have any sign;
-    else it is on each of these two.
+    final_sigmoid: the sigmoid is the last layer, as printed, and gamma_inf and eta have any sign.
     """
     found = physics.backscatter(z, *_values(raw, final_sigmoid))
     return cast(Tensor, torch.sigmoid(found) if final_sigmoid else found)
 
 
 def attenuation(raw: Tensor, z: Tensor) -> Tensor:
-    """The attenuation network (fig. attenuation-net): (3, L) of raw weights (4, 3, 1) at (L,)
-    ranges.
-    """
+    """The attenuation network (fig. attenuation-net): (3, L), of (4, 3, 1) at (L,) ranges."""
     return cast(Tensor, physics.attenuation(z, *softplus(raw)).clamp(min=LEAST_TRANSMISSION))
 
 
@@ -161,9 +146,7 @@ def _values(raw: Tensor, final_sigmoid: bool) -> tuple[Tensor, ...]:
 
 
 def raw_weights(names: tuple[str, ...], water: Water | None) -> Tensor:
-    """(4, 3, 1) weights before a sigmoid or a softplus that give the water's parameters of these
-    names, or those of COLD.
-    """
+    """(4, 3, 1) weights before a sigmoid or softplus, of the water's parameters or of COLD."""
 
     def raw(name: str) -> NDArray[np.float64]:
         value = np.full(3, COLD[name]) if water is None else getattr(water, name)
@@ -179,9 +162,7 @@ def raw_weights(names: tuple[str, ...], water: Water | None) -> Tensor:
 
 
 class Adam:
-    """Adam's steps (Kingma, Ba 2015, algorithm 1) for one tensor of weights; torch.optim's takes 1
-    s to import.
-    """
+    """Adam's steps (Kingma, Ba 2015, algorithm 1); torch.optim takes 1 s to import."""
 
     def __init__(self, weights: Tensor, learning_rate: float) -> None:
         self.weights = weights.requires_grad_()
@@ -220,10 +201,8 @@ class Sums:
 
 
 def backscatter_loss(sums: Sums, veil: Tensor, penalty: float) -> Tensor:
-    """Mean of max(D, 0) - k min(D, 0), D = I - B; the paper's eq. bs-loss prints + k min(D, 0),
-    which rewards negative D.
-
-    veil (3, L): B. penalty: k.
+    """Mean of max(D, 0) - k min(D, 0), D = I - veil (3, L); penalty: k. Eq. bs-loss prints + k
+    min(D, 0), which rewards negative D.
     """
     below = sums.under(veil)
     above = sums.total - below
@@ -244,11 +223,9 @@ class Direct:
             1, True
         ) / sums.pixels - mean**2
         width = CLAMP_DEVIATIONS * variance.clamp(min=0).sqrt()
-        self.veil, self.floor, self.ceiling = (
-            veil,
-            (mean - width).clamp(0, 1),
-            (mean + width).clamp(0, 1),
-        )
+        self.veil = veil
+        self.floor = (mean - width).clamp(0, 1)
+        self.ceiling = (mean + width).clamp(0, 1)
         self.low, self._high = sums.under(veil + self.floor), sums.under(veil + self.ceiling)
         self._above = number - self._high[..., 0]
         at_floor = torch.stack(
@@ -259,9 +236,7 @@ class Direct:
         self.deviation = (square - mean**2).clamp(min=0).sqrt()
 
     def above(self, low: Tensor) -> Tensor:
-        """(3, L, 3) number of pixels and sums of D and its square, without those counted in ``low``
-        (3, L, 3).
-        """
+        """(3, L, 3) pixels and sums of D and D^2, without those in ``low`` (3, L, 3)."""
         number, first, second = (self._high - low).unbind(-1)
         direct = first - self.veil * number + self.ceiling * self._above
         square = (
@@ -271,20 +246,16 @@ class Direct:
 
 
 def attenuation_loss(sums: Sums, direct: Direct, gain: Tensor) -> Tensor:
-    """Saturation + intensity + variation of J = gain D (eqs. of the paper's section on
-    attenuation). gain (3, L): 1 / A.
-    """
+    """Saturation + intensity + variation of J = gain D (the paper's). gain (3, L): 1 / A."""
     first = (gain * direct.sums[..., 0]).sum(1) / sums.pixels
     square = (gain**2 * direct.sums[..., 1]).sum(1) / sums.pixels
     deviation = (square - first**2).clamp(min=LEAST_VARIANCE).sqrt()
     low = sums.under(direct.veil + torch.maximum(1 / gain, direct.floor))
     number, light, light2 = direct.above(low).unbind(-1)
     at_floor = (gain * direct.floor > 1) * direct.low[..., 0]
-    number, light, light2 = (
-        number + at_floor,
-        light + at_floor * direct.floor,
-        light2 + at_floor * direct.floor**2,
-    )
+    number = number + at_floor
+    light = light + at_floor * direct.floor
+    light2 = light2 + at_floor * direct.floor**2
     over = (gain**2 * light2 - 2 * gain * light + number) * (gain * direct.ceiling > 1)
     return (
         over.sum() / (3 * sums.pixels)

@@ -38,19 +38,13 @@ class RobustSettings:
     few_pixels: float = 200.0
     """Quantiles of this many pixels weigh half: neighbors are often of one thing."""
     nothing_learned: float = 0.9
-    """A standard error of at least this fraction of the prior's is no measurement: the image added
-    nothing.
-    """
+    """A standard error of at least this fraction of the prior's: the image added nothing."""
     little_relief: float = 1.2
     """Farthest over nearest range; below, a fit's attenuation is dominated by the prior."""
     least_direct: float = 0.05
-    """Direct signal left at least when the first backscatter is subtracted, fraction of the light:
-    a logarithm needs some.
-    """
+    """Direct signal left at least at the start, fraction of the light: a logarithm needs some."""
     least_light: float = 1e-6
-    """Fraction of full scale, a tenth of a value of 16 bits: a black image is scaled by this
-    instead of by 0.
-    """
+    """Fraction of full scale by which a black image is scaled: a tenth of a 16-bit value."""
     red_highlights: float = 0.55
     """Least excess of red of the brightest hundredth over the middle half, against natural scenes,
     before a frame is warned of: logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit
@@ -90,32 +84,40 @@ def fit_all(
     starts: Sequence[Water | None] = (),
     enough: float = 0.0,
 ) -> tuple[list[Water], NDArray[np.float64]]:
-    """``fit`` of each of several tables, from their quantiles, at once, and its cost as of
-    ``quality``. enough: as of ``minimize``.
-    """
-    begun = [
-        _begin_robust(seen, config, start)
-        for seen, start in zip(several, starts or [None] * len(several), strict=True)
-    ]
-    problems = [problem for problem, _ in begun]
-    found, curvature, costs = minimize(problems, [x for _, x in begun], enough)
+    """``fit`` of several tables at once, and costs as of ``quality``. enough: of ``minimize``."""
+    begun = zip(several, starts or [None] * len(several), strict=True)
+    problems, x = zip(*(_begin(seen, config.robust, start) for seen, start in begun), strict=True)
+    found, curvature, costs = minimize(problems, x, enough)
     waters = [_water(*one, config) for one in zip(several, problems, found, curvature, strict=True)]
     return waters, costs
 
 
-def _begin_robust(
-    seen: RangeQuantiles, config: ColorConfig, start: Water | None
+def _begin(
+    seen: RangeQuantiles,
+    settings: RobustConfig,
+    start: Water | None = None,
+    shared: Water | None = None,
 ) -> tuple[Problem, Vector]:
-    """What is minimized, and from where."""
+    """What is minimized, and from where. shared: the water of other frames, at any exposure."""
     scale = scale_of(seen)
     light = seen.light / scale
-    mean, precision, _ = whole_prior(len(seen.range_m), config.robust)
-    x = mean.copy()
-    x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
-    if start is not None and (start.v == RATE_OF_CHANGE).all():
-        x[:WATER] = parameters(start, scale)
+    mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
+    brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
+    if shared is None:
+        x = mean.copy()
+        x[12:WATER] = brightest
+        if start is not None and (start.v == RATE_OF_CHANGE).all():
+            x[:WATER] = parameters(start, scale)
+    else:
+        mean[:WATER] = parameters(shared, scale)
+        covariance = np.eye(WATER) * MISFIT_SETTINGS.tolerance**2
+        covariance[12:, 12:] += MISFIT_SETTINGS.exposure**2
+        precision[:WATER, :WATER] = np.linalg.inv(covariance)
+        x = mean.copy()
+        x[12:WATER] += (brightest - x[12:WATER]).mean()
     begin_content(x, seen.range_m, light)
-    return Problem(seen.range_m, light, seen.clipped, trust_in(seen), mean, precision), x
+    trust = seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all())
+    return Problem(seen.range_m, light, seen.clipped, trust, mean, precision), x
 
 
 def scale_of(seen: RangeQuantiles) -> float:
@@ -131,11 +133,9 @@ def _water(
     config: ColorConfig,
 ) -> Water:
     """The water of the parameters at the minimum, with standard errors and warnings."""
-    scale, precision, prior_error = (
-        scale_of(seen),
-        problem.precision,
-        whole_prior(len(seen.range_m), config.robust)[2],
-    )
+    scale = scale_of(seen)
+    precision = problem.precision
+    prior_error = whole_prior(len(seen.range_m), config.robust)[2]
     covariance: NDArray[np.float64] = np.asarray(
         np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64
     )
@@ -187,12 +187,10 @@ def standard_errors(
     """
     y, w, beta, gamma_inf, white = values
     by_logarithm = np.zeros((4, 5, 3))
-    by_logarithm[0, 0], by_logarithm[1, :2], by_logarithm[2, 2], by_logarithm[3, 3:] = (
-        y,
-        (w, w + y),
-        beta,
-        gamma_inf,
-    )
+    by_logarithm[0, 0] = y
+    by_logarithm[1, :2] = (w, w + y)
+    by_logarithm[2, 2] = beta
+    by_logarithm[3, 3:] = gamma_inf
     together = covariance.reshape(5, 3, 5, 3).diagonal(axis1=1, axis2=3)
     variances = np.einsum("kic,ijc,kjc->kc", by_logarithm, together, by_logarithm)
     return np.vstack([np.sqrt(np.maximum(variances, 0.0)), deviations(covariance)[4] * white])
@@ -201,9 +199,7 @@ def standard_errors(
 def correlated_covariance(
     curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int
 ) -> NDArray[np.float64]:
-    """(15, 15) covariance of the water if errors of all quantiles of a range are fully correlated,
-    so that they count as one.
-    """
+    """(15, 15) covariance of the water if all quantiles of a range count as one."""
     size = len(precision)
     return np.asarray(
         np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[
@@ -244,25 +240,14 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
 
 
 def _highlight_warnings(apart: Vector, quantiles: int) -> tuple[str, ...]:
-    """Whether the white point rests on highlights that the scene's colors contradict. apart:
-    parameters less their prior means.
-    """
+    """A warning where highlights contradict the scene. apart: parameters less prior means."""
     content = apart[WATER : WATER + 3 * quantiles].reshape(3, quantiles)
     redder = content[:, HIGHLIGHTS].mean(axis=1) - content[:, MIDDLE].mean(axis=1)
     return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > ROBUST_SETTINGS.red_highlights else ()
 
 
-def trust_in(seen: RangeQuantiles) -> Vector:
-    """(G,) weight of each range, 0..1; all 0 where every quantile is at full scale."""
-    return np.asarray(
-        seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all())
-    )
-
-
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
-    """Set the reflectances and brightnesses in ``x`` to means of the direct signal's logarithm
-    under the water in ``x``.
-    """
+    """Set reflectances and brightnesses in ``x`` to means under the water in ``x``."""
     log_far, log_near, log_beta, log_backscatter, log_white = x[:WATER].reshape(5, 3, 1)
     veil = backscatter(range_m, np.exp(log_backscatter + log_white), np.exp(log_beta), 0.0, 0.0)
     far = np.exp(log_far)
@@ -282,9 +267,7 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
 
 
 def parameters(water: Water, scale: float) -> Vector:
-    """(15,) logarithms of a water's parameters, in the order of ``x``, with intensities as
-    fractions of ``scale``.
-    """
+    """(15,) logarithms of a water's parameters, in the order of ``x``, light over ``scale``."""
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(
         [
@@ -306,48 +289,22 @@ class MisfitSettings:
     """What counts as the same water."""
 
     tolerance: float = 0.05
-    """Standard deviation of the logarithms of a shared water's parameters from frame to frame: what
-    cannot be seen in a color.
-    """
+    """Standard deviation of a shared water's logarithms between frames: not visible in a color."""
     exposure: float = 2.0
     """Standard deviation of the logarithm of a frame's exposure: it says nothing of the water."""
 
 
 MISFIT_SETTINGS = MisfitSettings()
 ENOUGH = 0.1
-"""A step that lowers a cost by less ends its minimization: costs are compared with limits of 25 and
-more.
-"""
+"""A step that lowers a cost by less is its last: costs are compared with limits of 25 and more."""
 
 
 def quality(
     seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water]
 ) -> NDArray[np.float64]:
-    """(N,) least cost of each frame's quantiles under its water at any exposure.
-
-    The cost is half the sum of squared errors in standard deviations, with those of the priors: 0
-    or above.
-    waters: of the robust method, or of another with attenuation far away (y) above 0.
+    """(N,) least cost of each frame's quantiles under its water, at any exposure: half the squared
+    errors in standard deviations. waters: with attenuation far away (y) above 0.
     """
-    begun = [
-        _begin_misfit(frame, settings, water) for frame, water in zip(seen, waters, strict=True)
-    ]
-    return minimize([problem for problem, _ in begun], [x for _, x in begun], ENOUGH)[2]
-
-
-def _begin_misfit(
-    seen: RangeQuantiles, settings: RobustConfig, water: Water
-) -> tuple[Problem, NDArray[np.float64]]:
-    """What is minimized, and from where."""
-    scale = scale_of(seen)
-    light = seen.light / scale
-    mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
-    brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
-    mean[:WATER] = parameters(water, scale)
-    covariance = np.eye(WATER) * MISFIT_SETTINGS.tolerance**2
-    covariance[12:, 12:] += MISFIT_SETTINGS.exposure**2
-    precision[:WATER, :WATER] = np.linalg.inv(covariance)
-    x = mean.copy()
-    x[12:WATER] += (brightest - x[12:WATER]).mean()
-    begin_content(x, seen.range_m, light)
-    return Problem(seen.range_m, light, seen.clipped, trust_in(seen), mean, precision), x
+    begun = zip(seen, waters, strict=True)
+    problems, x = zip(*(_begin(one, settings, shared=water) for one, water in begun), strict=True)
+    return minimize(problems, x, ENOUGH)[2]

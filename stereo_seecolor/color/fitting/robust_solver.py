@@ -47,16 +47,12 @@ class Steps:
 
 STEPS = Steps()
 BRIGHTEST = 20.0
-"""Logarithm of light above which all counts as this: it is finite, and far above that of any
-image.
-"""
+"""Logarithm of light above which all counts as this: far above that of any image."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100
-    (docs/lab/color.md).
-    """
+    """Errors of a quantile; chosen on synthetic scenes of seeds below 100 (docs/lab/color.md)."""
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
     """Standard deviation of each quantile, dark to bright, as a fraction of the direct signal:
@@ -70,9 +66,7 @@ class Noise:
     floor: float = 0.001
     """Light that a camera's offset hides, against the brightest."""
     darker: float = 0.03
-    """Fraction by which backscatter may exceed the darkest quantile: nothing is darker than the
-    backscatter before it.
-    """
+    """Fraction by which backscatter may exceed the darkest quantile, which lies behind it."""
 
     green_over_blue: float = 0.06
     """1/m, most by which attenuation of green exceeds that of blue. Pure water absorbs 0.036 more
@@ -87,11 +81,8 @@ NOISE = Noise()
 
 
 class Problem(NamedTuple):
-    """A frame's data and prior. range_m (G,): meters. light (3, G, P): quantiles, as fractions of
-    the brightest.
-
-    clipped (3, G, P). trust (G,): weight of each range, 0..1. mean (n,), precision (n, n): of the
-    Gaussian prior.
+    """range_m (G,): meters. light (3, G, P): quantiles over the brightest. clipped (3, G, P). trust
+    (G,): weight of each range, 0..1. mean (n,), precision (n, n): of the Gaussian prior.
     """
 
     range_m: Array
@@ -103,10 +94,8 @@ class Problem(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """Frames at some parameters. cost (N,): with renewed weights; cost_before: with those given.
-    weights (N, 3, G, P).
-
-    matrix (N, n, n): Gauss-Newton's; slope (N, n): the gradient.
+    """cost (N,): with renewed weights; cost_before: with given ones. weights (N, 3, G, P). matrix
+    (N, n, n): Gauss-Newton's. slope (N, n): the gradient.
     """
 
     cost: Tensor
@@ -126,9 +115,7 @@ class Normal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Problems, as tensors. z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n);
-    precision (N, n, n).
-    """
+    """z, trust (N, 1, G); log_light, clipped (N, 3, G, P); mean (N, n); precision (N, n, n)."""
 
     z: Tensor
     trust: Tensor
@@ -139,9 +126,7 @@ class Batch:
 
     @classmethod
     def of(cls, problems: Sequence[Problem]) -> Self:
-        """Several problems, padded to the ranges of the one that has most: ranges without trust,
-        which move nothing.
-        """
+        """Several problems, padded to most ranges by ranges without trust, which move nothing."""
         groups = max(len(problem.range_m) for problem in problems)
         parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
         z, light, clipped, trust, mean, precision = (
@@ -156,9 +141,7 @@ class Batch:
         return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
     def normal(self, x: Tensor, weights: Tensor | None = None) -> Normal:
-        """Costs and normal equations at x (N, n). weights: those of ``cost_before``; None: the
-        renewed ones.
-        """
+        """Costs and normal equations at x (N, n). weights: of ``cost_before``; None: renewed."""
         number, _, groups, quantiles = self.log_light.shape
         log_transmitted, veil, (by_a, by_b) = self._water(x)
         reflectance = x[:, WATER:-groups].view(number, 3, 1, quantiles)
@@ -214,9 +197,7 @@ class Batch:
         return Normal(cost, before, w, matrix, slope)
 
     def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
-        """log(A white) and B (N, 3, G), and their derivatives by the five logarithms of their
-        channel, (5, N, 3, G).
-        """
+        """log(A white), B (N, 3, G) and their derivatives by the five logarithms (5, N, 3, G)."""
         number, _, groups, _ = self.log_light.shape
         p = (
             x[:, :WATER]
@@ -242,11 +223,9 @@ class Batch:
 def minimize(
     problems: Sequence[Problem], start: Sequence[Array], enough: float = 0.0
 ) -> tuple[list[Array], list[Array], Array]:
-    """Minimize each problem's cost from its start; returns parameters, Gauss-Newton matrices and
-    costs at the minima.
+    """Parameters, Gauss-Newton matrices and costs at the minimum of each problem from its start.
 
     enough: a step down that lowers a cost by less is its last, where costs alone are wanted.
-    Problems that have converged are left out of further steps.
     """
     groups = max(len(problem.range_m) for problem in problems)
     padded = np.stack(
@@ -257,10 +236,8 @@ def minimize(
     )
     with one_thread():
         batch, x = Batch.of(problems), torch.from_numpy(padded)
-        going, damping = (
-            torch.ones(len(x), dtype=torch.bool),
-            x.new_full((len(x),), STEPS.first_damping),
-        )
+        going = torch.ones(len(x), dtype=torch.bool)
+        damping = x.new_full((len(x),), STEPS.first_damping)
         now = batch.normal(x)
         for _ in range(STEPS.most):
             here, at, damp = batch.at(going), x[going], damping[going]
@@ -296,9 +273,7 @@ def minimize(
 
 
 def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
-    """Solves (N, n, n) symmetric positive definite systems; where rounding made one singular, by
-    the step of steepest descent.
-    """
+    """Solutions of (N, n, n) systems; the steepest descent where rounding made one singular."""
     factor, failed = torch.linalg.cholesky_ex(matrix)
     steepest = vector / matrix.diagonal(dim1=1, dim2=2)
     return torch.where(
@@ -307,9 +282,7 @@ def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
 
 
 def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
-    """(N, 2) excess of green's attenuation over blue's, far and near, above what water can have,
-    and its slopes (N, 2, 6).
-    """
+    """(N, 2) excess of green's attenuation over blue's, far and near, and its slopes (N, 2, 6)."""
     rates = torch.stack([x[:, :3], x[:, :3] + x[:, 3:6]], 1).exp() / NOISE.rate
     excess = (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(min=0)
     slopes = x.new_zeros(len(x), 2, 6)
@@ -319,9 +292,7 @@ def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _padded(problem: Problem, groups: int) -> tuple[NDArray[np.generic], ...]:
-    """A problem's arrays with ``groups`` ranges; those that are added have no trust, and a prior by
-    themselves.
-    """
+    """A problem's arrays with ``groups`` ranges; added ones have no trust and their own prior."""
     more, size = groups - len(problem.range_m), len(problem.mean)
     precision = np.eye(size + more)
     precision[:size, :size] = problem.precision

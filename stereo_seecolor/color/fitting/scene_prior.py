@@ -1,6 +1,4 @@
-"""The prior of the robust fit: of the scene's reflectances and light, joined with that of the water
-(``water_prior``).
-"""
+"""The prior of the robust fit: reflectances and light, joined with the water (``water_prior``)."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,11 +15,9 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScenePrior:
-    """Logarithms of reflectance at the nine quantiles of ``range_quantiles``, dark to bright,
-    against the brightest thousandth.
+    """Logarithms of reflectance at the nine quantiles, dark to bright, against the brightest.
 
-    Numbers without a source of their own were chosen on synthetic scenes and reefs of seeds below
-    100 (docs/lab/color.md).
+    Numbers without a source were chosen on synthetic scenes of seeds below 100 (docs/lab/color.md).
     """
 
     reflectance: tuple[float, ...] = (0.003, 0.005, 0.013, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)
@@ -37,9 +33,7 @@ class ScenePrior:
     degrees, and drawn scenes of such spectra better.
     """
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.9, 0.6, 0.25)
-    """Fraction of ``natural`` at each quantile: brighter things are nearer to gray; the brightest
-    are white, or reflections.
-    """
+    """Fraction of ``natural`` at each quantile: the brightest are white, or reflections."""
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
     """Standard deviation from warm to cool about that: dark things have any color, bright ones
     less. How channels vary together, and less from green to magenta, is that of the sea floor's
@@ -55,9 +49,7 @@ class ScenePrior:
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0
-    """Precision that holds the mean of the brightnesses near 0: the overall brightness is the
-    exposure's.
-    """
+    """Precision that holds the mean brightness near 0: the overall brightness is exposure."""
 
 
 SCENE = ScenePrior()
@@ -68,13 +60,9 @@ class SetByUser:
     """Variances of logarithms that the configuration sets."""
 
     value: float = 1e-6
-    """Variance of each value: a thousandth of the parameter, which keeps the covariance
-    invertible.
-    """
+    """Variance of each value: a thousandth of it; keeps the covariance invertible."""
     white_brightness: float = 4.0
-    """Variance of the brightness of a white point whose color is set: a factor of 7 up or down, as
-    exposure is free.
-    """
+    """Variance of the brightness of a set white point: a factor of 7, as exposure is free."""
 
 
 SET = SetByUser()
@@ -82,9 +70,7 @@ SET = SetByUser()
 
 @lru_cache(maxsize=64)
 def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Matrix]:
-    """Mean and precision of all parameters (water, reflectances, brightnesses), and (5, 3) the
-    water's ``deviations``.
-    """
+    """Mean and precision of all parameters, and (5, 3) the water's ``deviations``."""
     number = len(SCENE.reflectance)
     size = WATER + 3 * number + groups
     content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)
@@ -95,10 +81,8 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
         np.log(SCENE.reflectance) + _mean_color() * (settings.white_point != "gray")
     ).ravel()
     apart = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
-    colors, together = (
-        np.outer(SCENE.color, SCENE.color) * SCENE.alike**apart,
-        SCENE.reflectance_all**2 * np.eye(number),
-    )
+    colors = np.outer(SCENE.color, SCENE.color) * SCENE.alike**apart
+    together = SCENE.reflectance_all**2 * np.eye(number)
     channels = sea_floor().channels + 1 / 3  # brightness varies as warmth does
     precision[content, content] = np.linalg.inv(
         np.kron(channels, colors) + np.kron(np.ones((3, 3)), together)
@@ -115,9 +99,7 @@ def _mean_color() -> Matrix:
 
 
 def deviations(covariance: Matrix) -> Matrix:
-    """(5, 3) standard deviations of the water's logarithms, of covariance (15, 15); of the white
-    point's without their mean.
-    """
+    """(5, 3) standard deviations of covariance (15, 15); the white point's without their mean."""
     color = np.eye(3) - 1 / 3
     variances = np.diag(covariance).reshape(5, 3).copy()
     variances[4] = np.diag(color @ covariance[12:, 12:] @ color)
@@ -141,9 +123,7 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
 def _set(
     mean: Vector, covariance: Matrix, where: slice, values: Vector, together: float
 ) -> tuple[Vector, Matrix]:
-    """The Gaussian after the numbers at ``where`` have been observed. together: variance of an
-    offset that they have in common.
-    """
+    """The Gaussian after ``where`` was observed. together: variance of a common offset."""
     gain = covariance[:, where] @ np.linalg.inv(
         covariance[where, where] + SET.value * np.eye(3) + together
     )

@@ -14,23 +14,18 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
 from stereo_seecolor.water.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
 
 Vector = NDArray[np.float64]
 
 WATER = 15
-"""Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white,
-each for R, G, B.
-"""
+"""Parameters: log far, log(near / far), log beta, log(gamma_inf / white), log white; R, G, B."""
 
 _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid coast
 WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
 RATE_OF_CHANGE = 0.25
-"""1/m: over 4 m a coefficient goes from near to far. Any light stays monotone in range while near
-is below 8 times far.
-"""
+"""1/m: near becomes far over 4 m. Light stays monotone while near is below 8 times far."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +37,7 @@ class Ensemble:
     deepest_m: float = 15.0
     """Largest depth of the scene below the surface, where it is not known,"""
     most_optical_depth: float = 2.0
-    """if daylight has at most this optical depth there in the clearest part of the spectrum:
-    deeper, dives bring lamps.
-    """
+    """if daylight has at most this optical depth there at its clearest: deeper, lamps are used."""
     least_scattering_per_m: float = 0.02
     """Scattering of the clearest water type, whose table gives nearly none."""
     beam_scattering: float = 0.4
@@ -60,9 +53,7 @@ class Ensemble:
     lit_above_m: float = 1.0
     """The water between is lit at a depth within this of the bottom's."""
     scattering_reference_nm: float = 535.0
-    """Wavelength at which the scattering of particles is stated; its power of the wavelength is 0
-    to -1.
-    """
+    """Wavelength at which particles' scattering is stated; it goes with a power of 0 to -1."""
     gamma_inf: tuple[float, float] = (0.02, 12.0)
     """Least backscatter against the white point, and the factor from least to most."""
     seen_at_m: float = 2.0
@@ -173,12 +164,19 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
 
 
 def drawn_camera(draw: Vector) -> NDArray[np.float64]:
-    """(3, wavelengths) a camera's filters, of unit sum. draw: (4,) numbers in [0, 1), for peaks and
-    widths.
-    """
+    """(3, wavelengths) filters of unit sum. draw: (4,) in [0, 1), for peaks and widths."""
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
     widths = np.array(ENSEMBLE.widths_nm) * (
         1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3]
     )
     filters = np.exp(-0.5 * ((WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
     return np.asarray(filters / filters.sum(axis=1, keepdims=True))
+
+
+def low_discrepancy(number: int, dimensions: int) -> NDArray[np.float64]:
+    """(number, dimensions) points that fill the unit cube evenly (Kronecker's sequence)."""
+    ratio = 1.5
+    for _ in range(40):
+        ratio = (1 + ratio) ** (1 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((0.5 + np.arange(1, number + 1)[:, None] * steps) % 1.0)

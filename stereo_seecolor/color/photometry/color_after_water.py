@@ -19,7 +19,7 @@ from stereo_seecolor.color.photometry.color_trend import with_color_trend
 from stereo_seecolor.color.photometry.light_choice import correlated_count
 from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
-from stereo_seecolor.color.photometry.light_solver import LightTerms, Views, Window, solve
+from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, solve, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.measure import measure
@@ -55,8 +55,7 @@ def refit_color_after_water(
 ) -> SurveyLight:
     """The light with the color of its pattern solved again after the water is removed.
 
-    Unchanged where color has no pattern, where no change has more evidence, or where the water
-    leaves no spot any light.
+    Unchanged where color has no pattern, no change has more evidence, or no spot has light left.
     windows, names, size, recorded: as given to ``solve_light``, which found the light.
     """
     if not found.color.use.pattern:
@@ -67,23 +66,28 @@ def refit_color_after_water(
         -1, SHADING, 3
     )
     even = [_even(window, light, gains, shading, size) for window in windows]
-    water, views = (
-        with_color_trend(_water(even), light.color_trend),
-        Views(size, light.reference_m, light.seen_m),
-    )
-    made = [_window(views, window, seen, water) for window, seen in zip(windows, even, strict=True)]
+    water = with_color_trend(_water(even), light.color_trend)
+
+    def left(window: SeenWindow, seen: Observations) -> Window:
+        """The window with the water removed, without observations to which it leaves no light."""
+        direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
+        kept = usable(window.seen) & (direct > LIMITS.light[0]).all(axis=1)
+        lit = replace(seen, light=np.maximum(direct, LIMITS.light[0]))
+        return window_of(lit, window.frames, kept, light, size)
+
+    made = [left(*both) for both in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
     if not made:
         return found
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
     prior = LightPrior.unknown(LEFT, correlated_count(found.crossed))
-    left = min(
+    solved = min(
         (solve(made, colors, use, len(measured), prior) for use in USES),
         key=lambda solution: solution.misfit,
     )
     return replace(
-        found, solved=replace(light, coefficients=light.coefficients + left.coefficients)
+        found, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
     )
 
 
@@ -106,13 +110,3 @@ def _water(windows: Sequence[Observations]) -> Water:
     )
     counted = np.round(FULL * np.clip(light, 0.0, 1.0)).astype(np.uint16)
     return robust.fit(measure(counted[None], range_m[None].astype(np.float32)), LINEAR)
-
-
-def _window(views: Views, window: SeenWindow, seen: Observations, water: Water) -> Window:
-    """The observations of a window with the water removed, without those to which it leaves no
-    light.
-    """
-    direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
-    darkest = LIMITS.light[0]
-    kept = usable(window.seen) & (direct > darkest).all(axis=1)
-    return views.window(replace(seen, light=np.maximum(direct, darkest)), window.frames, kept)

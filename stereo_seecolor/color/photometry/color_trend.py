@@ -1,5 +1,4 @@
-"""The change of one spot's color with range, over several frames: a second measurement of the water
-beside the fit to colors.
+"""The change of one spot's color with range: a second measurement of the water.
 
 The fit compares near with far pixels, and mistakes a difference in color of near corals and far
 sand for water. A spot that is seen from two ranges has one color.
@@ -27,11 +26,8 @@ MOST_BACKSCATTER = 0.8
 
 @dataclass(frozen=True, eq=False)
 class ColorTrend:
-    """A color change with range.
-
-    power: (3,) R, G, B of a spot are proportional to range to this power, beside a common factor;
-    mean 0. error: standard error of each. range_m: range at which it was measured. light: (3,)
-    linear light of a typical spot there, fraction of full scale.
+    """power: (3,) R, G, B of a spot go with range to this power, beside a common factor; mean 0.
+    error: standard error of each. range_m: where it was measured. light: (3,) of a spot there.
     """
 
     power: Array
@@ -50,9 +46,7 @@ class ColorTrend:
 
     @classmethod
     def from_content(cls, content: Any) -> "ColorTrend":
-        """The trend from JSON. Raises ValueError, KeyError or TypeError where ``content`` is
-        something else.
-        """
+        """The trend from JSON. Raises ValueError, KeyError or TypeError for anything else."""
         power, light = (
             np.array(content[name], np.float64).reshape(3) for name in ("power", "light")
         )
@@ -61,10 +55,8 @@ class ColorTrend:
 
 def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
     """The water with the mean of its attenuation and the trend's, weighted by variance; colors at
-    the trend's range do not change.
-
-    The change of brightness with range is not taken from the trend, since lamps have part in it.
-    Waters of the paper's methods are unchanged: their coefficients depend on range in another way.
+    the trend's range do not change. Brightness is left: lamps have part in it. Waters of the
+    paper's method are unchanged.
     """
     if trend is None or water.x.any():
         return water

@@ -1,8 +1,7 @@
-"""Exposure of frames: from brightness, as the camera recorded it, and too bad to be measured."""
+"""Exposure of frames: from brightness, and as the camera recorded it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,9 @@ from stereo_seecolor.color.photometry.gain_chain import (
     offset_between,
     solve_chain,
 )
-from stereo_seecolor.color.render.tone import FULL_AT
-from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins, decoded_values
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
 from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable
-from stereo_seecolor.records import Capture, Image, Map, Water
+from stereo_seecolor.records import Capture, Water
 
 # A frame's camera exposure relative to others, from brightness at equal ranges: exposure scales
 # reef and backscatter alike.
@@ -27,9 +25,7 @@ _PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Linear light summed over the channels and pixels of each range bin, and the pixels; both
-    (256,) and to be added.
-    """
+    """Sums of light over channels and pixels of a range bin, and the pixels; (256,), they add."""
 
     light: NDArray[np.floating]
     pixels: NDArray[np.signedinteger]
@@ -46,11 +42,9 @@ class Brightness:
         """The range bins that have pixels, as 9 bytes each: a dive has thousands of frames."""
         bins = np.flatnonzero(self.pixels)
         packed = np.empty(bins.size, _PACKED)
-        packed["range_bin"], packed["light"], packed["pixels"] = (
-            bins,
-            self.light[bins],
-            self.pixels[bins],
-        )
+        packed["range_bin"] = bins
+        packed["light"] = self.light[bins]
+        packed["pixels"] = self.pixels[bins]
         return packed.tobytes()
 
     @classmethod
@@ -68,9 +62,7 @@ class Brightness:
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """Ratio of brightness to the reference's, averaged over range bins that both have; 1 where
-        there is none.
-        """
+        """Brightness over the reference's, averaged over common range bins; 1 without any."""
         both = (self.light > 0) & (reference.light > 0)
         if not both.any():
             return 1.0
@@ -85,9 +77,7 @@ class Brightness:
 
 
 def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
-    """The table for a ``factor`` times shorter exposure: the pixels of each value bin are moved to
-    the nearest bin.
-    """
+    """The table for a ``factor`` times shorter exposure: pixels move to the nearest value bin."""
     light = decoded_bins(table.bit_depth, encoding)
     nearest = np.searchsorted(0.5 * (light[1:] + light[:-1]), light / factor)
     counts = np.zeros_like(table.counts)
@@ -124,13 +114,9 @@ class RecordSettings:
     """When records are used."""
 
     varies: float = 0.03
-    """Least standard deviation over the dive (logarithm) of records that are examined; smaller
-    offsets are not corrected.
-    """
+    """Least standard deviation (logarithm) of records that are examined; less is not corrected."""
     left: float = 0.8
-    """Fraction of the offsets between frames that may be left with them, as for gains that are
-    measured.
-    """
+    """Fraction of the offsets between frames that may be left with them, as for gains."""
     no_gain: float = 1e-9
     """Logarithm: a gain of color alone has none of luminance but for rounding."""
 
@@ -139,9 +125,7 @@ SETTINGS = RecordSettings()
 
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
-    """(F,) logarithms of each frame's recorded exposure, of mean 0; 0 for a frame that lacks a
-    number which others recorded.
-    """
+    """(F,) logarithms of recorded exposures, of mean 0; 0 where a number is missing."""
     values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
     fields = np.fromiter(
         (np.nan if value is None else value for value in values), np.float64
@@ -164,16 +148,12 @@ def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
 
 
 def explain(offsets: tuple[float, float]) -> bool:
-    """Whether subtracting the records lowers the differences of luminance enough. offsets: of
-    ``offsets_about``.
-    """
+    """Whether subtracting the records lowers the ``offsets_about`` enough."""
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
 def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
-    """Solve the gains of all frames about the (F,) records; one without overlap gets its record.
-    chosen: see ``solve_chain``.
-    """
+    """Gains of all frames about the (F,) records; a frame without overlap gets its record."""
     chain = solve_chain(found, recorded, chosen)
     left = (
         chain.offsets[1]
@@ -185,51 +165,3 @@ def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain
         chain.measured | (recorded != 0),
         (offset_between(found, np.zeros_like(recorded)), left),
     )
-
-
-# Frames too badly exposed for their colors to be measured: almost black, or clipped by the
-# camera.
-
-
-@dataclass(frozen=True)
-class ExposureLimits:
-    """Limits of brightness beyond which a frame gets a warning."""
-
-    dark: float = 0.005
-    """Linear light of the brightest channel, fraction of full scale (16 of 255 in sRGB): noise of
-    1.5 of 255 is a tenth of it.
-    """
-    dark_fraction: float = 0.9
-    """Fraction of the pixels of known range that are darker: a lit object in open water fills more
-    than the rest.
-    """
-    clipped_fraction: float = 0.1
-    """Fraction of these pixels that are clipped: highlights and white cards fill less."""
-    step_px: int = 4
-    """Only every fourth row and column is examined."""
-
-
-LIMITS = ExposureLimits()
-
-
-def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
-    """A warning for each fault of a frame's exposure, judged where its range is known; empty for a
-    good exposure.
-
-    image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
-    """
-    small = image[:: LIMITS.step_px, :: LIMITS.step_px]
-    brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[
-        np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])
-    ]
-    if not brightest.size:
-        return ()
-    light = decoded_values(8 * image.dtype.itemsize, encoding)
-    if np.quantile(light[brightest], LIMITS.dark_fraction) < LIMITS.dark:
-        return ("the frame is almost black: its colors are mostly noise",)
-    clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
-    if clipped > LIMITS.clipped_fraction:
-        return (
-            f"overexposed: {clipped:.0%} of it is clipped by the camera, its color not recoverable",
-        )
-    return ()

@@ -10,6 +10,7 @@ picture keep their difference; the shading of all frames follows from them in on
 gains do (``gain_chain``). What stays in place on the reef no view tells from the reef's color.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -17,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.banded import solve_banded
 from stereo_seecolor.color.photometry.light_model import SHADING, SHAPE, FrameLight, shading_terms
 from stereo_seecolor.color.photometry.light_prior import (
     COLOR,
@@ -32,6 +32,11 @@ from stereo_seecolor.records import Image, Map
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.signedinteger]
+AT_ONCE = 50_000
+"""Differences whose equations are in memory at once."""
+DENSE = 400
+"""Up to so many unknowns are solved densely: scipy's banded solver takes 0.2 s to load."""
 OWN = 1 + SHADING
 """Unknowns of a frame: its gain and its shading."""
 
@@ -47,17 +52,13 @@ class ShadingSettings:
     half: float = 10.0
     """Patches with which a part weighs half of what it can."""
     gain: tuple[float, float] = (0.3, 0.03)
-    """Standard deviation of a frame's gain of luminance and of color, logarithm, as in the
-    chain.
-    """
+    """Standard deviation of a frame's gain of luminance and of color, as in the chain."""
     outlier: float = 1.5
     """Robust standard deviations beyond which a part weighs less than half (Cauchy)."""
     floor: float = 0.005
     """Least standard deviation of a part, logarithm."""
     rounds: int = 5
     """Rounds with new weights."""
-    at_once: int = 50_000
-    """Parts whose equations are in memory at once."""
 
 
 SETTINGS = ShadingSettings()
@@ -81,10 +82,9 @@ Parts = NDArray[np.void]
 
 
 def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> Parts:
-    """The difference of two frames in each part of the first's image: medians over patches.
+    """The difference of frames (``pair``) in each part of the first's image: medians over patches.
 
-    pair: the two frames' numbers. at: (N, 2) places of the patches in either image, -1..1. values:
-    (N, 4) differences, as of PART.
+    at: (N, 2) places of the patches in either image, -1..1. values: (N, 4), as of PART.
     """
     part = np.clip(((at[0] + 1) / 2 * SETTINGS.parts).astype(int), 0, SETTINGS.parts - 1) @ (
         1,
@@ -100,10 +100,7 @@ def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> P
 
 
 def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
-    """(frames, SHADING, 3) coefficients of each frame's shading, R, G, B; 0 where nothing is known.
-
-    used: whether shading of luminance and of color are solved.
-    """
+    """(frames, SHADING, 3) coefficients, 0 where unknown. used: of luminance and of color."""
     solved = np.zeros((frames, SHADING, 3))
     if len(parts) and used[0]:
         solved += _solved(parts, 0, frames, SETTINGS.gain[0], LUMINANCE)[..., None]
@@ -116,9 +113,7 @@ def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
 
 
 def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> NDArray[np.void]:
-    """The differences of whole frames (DIFFERENCE) less the part that is explained by the (F,
-    SHADING, 3) shading.
-    """
+    """The DIFFERENCE of whole frames less what the (F, SHADING, 3) shading explains."""
     if not len(parts):
         return found
     frames, left = len(shading), found.copy()
@@ -138,19 +133,19 @@ def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> ND
 
 
 def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviations) -> Array:
-    """(frames, SHADING) coefficients of luminance (output 0) or of a color (1 to 3). gain: prior
-    standard deviation of a gain.
-    """
+    """(frames, SHADING) coefficients of luminance (output 0) or a color. gain: prior deviation."""
     value, patches = (parts[name].astype(np.float64) for name in ("value", "patches"))
     prior, own = np.array([gain, *shading_deviations(about)]) ** -2.0, np.zeros((frames, OWN))
     least = patches / (patches + SETTINGS.half)
+
+    def terms(some: slice) -> tuple[Array, Array]:
+        return _terms(parts["at_i"][some]), _terms(parts["at_j"][some])
+
     for _ in range(SETTINGS.rounds):
         off = value[:, output] - _explained(parts, own)
         scale = max(deviation_about_zero(off), SETTINGS.floor)
         weight = least / (scale**2 + (off / SETTINGS.outlier) ** 2)
-        own = solve_banded(*_equations(parts, value[:, output], weight, prior, frames)).reshape(
-            frames, OWN
-        )
+        own = solve_frames((parts["i"], parts["j"]), value[:, output], weight, prior, frames, terms)
     return own[:, 1:]
 
 
@@ -165,37 +160,48 @@ def _terms(at: NDArray[np.int8]) -> Array:
     return np.concatenate([np.ones((len(at), 1)), shading_terms(at / ACROSS)], axis=1)
 
 
-def _equations(
-    parts: Parts, value: Array, weight: Array, prior: Array, frames: int
-) -> tuple[Array, Array]:
-    """The normal equations of frames about 0: their diagonals and those below, and the right side.
-    prior: (OWN,) precisions.
+def solve_frames(
+    pair: tuple[Indices, Indices],
+    value: Array,
+    weight: Array,
+    prior: Array,
+    frames: int,
+    terms: Callable[[slice], tuple[Array, Array]],
+) -> Array:
+    """(frames, K) unknowns of frames by weighted differences between them: least squares about 0.
+
+    pair: (D,) frames i > j. value, weight: (D,). prior: (K,) precisions. terms: (d, K) of i and of
+    j, for some of the differences.
     """
-    reach = int((parts["i"] - parts["j"]).max())
-    blocks, slope = np.zeros((reach + 1, frames, OWN, OWN)), np.zeros((frames, OWN))
+    reach, own = int((pair[0] - pair[1]).max()) + 1, len(prior)
+    blocks, slope = np.zeros((reach, frames, own, own)), np.zeros((frames, own))
     blocks[0] += np.diag(prior)
-    for start in range(0, len(parts), SETTINGS.at_once):
-        chunk = slice(start, start + SETTINGS.at_once)
-        i, j, w = parts["i"][chunk], parts["j"][chunk], weight[chunk, None]
-        of_i, of_j = (_terms(parts[end][chunk]) for end in ("at_i", "at_j"))
-        for frame, terms, sign in ((i, of_i, 1), (j, of_j, -1)):
-            np.add.at(blocks[0], frame, np.einsum("dp,dq->dpq", w * terms, terms))
-            np.add.at(slope, frame, sign * w * terms * value[chunk, None])
-        np.add.at(blocks, (i - j, j), -np.einsum("dp,dq->dpq", w * of_i, of_j))
-    return _band(blocks), slope.ravel()
-
-
-def _band(blocks: Array) -> Array:
-    """((reach + 1) OWN, F OWN) diagonals of the matrix with (reach + 1, F, OWN, OWN) ``blocks`` on
-    its diagonal and below.
-    """
-    reach, frames = blocks.shape[:2]
-    band = np.zeros((reach * OWN, frames * OWN), order="F")
+    for start in range(0, len(value), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        (i, j), w, both = (of[some] for of in pair), weight[some, None], terms(some)
+        for frame, of_frame, sign in ((i, both[0], 1), (j, both[1], -1)):
+            np.add.at(blocks[0], frame, np.einsum("dp,dq->dpq", w * of_frame, of_frame))
+            np.add.at(slope, frame, sign * w * of_frame * value[some, None])
+        np.add.at(blocks, (i - j, j), -np.einsum("dp,dq->dpq", w * both[0], both[1]))
+    band = np.zeros((reach * own, frames * own), order="F")
     for back in range(reach):
-        for p in range(OWN):
-            for q in range(OWN if back else p + 1):
-                band[back * OWN + p - q, q::OWN] = blocks[back, :, p, q]
-    return band
+        for p in range(own):
+            for q in range(own if back else p + 1):
+                band[back * own + p - q, q::own] = blocks[back, :, p, q]
+    return _solve_banded(band, slope.ravel()).reshape(frames, own)
+
+
+def _solve_banded(band: Array, slope: Array) -> Array:
+    """(N,) solution of a positive definite system of diagonals (reach, N), both overwritten."""
+    size = len(slope)
+    if size > DENSE:
+        from scipy.linalg import solveh_banded
+
+        return np.asarray(solveh_banded(band, slope, True, True, lower=True))
+    lower = np.zeros((size, size))
+    for back, diagonal in enumerate(band[:size]):
+        lower[np.arange(back, size), np.arange(size - back)] = diagonal[: size - back]
+    return np.asarray(np.linalg.solve(lower + np.tril(lower, -1).T, slope), np.float64)
 
 
 # Divides the light of a survey out of an image: each value becomes that under even light and the
@@ -204,18 +210,14 @@ def _band(blocks: Array) -> Array:
 NODES = {8: 4096, 16: 65536}
 """Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
 DARKEST = -12.0
-"""Logarithm of the darkest light that is distinguished from black: 0.4 of the least linear value of
-16 bits.
-"""
+"""Logarithm of the darkest light told from black: 0.4 of the least linear value of 16 bits."""
 
 MOST = SHAPE.most
 """``SHAPE.most`` as a plain number, which compiled functions can read."""
 
 
 class _Scale(NamedTuple):
-    """log_light (V,): of each value. values (NODES,): of each step of the logarithm, from DARKEST
-    to 0.
-    """
+    """log_light (V,): of each value. values (NODES,): of each step of it, from DARKEST to 0."""
 
     log_light: NDArray[np.float32]
     values: NDArray[Any]
@@ -270,9 +272,7 @@ def _even(
     clipped: int,
     out: Any,
 ) -> None:
-    """Divide pattern, gain and shading out of every pixel, into ``out``. clipped: least value that
-    the camera may have clipped.
-    """
+    """Divide pattern, gain and shading out, into ``out``. clipped: least value that may be so."""
     most, last = np.float32(MOST), scale.values.size - 1
     step = np.float32(last / -DARKEST)
     for row in range(image.shape[0]):

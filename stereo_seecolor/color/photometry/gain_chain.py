@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.banded import solve_banded
-from stereo_seecolor.color.photometry.frame_shading import PART, Parts, parts_of
+from stereo_seecolor.color.photometry.frame_shading import PART, Parts, parts_of, solve_frames
 from stereo_seecolor.color.photometry.light_model import places
 from stereo_seecolor.color.photometry.light_prior import COLOR
 from stereo_seecolor.color.photometry.observations import SeenWindow
@@ -20,7 +19,6 @@ from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.signedinteger]
 
 
 @dataclass(frozen=True)
@@ -28,9 +26,7 @@ class ChainSettings:
     """Weights of differences between frames, and when gains are used."""
 
     least_patches: int = 20
-    """Seen by both frames, for the fit and for judging it each: the median of fewer follows single
-    caustics.
-    """
+    """Seen by both frames, in each half: the median of fewer follows single caustics."""
     correlated: float = 10.0
     """Number of patches that count as one, as in the solver of the pattern."""
     gain: float = 0.3
@@ -43,9 +39,7 @@ class ChainSettings:
     trend are off by for all patches together.
     """
     outlier: float = 2.0
-    """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose, a
-    cloud of sand.
-    """
+    """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose."""
     rounds: int = 5
     """Rounds with new weights."""
     offset: float = 0.03
@@ -73,9 +67,7 @@ Differences = NDArray[np.void]
 
 
 class DifferenceTable:
-    """A growing table of differences, stored as bytes. whole: of frames. parts: of parts of their
-    images.
-    """
+    """A growing table of differences, as bytes. whole: of frames. parts: of parts of images."""
 
     def __init__(self) -> None:
         self._whole, self._parts = bytearray(), bytearray()
@@ -99,11 +91,9 @@ class DifferenceTable:
 def differences(
     window: SeenWindow, light: SurveyLight, size: tuple[int, int]
 ) -> tuple[Differences, Parts]:
-    """Differences between the first frame of a window and each of the others, with the light's
-    pattern and trend removed.
+    """Differences of a window's first frame to each other one, with pattern and trend removed.
 
-    size: (width, height) of the images that the observations' pixels are of. Parts are empty unless
-    the light has shading.
+    size: (width, height) of the observations' images. Parts are empty unless the light has shading.
     """
     good = usable(window.seen)
     seen = window.seen
@@ -134,10 +124,8 @@ def differences(
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The gains of all frames. gains: (F, 3) logarithms of R, G, B, 0 where they do not help.
-    measured (F,): frames that were
-    compared with others. offsets: rms of luminance between frames, without and with gains, on
-    patches left out of the fit.
+    """gains: (F, 3) logarithms, 0 where they do not help. measured (F,): frames that were compared.
+    offsets: rms of luminance between frames, without and with gains, on patches left out.
     """
 
     gains: Array
@@ -150,10 +138,7 @@ Chosen = tuple[bool | None, bool | None]
 
 
 def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None)) -> Chain:
-    """Solve the gains of luminance and of color.
-
-    known: (F,) logarithms of known gains of luminance, which are subtracted first.
-    """
+    """Gains of luminance and color. known: (F,) logarithms of gains that are subtracted first."""
     measured = np.zeros(len(known), np.bool_)
     measured[found["i"]] = measured[found["j"]] = True
     halves, outputs = (_outputs(found, known, part) for part in ("fitted", "whole"))
@@ -169,17 +154,12 @@ def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None))
 
 
 def offset_between(found: Differences, known: Array) -> float:
-    """rms of luminance between frames on patches left out of the fit, with the (F,) logarithms of
-    known gains subtracted.
-    """
+    """rms of luminance between frames on patches left out, with (F,) known gains subtracted."""
     return _offsets(found, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
 
 
 def _values(found: Differences, medians: str, output: int, known: Array) -> Array:
-    """(D,) medians of luminance (output 0) or of a color, with known gains of luminance subtracted.
-
-    One column at a time, since a long dive has too many differences to copy them all.
-    """
+    """(D,) medians of luminance (output 0) or of a color, known gains of luminance subtracted."""
     values = found[medians][:, output].astype(np.float64)
     if output == 0:
         values -= known[found["i"]]
@@ -188,25 +168,16 @@ def _values(found: Differences, medians: str, output: int, known: Array) -> Arra
 
 
 def _offsets(found: Differences, gains: Array, known: Array, part: slice) -> tuple[float, float]:
-    """rms of the differences between frames on patches left out of the fit, without and with
-    gains.
-    """
+    """rms of differences on patches left out of the fit, without and with gains."""
     if not len(found):
         return 0.0, 0.0
-    columns = range(4)[part]
-    weights, squares = found["patches"].astype(np.float64), [0.0, 0.0]
-    for gain, column in zip(
-        gains.T, columns, strict=True
-    ):  # one after the other: a long dive has millions of differences
-        off = _values(found, "judged", column, known)
-        squares[0] += float(np.einsum("d,d,d", off, off, weights))
-        off -= gain[found["i"]]
-        off += gain[found["j"]]
-        squares[1] += float(np.einsum("d,d,d", off, off, weights))
-    without, with_gains = (
-        float(np.sqrt(square / (len(columns) * weights.sum()))) for square in squares
-    )
-    return without, with_gains
+    weights, squares, columns = found["patches"].astype(np.float64), np.zeros(2), range(4)[part]
+    for gain, column in zip(gains.T, columns, strict=True):  # one by one: there may be millions
+        without = _values(found, "judged", column, known)
+        left = without - gain[found["i"]] + gain[found["j"]]
+        squares += [np.einsum("d,d,d", off, off, weights) for off in (without, left)]
+    before, after = np.sqrt(squares / (len(columns) * weights.sum())).tolist()
+    return before, after
 
 
 def _helps(offsets: tuple[float, float]) -> bool:
@@ -215,51 +186,32 @@ def _helps(offsets: tuple[float, float]) -> bool:
 
 
 def _outputs(found: Differences, known: Array, medians: str) -> Array:
-    """(F, 4) gains of luminance and of color, fitted to the medians of that name ("fitted" or
-    "whole").
-    """
+    """(F, 4) gains of luminance and color, fitted to medians of a name ("fitted" or "whole")."""
     solved = np.zeros((len(known), 4))
-    if not len(found):
-        return solved
-    i, j = (np.ascontiguousarray(found[end]) for end in "ij")
-    for output in range(4):
-        deviation, floor = (
-            (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
-        )
+    for output in range(4) if len(found) else ():
+        deviation = COLOR.gain if output else SETTINGS.gain
+        spread = found["spread"][:, output].astype(np.float64)
         variance = (
-            found["spread"][:, output].astype(np.float64) ** 2
-            * SETTINGS.correlated
-            / found["patches"]
-            + floor**2
+            spread**2 * SETTINGS.correlated / found["patches"] + SETTINGS.floor[min(output, 1)] ** 2
         )
-        solved[:, output] = _chain(
-            i, j, _values(found, medians, output, known), variance, np.full(len(known), deviation)
-        )
+        values = _values(found, medians, output, known)
+        solved[:, output] = _chain(found, values, variance, deviation, len(known))
     return solved
 
 
-def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Array) -> Array:
-    """(F,) gains about 0 whose differences are the values: least squares with Cauchy weights and
-    the prior of a gain, banded.
-    """
-    frames, reach = len(deviation), int((i - j).max())
-    weight, gains = 1.0 / variance, np.zeros(frames)
+def _chain(
+    found: Differences, value: Array, variance: Array, deviation: float, frames: int
+) -> Array:
+    """(F,) gains about 0 whose differences are the values: Cauchy weights and a prior."""
+    i, j = (np.ascontiguousarray(found[end]) for end in "ij")
+    weight, prior = 1.0 / variance, np.array([deviation**-2])
+
+    def terms(some: slice) -> tuple[Array, Array]:
+        ones = np.ones((len(i[some]), 1))
+        return ones, ones
+
     for _ in range(SETTINGS.rounds):
-        band, slope = np.zeros((reach + 1, frames), order="F"), np.zeros(frames)
-        band[0] = deviation**-2
-        np.add.at(band[0], i, weight)
-        np.add.at(band[0], j, weight)
-        for back in np.unique(i - j):
-            there = i - j == back
-            np.add.at(band[back], j[there], -weight[there])
-        np.add.at(slope, i, weight * value)
-        np.add.at(slope, j, -weight * value)
-        gains = solve_banded(band, slope)
-        weight = value - gains[i]
-        weight += gains[j]
-        weight **= 2
-        weight /= SETTINGS.outlier**2 * variance
-        weight += 1.0
-        weight *= variance
-        np.reciprocal(weight, out=weight)
+        gains = solve_frames((i, j), value, weight, prior, frames, terms)[:, 0]
+        off = value - gains[i] + gains[j]
+        weight = 1.0 / ((off**2 / (SETTINGS.outlier**2 * variance) + 1.0) * variance)
     return np.asarray(gains - gains.mean(), np.float64)

@@ -1,6 +1,4 @@
-"""Chooses the terms of the light: those with which views of patches that were left out of the fit
-agree better.
-"""
+"""Chooses the terms of the light with which views of patches left out of the fit agree better."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,25 +28,17 @@ class ChoiceSettings:
     """When a term is worth using."""
 
     better: float = 0.02
-    """Fraction by which it must lower the spread between views of patches left out; chance lowers
-    it by less than 1 %.
-    """
+    """Fraction by which it must lower the spread on patches left out; chance: less than 1 %."""
     visible: float = 0.003
     """Least by which it must lower it, natural logarithm: less is not seen, even side by side."""
     offset: float = 0.03
-    """Offsets between frames (rms, logarithm) that are worth a gain for each frame, which may then
-    hardly change the spread,
-    """
+    """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
     offset_left: float = 0.8
     """if at most this fraction of them is left."""
     sure: float = 2.0
-    """Standard errors of the offset of a pair of frames, by the scatter of its patches, beyond
-    which frames differ.
-    """
+    """Standard errors of a pair's offset, by its patches' scatter, beyond which frames differ."""
     robust_error: float = 1.17
-    """Relative standard error of a robust standard deviation, times the root of the size of its
-    sample; of Gaussian values.
-    """
+    """Relative standard error of a robust deviation of Gaussian values, times root N."""
     least_patches: int = 300
     """Left out and seen by two frames or more: fewer judge nothing."""
 
@@ -73,10 +63,7 @@ class Spread:
 @dataclass(frozen=True, eq=False)
 class Choice:
     """The solution with the terms that help. before, after: spread without and with them, on
-    patches left out of the fit.
-
-    judging: number of these patches. error: standard error of the pattern, as of ``pattern_error``;
-    0 without a pattern.
+    patches left out; judging: their number. error: ``pattern_error``; 0 without a pattern.
     """
 
     use: LightTerms
@@ -159,9 +146,7 @@ def choose(
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
-    """Spread of the differences between each view of a patch and the one before it, with the
-    solution removed.
-    """
+    """Spread of differences of each view of a patch from the one before, solution removed."""
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
     for window, value in zip(windows, values, strict=True):
@@ -176,10 +161,8 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
     of_pairs = np.split(difference[np.argsort(pair, kind="stable")], np.cumsum(number)[:-1])
     squares = [float((np.median(several, axis=0) ** 2).mean()) for several in of_pairs]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
-    between_views, between_frames = (
-        deviation_about_zero(size),
-        float(np.sqrt(np.average(squares, weights=number))),
-    )
+    between_views = deviation_about_zero(size)
+    between_frames = float(np.sqrt(np.average(squares, weights=number)))
     return Spread(
         between_views, between_frames, between_views * float(np.sqrt(len(number) / len(difference)))
     )
@@ -223,11 +206,10 @@ ONE_LIGHT_SETTINGS = OneLightSettings()
 def is_single_illumination(
     windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
 ) -> bool:
-    """Whether one light explains all windows about as well as a light for each part of the dive
-    that shares no spot with others.
+    """Whether one light explains all windows about as well as one for each part that shares no
+    spot.
 
-    values, frames: as ``solve``'s. candidates: the lights that are tried for all together, and for
-    each part.
+    values, frames: as ``solve``'s. candidates: tried for all together, and for each part.
     """
     parts = _parts(windows, frames)
     if len(parts) == 1:
@@ -262,34 +244,29 @@ def _parts(windows: Sequence[Window], frames: int) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class CrossingSettings:
-    """Limits on the reef's motion through the picture, in sizes of the picture. Chosen by
-    cross-validation on a real dive of
-    20 frames: the pattern of each part of 2 to 10 frames was applied to the frames outside it.
+    """In sizes of the picture. Cross-validated on a real dive of 20 frames: patterns of parts of 2
+    to 10 frames, applied to the frames outside.
     """
 
     correlated: float = 10.0
-    """Number of observations that count as one: neighbors are under the same caustic, and have the
-    same errors of range and pose.
-    """
+    """Observations that count as one: neighbors share a caustic and errors of range and pose."""
     whole: float = 1.5
     """Motion below which more observations count as one, in inverse proportion. Three neighboring
     frames cross 0.3: their pattern of luminance left 0.84 to 1.22 of the spread of other frames
     with 10 alike, with 50 it leaves 0.84 to 0.94.
     """
     color: float = 1.0
-    """Least for a pattern of color. With less, it made other frames worse (up to 1.5 times at 0.3,
-    1.3 at 0.7).
-    """
+    """Least for a pattern of color: with less, other frames got worse (1.5 times at 0.3)."""
 
 
 CROSSING_SETTINGS = CrossingSettings()
 
 
 def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> float:
-    """The sum over all windows of the reef's motion through the image, from the window's first
-    frame to the nearest other.
+    """The reef's motion from each window's first frame to the nearest other, in image
+    sizes.
 
-    In image sizes. size: (width, height) of the images that the observations' pixels are of.
+    size: (width, height) of the images that the observations' pixels are of.
     """
     return float(sum(_shift(window, size) for window in windows))
 

@@ -32,19 +32,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PatternShape:
-    """The polynomial. On 20 frames of a strobe-lit reef, half of its observations left out, degrees
-    6
-    and 8 gain nothing more.
-    """
+    """On 20 frames of a strobe-lit reef, half left out, degrees 6 and 8 gain nothing more."""
 
     degree: int = 4
     """Total degree over the image: lamps and lenses are as smooth as that."""
     range_degree: int = 2
     """Degree in the logarithm of the range."""
     range_step: float = 0.2
-    """Logarithm of range that is 1 in the polynomial: keeps its terms of like size at usual
-    relief.
-    """
+    """Logarithm of range that is 1 in the polynomial: terms are of like size at usual relief."""
     most: float = 1.6
     """Largest logarithm of the pattern, up and down: a factor of 5; more is extrapolation."""
 
@@ -66,9 +61,7 @@ SHADING = 5
 
 @dataclass(frozen=True, eq=False)
 class ByFrame(Mapping[str, Array]):
-    """A mapping from a frame's name to (K,) numbers. numbers: (F, K) for all ``names``, NaN for
-    those that have none.
-    """
+    """Frame name -> (K,) numbers. numbers: (F, K) for all ``names``, NaN for those without."""
 
     names: Names = field(default_factory=Names)
     numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
@@ -148,18 +141,14 @@ class Light:
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 
     def log_range(self, range_m: NDArray[np.floating]) -> Array:
-        """The polynomial's variable, log of range: 0 at the reference range, and where the range is
-        unknown.
-        """
+        """The polynomial's variable: 0 at the reference range and where the range is unknown."""
         known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
         return np.asarray(
             np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step
         )
 
     def maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
-        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each pixel
-        and channel.
-        """
+        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` per pixel."""
         if size not in self._maps:
             self._maps[size] = self._computed_maps(size)
         return self._maps[size]
@@ -170,10 +159,8 @@ class Light:
 
     def _computed_maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
         width, height = size
-        x, y = (
-            _normalized(np.arange(width, dtype=np.float64), width),
-            _normalized(np.arange(height, dtype=np.float64), height),
-        )
+        x = _normalized(np.arange(width, dtype=np.float64), width)
+        y = _normalized(np.arange(height, dtype=np.float64), height)
         parts = self.coefficients.reshape(SHAPE.range_degree + 1, PATTERN, 3)
         grid = np.zeros((SHAPE.degree + 1, SHAPE.degree + 1, 3, SHAPE.range_degree + 1))
         for term, (a, b) in enumerate(POWERS):
@@ -206,9 +193,7 @@ class Light:
 
     @classmethod
     def from_content(cls, content: Any) -> "Light":
-        """The light from JSON. Raises ValueError, KeyError or TypeError where ``content`` is
-        something else.
-        """
+        """The light from JSON. Raises ValueError, KeyError or TypeError for anything else."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
         gains = ByFrame.of(content["log_gains"].items(), 3)
@@ -233,10 +218,7 @@ def _streamed(of: Mapping[str, Array]) -> Streamed:
 
 @dataclass(frozen=True, eq=False)
 class FrameLight:
-    """The light in the pixels of one frame. log_gain: (3,), 0 where none was measured. maps: as of
-    ``Light.maps``.
-    log_shading: (H, W, 3).
-    """
+    """log_gain: (3,), 0 where not measured. maps: as of ``Light.maps``. log_shading: (H, W, 3)."""
 
     light: Light
     log_gain: Array
@@ -246,9 +228,7 @@ class FrameLight:
     def seen_through(
         self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]
     ) -> "FrameLight":
-        """The same light in the pixels of another image, such as the unrectified one, to which
-        ``warp`` takes an (H, W) map.
-        """
+        """The same light in another image's pixels, to which ``warp`` takes an (H, W) map."""
         powers = range(self.maps.shape[-1])
         maps = [
             np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1)
@@ -270,9 +250,7 @@ def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Arra
 
 
 def places(pixel: Array, size: tuple[int, int]) -> Array:
-    """(N, 2) pixels x, y normalized to -1 at the first edge of an image of ``size`` (width,
-    height), and 1 at the last.
-    """
+    """(N, 2) pixels x, y as -1..1 from edge to edge of an image of ``size`` (width, height)."""
     return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
 
 
@@ -284,16 +262,12 @@ def shading_terms(place: Array) -> Array:
 
 
 def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
-    """(H, W, 3) logarithm of a frame's shading in a picture of ``size`` (width, height);
-    coefficients: as of ``Light.shading``.
-    """
+    """(H, W, 3) logarithm of a frame's shading. coefficients: as of ``Light.shading``."""
     width, height = size
     if not coefficients.any():
         return np.zeros((height, width, 3), np.float32)
-    x, y = (
-        _normalized(np.arange(width, dtype=np.float64), width),
-        _normalized(np.arange(height, dtype=np.float64), height),
-    )
+    x = _normalized(np.arange(width, dtype=np.float64), width)
+    y = _normalized(np.arange(height, dtype=np.float64), height)
     of_rows = [
         y[:, None] ** b * of_rgb
         for (_, b), of_rgb in zip(POWERS, coefficients.reshape(SHADING, 3), strict=False)
@@ -307,9 +281,7 @@ def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float3
 
 
 def _normalized(pixel: Array, size: int) -> Array:
-    """Pixel coordinates normalized to -1 at the first edge of the image and 1 at the last. size:
-    pixels from edge to edge.
-    """
+    """Pixel coordinates as -1 at the first edge of the image, 1 at the last. size: pixels."""
     return (2 * pixel + 1 - size) / size
 
 
@@ -341,9 +313,7 @@ def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
 
 
 def lit_by(water: Water, light: Light | None) -> Water:
-    """The water with two measurements of the light: the change of colors with range, and the
-    fall-off of lamps on the rig.
-    """
+    """The water with two measurements of the light: the color trend, and lamps' fall-off."""
     return (
         water
         if light is None
@@ -352,9 +322,7 @@ def lit_by(water: Water, light: Light | None) -> Water:
 
 
 def _with_fall_off(water: Water, light: Light) -> Water:
-    """The water with the fall-off of lamps on the rig: the fall-off with range that the water
-    itself does not explain.
-    """
+    """The water with the fall-off of lamps: what of it the water itself does not explain."""
     if not light.fade:
         return water
     near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))

@@ -1,15 +1,12 @@
-"""Priors of a survey's light: its pattern, trend, gains and shading; lamps on the rig; lenses in
-sunlight.
-"""
+"""Priors of a survey's light: pattern, trend, gains and shading; lamps; lenses in sunlight."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
+from stereo_seecolor.color.fitting.water_prior import low_discrepancy
 from stereo_seecolor.color.photometry.light_model import (
     PATTERN,
     POWERS,
@@ -35,13 +32,9 @@ class LampSettings:
     """The random rigs; pairs are the ends of uniform distributions."""
 
     rigs: int = 400
-    """Number of rigs, nine for each coefficient of the pattern: the covariance is stable to a few
-    percent.
-    """
+    """Number of rigs, nine for each coefficient: the covariance is stable to a few percent."""
     sideways_m: float = 0.8
-    """Lamps are up to this far from the camera, to both sides (or above and below): arms longer
-    than that are rare.
-    """
+    """Lamps are up to this far to both sides (or above and below): longer arms are rare."""
     up_m: float = 0.5
     """Distance of lamps from the camera in the direction across, each way."""
     ahead_m: float = 0.3
@@ -57,13 +50,9 @@ class LampSettings:
     half_width: tuple[float, float] = (0.4, 0.9)
     """Tangent of half the horizontal field of view: 44 to 84 degrees."""
     sun: tuple[float, float] = (0.0, 0.6)
-    """Fraction of the light at the reference range that is the sun's: none at night, most in
-    shallow water by day.
-    """
+    """Fraction of the light at the reference range that is the sun's: none at night."""
     rest: float = 0.05
-    """Standard deviation of what is not drawn (shading, reflectors), of a coefficient of the
-    pattern; of its change a fifth.
-    """
+    """Standard deviation of what is not drawn, of a coefficient; of its change a fifth."""
     rest_trend: float = 0.04
     """Standard deviation of the same in the trend, for a range that is a fifth longer."""
 
@@ -80,20 +69,16 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for rigs with
-    lamps.
+    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night and day.
 
-    By night and by day, when the sun adds even light. reference_m: the range that the images are
-    taken from.
+    reference_m: the range that the images are taken from.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5
     pixel, steps = np.tile(places, (len(_STEPS), 1)), np.repeat(_STEPS, len(places))
     terms = np.column_stack([pattern_terms(pixel, steps, SIZE), steps, np.ones_like(steps)])
-    range_m, draws = (
-        reference_m * np.exp(SHAPE.range_step * steps),
-        low_discrepancy(LAMP_PRIOR_SETTINGS.rigs, 18),
-    )
+    range_m = reference_m * np.exp(SHAPE.range_step * steps)
+    draws = low_discrepancy(LAMP_PRIOR_SETTINGS.rigs, 18)
     light = np.stack([_light(draw, pixel, range_m, steps == 0) for draw in draws])
     regular = 1e-6 * len(steps) * np.eye(terms.shape[1])
     found = np.linalg.solve(terms.T @ terms + regular, terms.T @ light.T)[: TERMS + 1].T
@@ -107,16 +92,13 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
 
 
 def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool_]) -> Array:
-    """(N,) logarithm of the light that returns to (N, 2) pixels from (N,) ranges. draw: (18,)
-    numbers in [0, 1).
+    """(N,) logarithm of the light that returns to (N, 2) pixels from (N,) ranges.
 
-    reference: (N,) True at the range for which the sun's fraction is defined.
+    draw: (18,) in [0, 1). reference: (N,) True at the range where the sun's fraction is defined.
     """
     tangent, corner = _between(LAMP_PRIOR_SETTINGS.half_width, draw[0]), _between(CORNER, draw[1])
-    attenuation, one = (
-        _between(LAMP_PRIOR_SETTINGS.attenuation, draw[2]),
-        draw[3] < LAMP_PRIOR_SETTINGS.alone,
-    )
+    attenuation = _between(LAMP_PRIOR_SETTINGS.attenuation, draw[2])
+    one = draw[3] < LAMP_PRIOR_SETTINGS.alone
     across = (2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * tangent
     ray = np.column_stack([across, np.ones(len(pixel))])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -163,14 +145,11 @@ class LensSettings:
     """Standard deviations, of logarithms."""
 
     rest: float = 0.03
-    """Of the part of a coefficient of the pattern that is not radial: housings and ports are
-    mounted nearly centered. Its change for a range that is a fifth longer has a fifth of this, as
-    for lamps.
+    """Of a coefficient that is not radial: ports are mounted nearly centered; of its change a
+    fifth.
     """
     gain: float = 0.5
-    """Of a frame's gain: clouds, the sun's height and automatic exposure change it by a stop and
-    more.
-    """
+    """Of a frame's gain: clouds, sun and automatic exposure change it by a stop and more."""
 
 
 LENS_PRIOR_SETTINGS = LensSettings()
@@ -219,9 +198,7 @@ class Deviations:
     gain: float
     """Standard deviation of a frame's gain."""
     shading: float
-    """Standard deviation of how a frame's shading changes from the middle of the picture to its
-    edge.
-    """
+    """Standard deviation of the change of shading from the picture's middle to its edge."""
     systematic: float
     """Error of the model itself (the light of lamps is not a polynomial): observations weigh no
     more than with this error against the priors, however well they agree.
@@ -254,8 +231,7 @@ class Gaussian:
     precision: Array
 
     def misfit(self, found: Array, squares: float, matrix: Array) -> float:
-        """Twice the negative logarithm of the evidence for this prior, up to a constant (MacKay
-        1992).
+        """Twice the negative log evidence for this prior, up to a constant (MacKay 1992).
 
         found: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
         equations.
@@ -269,68 +245,40 @@ class Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class LightPrior:
-    """A prior of the light. mean, covariance: of the TERMS coefficients and the trend. gain,
-    systematic: as in Deviations.
-
-    shading: (SHADING,) standard deviations of the coefficients of a frame's shading.
-    correlated: number of correlated observations that count as one measurement against the prior.
+    """mean, covariance: of the TERMS coefficients and the trend. about: gain, shading and model.
+    correlated: observations that count as one against the prior.
     """
 
     mean: Array
     covariance: Array
-    gain: float
-    shading: Sequence[float]
-    systematic: float
+    about: Deviations
     correlated: float
 
     @classmethod
     def unknown(cls, about: Deviations, correlated: float) -> "LightPrior":
         """The prior for light of unknown kind: independent coefficients of mean 0."""
-        deviations = (
-            [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
-        )
-        return cls(
-            np.zeros(TERMS + 1),
-            np.diag(np.square(deviations)),
-            about.gain,
-            shading_deviations(about),
-            about.systematic,
-            correlated,
-        )
+        each = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
+        return cls(np.zeros(TERMS + 1), np.diag(np.square(each)), about, correlated)
 
     @classmethod
     def lamps(cls, reference_m: float, correlated: float) -> "LightPrior":
-        """The prior of luminance under lamps on the rig, with or without daylight, in pictures
-        taken from about ``reference_m``.
-        """
-        return cls(
-            *lamp_ensemble(reference_m),
-            LUMINANCE.gain,
-            shading_deviations(LUMINANCE),
-            LUMINANCE.systematic,
-            correlated,
-        )
+        """Luminance under lamps on the rig, with or without daylight, about ``reference_m``."""
+        return cls(*lamp_ensemble(reference_m), LUMINANCE, correlated)
 
     @classmethod
     def lens(cls, correlated: float) -> "LightPrior":
-        """The prior of the luminance of pictures in sunlight, whose strength and exposure change
-        from frame to frame.
-        """
-        ensemble, gain = lens_ensemble(LUMINANCE.trend), LENS_PRIOR_SETTINGS.gain
-        return cls(*ensemble, gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, correlated)
+        """Luminance in sunlight, whose strength and exposure change from frame to frame."""
+        about = replace(LUMINANCE, gain=LENS_PRIOR_SETTINGS.gain)
+        return cls(*lens_ensemble(about.trend), about, correlated)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
-        """The prior of the terms in use (``columns``), and of gain and shading of ``frames``
-        frames.
+        """The prior of the terms in use (``columns``), and of gain and shading of frames.
 
         of_frame: number of unknowns of a frame: none, its gain, or its gain and its shading.
         """
         number = int(columns.sum())
-        own = np.tile([self.gain, *self.shading][:of_frame], frames)
-        mean, precision = (
-            np.zeros(number + own.size),
-            np.diag(np.concatenate([np.ones(number), own**-2.0])),
-        )
-        mean[:number] = self.mean[columns]
+        own = np.tile([self.about.gain, *shading_deviations(self.about)][:of_frame], frames)
+        mean = np.concatenate([self.mean[columns], np.zeros(own.size)])
+        precision = np.diag(np.concatenate([np.ones(number), own**-2.0]))
         precision[:number, :number] = np.linalg.inv(self.covariance[np.ix_(columns, columns)])
         return Gaussian(mean, precision)

@@ -21,8 +21,8 @@ from stereo_seecolor.color.photometry.light_model import (
     MEAN_SQUARES,
     PATTERN,
     SHADING,
-    SHAPE,
     TERMS,
+    Light,
     pattern_terms,
 )
 from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
@@ -39,27 +39,18 @@ class SolverSettings:
     rounds: int = 5
     """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
-    """Robust standard deviations beyond which an observation weighs less than half (Cauchy):
-    caustics,
-    fish, wrong matches.
-    """
+    """Robust standard deviations beyond which an observation weighs under half (Cauchy): fish."""
     first_prior: float = 1e-3
-    """Precision of all unknowns in the first round, before the scatter is known: it only keeps the
-    system solvable.
-    """
+    """Precision of all unknowns in the first round, which keeps the system solvable."""
     least_scale: float = 1e-4
-    """Least robust standard deviation of the residuals, logarithm: observations without noise would
-    all be outliers.
-    """
+    """Least robust deviation of residuals, logarithm: without noise all would be outliers."""
 
 
 SETTINGS = SolverSettings()
 
 
 class LightTerms(NamedTuple):
-    """Terms in use. ranged: the pattern changes with range. shading: each frame has a pattern of
-    its own beside its gain.
-    """
+    """Terms in use. ranged: the pattern changes with range. shading: each frame's own pattern."""
 
     pattern: bool = False
     ranged: bool = False
@@ -78,11 +69,8 @@ class LightTerms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Observations of one window.
-
-    patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light
-    (N, 3).
-    held (N,): observations of patches that are left out of the fit, to judge it.
+    """patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1),
+    log_light (N, 3). held (N,): observations of patches that are left out of the fit, to judge it.
     """
 
     patch: NDArray[np.int64]
@@ -93,9 +81,7 @@ class Window:
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
-        """The window with only the observations that are left out of the fit, or only the
-        others.
-        """
+        """Only the observations that are left out of the fit, or only the others."""
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
         parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
@@ -123,38 +109,26 @@ class Solution:
     covariance: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Views:
-    """Makes a Window from observations. size: (width, height) of the image. reference_m, seen_m: as
-    in
-    Light.
+def window_of(
+    seen: Observations,
+    frames: NDArray[np.int64],
+    usable: NDArray[np.bool_],
+    light: Light,
+    size: tuple[int, int],
+) -> Window:
+    """The window of the usable (N,) observations of patches that two frames or more see.
+
+    frames: number in the dive of each of the observations' frames. light: gives the ranges of the
+    polynomial. size: (width, height) of the image.
     """
-
-    size: tuple[int, int]
-    reference_m: float
-    seen_m: tuple[float, float]
-
-    def window(
-        self, seen: Observations, frames: NDArray[np.int64], usable: NDArray[np.bool_]
-    ) -> Window:
-        """The window of the usable (N,) observations of patches that two frames or more see.
-
-        frames: number in the dive of each of the observations' frames.
-        """
-        patch = seen.patch[usable]
-        kept = (
-            np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1]
-            if patch.size
-            else np.zeros(0, np.int64)
-        )
-        patch = np.unique(seen.patch[kept], return_inverse=True)[1]
-        log_range = (
-            np.log(np.clip(seen.range_m[kept], *self.seen_m) / self.reference_m) / SHAPE.range_step
-        )
-        terms = pattern_terms(seen.pixel[kept], log_range, self.size).astype(np.float32)
-        trend = log_range[:, None].astype(np.float32)
-        held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
-        return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
+    patch = seen.patch[usable]
+    kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1]
+    patch = np.unique(seen.patch[kept], return_inverse=True)[1]
+    log_range = light.log_range(seen.range_m[kept])
+    terms = pattern_terms(seen.pixel[kept], log_range, size).astype(np.float32)
+    trend = log_range[:, None].astype(np.float32)
+    held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
+    return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
 
 
 def solve(
@@ -177,69 +151,59 @@ def solve(
         _Part.of(window, columns, of_frame, value)
         for window, value in zip(windows, values, strict=True)
     ]
-    fit = _robust_fit(parts, known, prior, outputs)
+    found, matrix, squares, variance = _robust_fit(parts, known, prior, outputs)
     number = int(columns.sum())
     coefficients = np.zeros((TERMS + 1, outputs))
-    coefficients[columns] = fit.found[:number]
+    coefficients[columns] = found[:number]
     own = np.zeros((frames, 1 + SHADING, outputs))
-    own[:, :of_frame] = fit.found[number:].reshape(frames, of_frame, outputs)
+    own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
     independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.correlated
-    squares = outputs * (fit.squares / fit.variance + independent * np.log(fit.variance))
-    covariance = np.linalg.inv(fit.matrix / fit.variance + known.precision)
+    squares = outputs * (squares / variance + independent * np.log(variance))
+    covariance = np.linalg.inv(matrix / variance + known.precision)
     return Solution(
         coefficients=coefficients[:TERMS],
         trend=coefficients[TERMS:],
         gains=own[:, 0] - own[:, 0].mean(axis=0),
         shading=own[:, 1:],
         trend_error=float(np.sqrt(covariance[number - 1, number - 1])),
-        misfit=known.misfit(fit.found, squares, fit.matrix / fit.variance),
+        misfit=known.misfit(found, squares, matrix / variance),
         covariance=np.asarray(covariance[:PATTERN, :PATTERN], np.float64)
         if use.pattern
         else np.zeros((PATTERN, PATTERN)),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A robust fit. found (n, Q): the unknowns. matrix (n, n): its normal equations, without the
-    prior. squares: weighted sum of squared residuals. variance: of a measurement against the prior:
-    of an observation, times the number that count as one.
-    """
+def _robust_fit(
+    parts: "Sequence[_Part]", known: Gaussian, prior: LightPrior, outputs: int
+) -> tuple[Array, Array, float, float]:
+    """Solve in rounds, each with Cauchy weights from the residuals of the one before.
 
-    found: Array
-    matrix: Array
-    squares: float
-    variance: float
-
-
-def _robust_fit(parts: "Sequence[_Part]", known: Gaussian, prior: LightPrior, outputs: int) -> _Fit:
-    """Solve for the unknowns in rounds, each with Cauchy weights from the residuals of the round
-    before.
+    Returns the unknowns (n, Q), their normal equations (n, n) without the prior, the weighted sum
+    of squares, and the variance of an observation times the number that count as one.
     """
     weights = [np.ones(len(part.patch)) for part in parts]
-    variance = SETTINGS.first_prior
+    variance, size = SETTINGS.first_prior, len(known.mean)
     for _ in range(SETTINGS.rounds):
-        matrix, slope = _sums(parts, weights, len(known.mean), outputs)
+        matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
+        for part, weight in zip(parts, weights, strict=True):
+            products, number = part.products(weight), len(part.at)
+            matrix[np.ix_(part.at, part.at)] += products[:, :number]
+            slope[part.at] += products[:, number:]
         right = slope + variance * (known.precision @ known.mean)[:, None]
         found = np.asarray(np.linalg.solve(matrix + variance * known.precision, right), np.float64)
-        residuals = [
-            part.residuals(found, weight) for part, weight in zip(parts, weights, strict=True)
-        ]
+        residuals = [part.residuals(found, own) for part, own in zip(parts, weights, strict=True)]
         every = np.concatenate(residuals)
         scale = max(deviation_about_zero(every) if every.size else 0.0, SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own in residuals]
-        variance = prior.correlated * max(scale, prior.systematic) ** 2
-    squares = sum(
-        float((weight * own**2).sum()) for weight, own in zip(weights, residuals, strict=True)
-    )
-    return _Fit(found, matrix, squares, variance)
+        variance = prior.correlated * max(scale, prior.about.systematic) ** 2
+    squares = [(weight * own**2).sum() for weight, own in zip(weights, residuals, strict=True)]
+    return found, matrix, float(sum(squares)), variance
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
     """Standard error of the pattern at the reference range, logarithm, rms over the picture.
 
-    others: solutions that fit about as well, and this one. Each is weighted by its evidence, and
-    counts with its covariance and its difference from this one.
+    others: solutions that fit about as well, and this one, weighted by their evidence.
     """
     weights = np.exp(
         0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others]))
@@ -253,9 +217,8 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A window's equations. both (N, n + Q): the n columns that are not 0 in it, and the values. at
-    (n,): numbers of these columns.
-    patch (N,): of each observation. first: number of each patch's first observation.
+    """both (N, n + Q): the n columns that are not 0 in a window, and the values. at (n,): numbers
+    of these columns. patch (N,): of each observation. first: of each patch.
     """
 
     both: Array
@@ -265,17 +228,21 @@ class _Part:
 
     @classmethod
     def of(cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array) -> "_Part":
-        """The equations of a window. columns: terms in use. of_frame: number of unknowns of a
-        frame.
-        """
-        design, at = _design(window, columns, of_frame)
+        """The equations of a window. columns: terms in use. of_frame: unknowns of a frame."""
+        design = np.concatenate([window.terms, window.trend], axis=1)[:, columns]
+        seen_by, index = np.unique(window.frame, return_inverse=True)
+        every = np.arange(len(design))
+        terms = np.concatenate([np.ones((len(design), 1)), window.terms[:, :SHADING]], axis=1)
+        own = np.zeros((len(design), len(seen_by), of_frame))
+        own[every, index] = terms[:, :of_frame]
+        of_frames = design.shape[1] + seen_by[:, None] * of_frame + np.arange(of_frame)
+        at = np.concatenate([np.arange(design.shape[1]), of_frames.ravel()])
+        both = [design.astype(np.float64), own.reshape(len(design), -1), value]
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
-        return cls(np.concatenate([design, value], axis=1), at, window.patch, first)
+        return cls(np.concatenate(both, axis=1), at, window.patch, first)
 
     def residuals(self, found: Array, weight: Array) -> Array:
-        """(N,) rms over the outputs of the residuals: differences from the weighted mean of the
-        patch, the solution removed.
-        """
+        """(N,) rms over outputs of differences from the patch's mean, the solution removed."""
         number, squares = len(self.at), np.zeros(len(self.patch))
         for output in range(found.shape[1]):
             left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
@@ -284,9 +251,7 @@ class _Part:
         return np.asarray(np.sqrt(squares / found.shape[1]))
 
     def products(self, weight: Array) -> Array:
-        """(n, n + Q) the normal equations of the n columns, each less its weighted mean over the
-        observations of a patch.
-        """
+        """(n, n + Q) normal equations of the columns less their means over a patch."""
         number, weighted = len(self.at), weight[:, None] * self.both
         sums = self._sums(weighted)
         means = sums[:, :number] / self._sums(weight)[:, None]
@@ -297,42 +262,8 @@ class _Part:
         return np.add.reduceat(values, self.first, axis=0) if len(values) else values
 
 
-def _sums(
-    parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: int
-) -> tuple[Array, Array]:
-    """The normal equations of all parts: (size, size) matrix and (size, outputs) right side."""
-    matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
-    for part, weight in zip(parts, weights, strict=True):
-        products, number = part.products(weight), len(part.at)
-        matrix[np.ix_(part.at, part.at)] += products[:, :number]
-        slope[part.at] += products[:, number:]
-    return matrix, slope
-
-
 def explained(window: Window, solution: Solution) -> Array:
-    """(N, Q) values of a window's observations by a solution, up to the brightness of their
-    patches.
-    """
+    """(N, Q) values of a window by a solution, up to the brightness of its patches."""
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
     part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
     return np.asarray(part + window.trend @ solution.trend)
-
-
-def _design(
-    window: Window, columns: NDArray[np.bool_], of_frame: int
-) -> tuple[Array, NDArray[np.int64]]:
-    """The columns that are not 0 in a window, (N, n), and their numbers (n,). of_frame: number of
-    unknowns of a frame.
-    """
-    design = np.concatenate([window.terms, window.trend], axis=1)[:, columns].astype(np.float64)
-    number = design.shape[1]
-    seen_by, index = np.unique(window.frame, return_inverse=True)
-    own = np.zeros((len(design), len(seen_by), of_frame))
-    ones = np.ones((len(design), 1))
-    own[np.arange(len(design)), index] = np.concatenate([ones, window.terms[:, :SHADING]], axis=1)[
-        :, :of_frame
-    ]
-    at = number + (seen_by[:, None] * of_frame + np.arange(of_frame)).ravel()
-    return np.concatenate([design, own.reshape(len(design), -1)], axis=1), np.concatenate(
-        [np.arange(number), at]
-    )

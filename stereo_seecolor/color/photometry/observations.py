@@ -1,6 +1,4 @@
-"""The same patches of the reef seen from several frames: found by projecting known ranges from
-known poses.
-"""
+"""The same patches of the reef in several frames, found from known ranges and poses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -19,26 +17,18 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """Size and number of patches, and conditions under which a frame sees one; tested on the sample
-    dive.
-    """
+    """Size and number of patches, and when a frame sees one; tested on the sample dive."""
 
     patch_m: float = 0.05
-    """Patches are this wide on the reef, in every frame: a mean over them sees the same texture
-    from any range.
-    """
+    """Width of a patch on the reef in every frame: the same texture at any range."""
     most_patches: int = 20_000
     """Looked for in all frames together: bounds memory and time."""
     most_patches_a_frame: int = 1600
     """About a grid of 40 by 40."""
     same_range: float = 0.02
-    """A patch is the same if the frame's range agrees with the projected one to this fraction: more
-    than the error of a range.
-    """
+    """A patch is the same if ranges agree to this fraction: more than a range's error."""
     most_relief: float = 0.06
-    """A patch is left out where the range varies by more than this fraction within ``relief_px``:
-    an edge.
-    """
+    """A patch is left out where the range varies more within ``relief_px``: an edge."""
     relief_px: int = 7
     """Pixels, a square's side."""
     clipped: float = 0.98
@@ -46,9 +36,7 @@ class ObservationSettings:
     nearest_m: float = 0.05
     """Depth in front of the camera below which a projection is not trusted."""
     most_clipped: float = 1e-6
-    """Fraction of a patch's pixels that may be clipped: none, up to the rounding of the integral
-    image.
-    """
+    """Fraction of a patch that may be clipped: none, up to rounding of the integral image."""
     far_m: float = 1e6
     """Stands for an unknown range when edges are looked for, so that its neighbors are one."""
 
@@ -58,9 +46,7 @@ SETTINGS = ObservationSettings()
 
 @dataclass(frozen=True, eq=False)
 class KeyFrame:
-    """A frame with its pose. image: rectified left image, uncorrected. range_m: measured pixels
-    only. T_world_camera: (4, 4).
-    """
+    """image: rectified left, uncorrected. range_m: measured pixels only. T_world_camera: (4, 4)."""
 
     image: Image
     range_m: Map
@@ -69,10 +55,8 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """N observations of P patches. patch: (N,) int64, number of the patch, 0..P-1, ascending, each
-    twice or more. frame: (N,) int64.
-    range_m: (N,) meters. light: (N, 3) linear, fraction of full scale, mean over the patch. pixel:
-    (N, 2) x, y of its middle.
+    """patch: (N,) int64, 0..P-1, ascending, each twice or more. frame: (N,) int64. range_m: (N,) m.
+    light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its middle.
     """
 
     patch: NDArray[np.int64]
@@ -84,10 +68,7 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class SeenWindow:
-    """Observations of a few neighboring frames. frames: number in the dive of each of the
-    observations'
-    frames. seen: the observations.
-    """
+    """frames: number in the dive of each of the observations' frames. seen: the observations."""
 
     frames: NDArray[np.int64]
     seen: Observations
@@ -96,9 +77,7 @@ class SeenWindow:
 def find_observations(
     frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
 ) -> Observations:
-    """Find observations of patches that several frames see; a few are wrong matches. Each frame is
-    read twice, one at a time.
-    """
+    """Observations of patches that several frames see; frames are read twice, one at a time."""
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
     points_m = np.concatenate(
         [View.of(frame, geometry, None).patches_m(number) for frame in frames]
@@ -107,9 +86,7 @@ def find_observations(
 
 
 def observations_of(points_m: Vector, views: "Iterable[View]") -> Observations:
-    """The observations of (P, 3) patches by these views, without patches that only one view sees.
-    Frames are numbered in order.
-    """
+    """Observations of (P, 3) patches by these views, numbered in order; each seen twice or more."""
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):
         patch, range_m, light, pixel = view.look_at(points_m)
@@ -129,10 +106,8 @@ def observations_of(points_m: Vector, views: "Iterable[View]") -> Observations:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A frame in which patches are looked up.
-
-    smooth_range_m: (H, W) range, NaN at edges. sums: (H + 1, W + 1, 4) integral image of linear R,
-    G, B and of clipped pixels.
+    """smooth_range_m: (H, W) range, NaN at edges. sums: (H + 1, W + 1, 4) integral image of linear
+    R, G, B and of clipped pixels.
     """
 
     geometry: RectifiedPair
@@ -152,9 +127,7 @@ class View:
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
     def patches_m(self, number: int) -> Vector:
-        """(P, 3) about ``number`` points, in the world, on a grid over the pixels of known
-        range.
-        """
+        """(P, 3) about ``number`` points in the world, on a grid over pixels of known range."""
         height, width = self.smooth_range_m.shape
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
@@ -165,9 +138,7 @@ class View:
         return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
-        """The n of the (P, 3) patches that this frame sees: their numbers (n,), ranges (n,), light
-        (n, 3) and pixels (n, 2).
-        """
+        """Numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the patches that it sees."""
         farthest_m = (
             float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
         )

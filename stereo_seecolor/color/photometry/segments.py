@@ -6,7 +6,7 @@ Neighboring chunks are joined, the most alike first, as long as they fit the wat
 about as well as they fit waters of their own.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
@@ -39,100 +39,60 @@ from stereo_seecolor.records import Water
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """Limits for joining stretches. Costs are those of ``misfit.quality``, averaged over the chunks
-    of the smaller stretch.
-    """
+    """Limits for joining. Costs: of ``robust.quality``, means over the smaller stretch."""
 
     most_chunks: int = 64
-    """When there are so many, neighbors are joined: memory stays bounded, and a cut is found to a
-    32nd of the dive.
-    """
+    """With so many, neighbors are joined: memory is bounded, a cut is found to a 32nd."""
     worse: float = 25.0
-    """Cost that a shared water may add. Halves of one dive add up to 24 (sample dive, two
-    altitudes; 4 on a real reef), two sites
-    26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive).
+    """Cost that a shared water may add. Halves of one dive add up to 24 (4 on a real reef), two
+    sites 26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive).
     """
     bad: float = 50.0
-    """Cost under a shared water at which frames do not share it, however bad their own stretch's
-    was.
-    """
+    """Cost under a shared water at which frames do not share it, however bad their own was."""
     worse_alone: float = 25.0
-    """Added to these limits for a single chunk against many: one frame may show something odd (up
-    to 47 within one dive).
-    """
+    """Added to these limits for a single chunk against many: one frame may show something odd."""
 
 
 SETTINGS = SegmentSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class _PackedClass:
-    """An ExposureClass with its table packed: 64 tables of 16-bit images would not fit into
+class _Chunk:
+    """frames: numbers. packed: tables and brightness by class, packed: 64 would not fit into
     memory.
     """
 
-    table: bytes
-    brightness: Brightness
+    frames: range
+    packed: dict[int, tuple[bytes, Brightness]]
 
     @classmethod
-    def of(cls, frames: ExposureClass) -> "_PackedClass":
-        return cls(frames.table.packed(), frames.brightness)
+    def of(cls, frames: range, classes: Mapping[int, ExposureClass]) -> "_Chunk":
+        """The chunk of these tables."""
+        packed = {kind: (one.table.packed(), one.brightness) for kind, one in classes.items()}
+        return cls(frames, packed)
 
     @property
-    def unpacked(self) -> ExposureClass:
-        return ExposureClass(MomentTable.unpacked(self.table), self.brightness)
-
-    def __add__(self, other: "_PackedClass") -> "_PackedClass":
-        return _PackedClass.of(self.unpacked + other.unpacked)
-
-
-@dataclass(frozen=True, eq=False)
-class _Chunk:
-    """Neighboring frames. frames: their numbers. classes: their tables, by brightness."""
-
-    frames: range
-    classes: dict[int, _PackedClass]
+    def classes(self) -> dict[int, ExposureClass]:
+        """The tables by class of brightness."""
+        return {
+            kind: ExposureClass(MomentTable.unpacked(table), brightness)
+            for kind, (table, brightness) in self.packed.items()
+        }
 
     def __add__(self, other: "_Chunk") -> "_Chunk":
-        classes = dict(self.classes)
-        for kind, frames in other.classes.items():
-            classes[kind] = classes[kind] + frames if kind in classes else frames
-        return _Chunk(range(self.frames.start, other.frames.stop), classes)
+        classes = self.classes
+        add_to(classes, other.classes)
+        return _Chunk.of(range(self.frames.start, other.frames.stop), classes)
 
     def table(self) -> MomentTable | None:
-        """Moment table of its frames of usual exposure; None where there is no light, or no known
-        range.
-        """
-        lit = {kind: frames.unpacked for kind, frames in self.classes.items() if kind != BLACK}
+        """Table of its frames of usual exposure; None without light or known range."""
+        lit = {kind: frames for kind, frames in self.classes.items() if kind != BLACK}
         return usual_exposure(lit)[1].table if lit else None
-
-
-class _OpenChunk:
-    """The chunk that grows. Its tables are not packed, so that the time to add a frame does not
-    depend on its size.
-    """
-
-    def __init__(self, start: int) -> None:
-        self.frames = range(start, start)
-        self._classes: dict[int, ExposureClass] = {}
-
-    def add(self, several: CountedFrames) -> None:
-        """Add frames to the end of the chunk."""
-        self.frames = range(self.frames.start, self.frames.stop + len(several.frames))
-        add_to(self._classes, several.classes)
-
-    def closed(self) -> _Chunk:
-        """The finished chunk, packed to save memory."""
-        return _Chunk(
-            self.frames, {kind: _PackedClass.of(frames) for kind, frames in self._classes.items()}
-        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """The data of a chunk. table: of its frames. seen: its quantiles. water: its own, near enough
-    to compare costs. own: its cost under this.
-    """
+    """table, seen: of its frames. water: its own, near enough to compare costs. own: its cost."""
 
     table: MomentTable
     seen: RangeQuantiles
@@ -141,17 +101,15 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Takes frames one at a time and in order, and gives each the water of its stretch.
-
-    linked: names of frames that show the same spots as the frame before them; the dive is never cut
-    between these.
+    """Gives each frame the water of its stretch. linked: names of frames that show the same spots
+    as the frame before them; the dive is never cut between these.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
         self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
         self._frames = FrameBrightness()
-        self._open = _OpenChunk(0)
+        self._open, self._classes = range(0), dict[int, ExposureClass]()  # the chunk that grows
         self._chunk_frames = 1
         self._stretches: list[range] = []
 
@@ -169,32 +127,31 @@ class AutoFitter(Fitter):
         if not several.frames:
             return
         linked = several.frames[0][0] in self._linked
-        if self._open.frames and not linked and len(self._open.frames) >= self._chunk_frames:
-            self._chunks.append(self._open.closed())
-            self._open = _OpenChunk(len(self._frames))
+        if self._open and not linked and len(self._open) >= self._chunk_frames:
+            self._chunks.append(_Chunk.of(self._open, self._classes))
+            self._open, self._classes = range(self._open.stop, self._open.stop), {}
             if len(self._chunks) == SETTINGS.most_chunks:
                 self._chunk_frames *= 2
                 self._chunks = [
                     reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)
                 ]
         self._frames.add(several.frames)
-        self._open.add(several)
+        self._open = range(self._open.start, len(self._frames))
+        add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's stretch, by frame name; a stretch without a known range gets
-        that of the stretch before.
-        """
-        chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
-        evidence = _evidence(chunks, self._config)
-        parts = _parts(evidence, self._config) if chunks else []
+        """The water of each frame's stretch; without a known range, that of the one before."""
+        chunks = [*self._chunks, _Chunk.of(self._open, self._classes)] if self._open else []
+        parts = _parts(_evidence(chunks, self._config), self._config) if chunks else []
         segments = [reduce(add, chunks[part.start : part.stop]) for part in parts]
         self._stretches = [segment.frames for segment in segments]
-        return completed(water for segment in segments for water in self._waters(segment))
-
-    def _waters(self, segment: _Chunk) -> Iterator[tuple[str, Water | None]]:
-        """Name and water of each of its frames."""
-        classes = {kind: frames.unpacked for kind, frames in segment.classes.items()}
-        return survey_waters(self._frames, segment.frames, classes, self._config, self._fit)
+        return completed(
+            water
+            for one in segments
+            for water in survey_waters(
+                self._frames, one.frames, one.classes, self._config, self._fit
+            )
+        )
 
     @property
     def segments(self) -> list[list[str]]:
@@ -233,9 +190,7 @@ def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence |
 
 
 def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
-    """Stretches of chunks that share a water, in their order; chunks without evidence go with those
-    before them.
-    """
+    """Stretches of chunks that share a water; chunks without evidence go with those before."""
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
     alone = [((chunk,), chunk.table, chunk.water) for chunk in chunks if chunk is not None]
     segments = _joined(_stretches(alone, config), config)
@@ -246,9 +201,7 @@ def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[rang
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Neighboring chunks. table: of all. water: of all, near enough to compare costs. costs (N,):
-    cost of each chunk under it, less that under its own water.
-    """
+    """table, water: of all chunks. costs (N,): of each under it, less that under its own water."""
 
     chunks: tuple[_Evidence, ...]
     table: MomentTable
@@ -259,9 +212,7 @@ class _Stretch:
 def _stretches(
     parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable, Water]], config: ColorConfig
 ) -> list[_Stretch]:
-    """Stretches of given chunks, the tables and the waters of all of these; their costs are found
-    together.
-    """
+    """Stretches of given chunks, their tables and waters; costs are found together."""
     if not parts:
         return []
     under = [(chunk, water) for chunks, _, water in parts for chunk in chunks]
@@ -306,9 +257,7 @@ def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
 
 
 def _joined(segments: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
-    """Join neighbors, those with the least strain first, until every further join exceeds the
-    limit.
-    """
+    """Join neighbors, those with the least strain first, until all joins exceed the limit."""
     joins = _joins(list(pairwise(segments)), config)
     while joins:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)

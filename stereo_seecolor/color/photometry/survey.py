@@ -1,6 +1,4 @@
-"""One water for many frames: tables add, so the water of a survey is the fit to the sum of its
-frames' tables.
-"""
+"""One water for many frames: the fit to the sum of their tables."""
 
 from array import array
 from collections import deque
@@ -23,9 +21,7 @@ from stereo_seecolor.records import Water
 FitTable = Callable[[MomentTable, Water | None], Water]
 
 CLASS_STOPS = 2.0
-"""Frames are sorted by brightness into classes this wide; more than a class from most is another
-exposure, not another reef.
-"""
+"""Width of a class of brightness; frames more than a class from most have another exposure."""
 BLACK = -10_000
 """The class of frames without any light."""
 
@@ -46,9 +42,7 @@ class Fitter(Protocol):
         raise TypeError("the frames of this fit are added one by one")
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame, by name. Raises ColorError where no frame has a pixel with a
-        known range.
-        """
+        """The water of each frame, by name. Raises ColorError where no range is known."""
 
     def notes(self) -> tuple[str, ...]:
         """Warnings and notes about the whole dive, after ``waters`` has been called."""
@@ -56,10 +50,8 @@ class Fitter(Protocol):
 
 
 class FrameFitter(Fitter):
-    """``color.lock: frame``: each frame has its own water.
-
-    linked: names of frames that show the same spots as the frame before them: their fits start from
-    its water, no others do.
+    """``color.lock: frame``: each frame has its own water; fits of ``linked`` frames, which show
+    the same spots as the frame before, start from its water.
     """
 
     def __init__(self, fit: FitTable, linked: Collection[str] = ()) -> None:
@@ -79,9 +71,7 @@ class FrameFitter(Fitter):
 
 
 class SlidingFitter(Fitter):
-    """``color.lock: sliding``: one water and exposure for each frame, fitted to the last few frames
-    together.
-    """
+    """``color.lock: sliding``: each frame's water and exposure fit the last few frames."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
@@ -96,10 +86,7 @@ class SlidingFitter(Fitter):
         self._waters[name] = water if table.pixels.any() else None
 
     def water(self, table: MomentTable) -> Water | None:
-        """Add a frame to the window and return the window's water, for an endless series of frames.
-
-        None as long as no frame had a pixel with a known range.
-        """
+        """Add a frame and return the window's water; None as long as no range was known."""
         self._total = self._total + table if self._window else table
         self._window.append(table.packed())
         if len(self._window) > self._config.sliding_frames:
@@ -109,9 +96,7 @@ class SlidingFitter(Fitter):
         return self._last
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's window; a frame without a known range gets that of the frame
-        before it.
-        """
+        """The water of each frame's window; without a known range that of the frame before."""
         return completed(self._waters.items())
 
 
@@ -128,9 +113,8 @@ class ExposureClass:
 
 @dataclass(frozen=True, eq=False)
 class CountedFrames:
-    """Neighboring frames with the sums of their tables. frames: name, class and packed brightness
-    of each. classes: sums of their tables, by class of brightness; frames without a known range are
-    in none.
+    """frames: name, class and packed brightness of each. classes: sums of their tables, by class of
+    brightness; frames without a known range are in none.
     """
 
     frames: Sequence[tuple[str, int, bytes]]
@@ -156,11 +140,7 @@ def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass])
 
 
 class FrameBrightness:
-    """Names and brightness of frames, in the order in which they were added. Brightness, 400 bytes
-    a frame, is kept out of memory.
-
-    classes: class of each frame, as of ``class_of``.
-    """
+    """Names, ``class_of`` and brightness (400 bytes, kept out of memory) of frames, in order."""
 
     def __init__(self) -> None:
         self.names, self.classes = Names(), array("i")
@@ -184,9 +164,8 @@ class FrameBrightness:
 class SurveyFitter(Fitter):
     """``color.lock: survey``: one water and one exposure for all frames.
 
-    Where the camera holds its exposure, frames far darker or brighter than most are left out of the
-    fit, and get the survey's water scaled to their exposure. With ``camera_exposure: brightness``,
-    every frame is first brought to one exposure.
+    Frames far darker or brighter than most are left out of the fit, and get its water scaled. With
+    ``camera_exposure: brightness``, every frame is first brought to one exposure.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
@@ -199,17 +178,10 @@ class SurveyFitter(Fitter):
         frame = CountedFrames.of([(name, table)], self._config)
         reference = self._classes.get(0)
         if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
-            table = darkened(
-                table,
-                frame.classes[0].brightness.ratio(reference.brightness),
-                self._config.input_encoding,
-            )
-            frame = replace(
-                frame,
-                classes={
-                    0: ExposureClass(table, Brightness.of(table, self._config.input_encoding))
-                },
-            )
+            brighter = frame.classes[0].brightness.ratio(reference.brightness)
+            table = darkened(table, brighter, self._config.input_encoding)
+            brightness = Brightness.of(table, self._config.input_encoding)
+            frame = replace(frame, classes={0: ExposureClass(table, brightness)})
         self.join(frame)
 
     @property
@@ -237,8 +209,7 @@ def survey_waters(
     config: ColorConfig,
     fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
-    """Name and water of each of the frames with these numbers: one water, scaled to each frame's
-    exposure.
+    """Name and water of each of these frames: one water, scaled to each frame's exposure.
 
     classes: sums of their tables; where it is empty, the waters are None.
     """
@@ -251,34 +222,26 @@ def survey_waters(
         usual = frames.classes[number] == BLACK or (
             config.camera_exposure != "brightness" and abs(frames.classes[number] - most) <= 1
         )
-        seen = (
-            water
-            if usual
-            else _as_exposed(water, frames.brightness(number).ratio(survey.brightness), config)
-        )
-        yield frames.names.item(number), seen
+        if usual:
+            yield frames.names.item(number), water
+        else:
+            brighter = frames.brightness(number).ratio(survey.brightness)
+            yield frames.names.item(number), _as_exposed(water, brighter, config)
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
-    """The class that has most pixels, and the sum of all frames in it and in the classes next to
-    it.
-    """
+    """The class that has most pixels, and the sum of all frames in it and next to it."""
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
     most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
     return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
-    """The class of a frame by its brightness: 0 for all lit frames with ``camera_exposure:
-    brightness``.
-    """
+    """The class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
     if not np.isfinite(brightness.stops):
         return BLACK
-    return (
-        0
-        if config.camera_exposure == "brightness"
-        else int(np.floor(brightness.stops / CLASS_STOPS))
-    )
+    held = config.camera_exposure != "brightness"
+    return int(np.floor(brightness.stops / CLASS_STOPS)) if held else 0
 
 
 def _as_exposed(water: Water, factor: float, config: ColorConfig) -> Water:
@@ -296,10 +259,7 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
 
 
 def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
-    """The waters by name; a frame that has none gets the last one before it, or else the first.
-
-    Raises ColorError where no frame has one.
-    """
+    """The waters by name; a frame that has none gets the last one before it, or else the first."""
     found, before, last = ByName[Water](), list[str](), None
     for name, water in waters:
         last = water or last

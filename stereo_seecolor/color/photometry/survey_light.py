@@ -1,6 +1,4 @@
-"""The light of a survey, solved from observations: the terms that the dive determines, and how much
-they help.
-"""
+"""The light of a survey: the terms that the dive determines, and how much they help."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,36 +17,29 @@ from stereo_seecolor.color.photometry.light_choice import (
     is_single_illumination,
     pictures_crossed,
 )
-from stereo_seecolor.color.photometry.light_model import SHAPE, Light
+from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
-from stereo_seecolor.color.photometry.light_solver import LightTerms, Views, Window
+from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 
 
 @dataclass(frozen=True)
 class SightingLimits:
-    """Limits of the observations that the light of a survey is solved from, and of its standard
-    error.
-    """
+    """Limits of observations that the light is solved from, and of its standard error."""
 
     light: tuple[float, float] = (0.003, 0.97)
-    """Linear light of each channel, fraction of full scale: below is noise and backscatter, above
-    the camera may have clipped.
-    """
+    """Linear light of each channel: below is noise and backscatter, above may be clipped."""
     range_quantiles: tuple[float, float] = (0.01, 0.99)
     """Quantiles of the observations' ranges, beyond which the pattern is not extrapolated."""
     loose: float = 0.1
-    """Standard error of a pattern, logarithm, above which the note tells how to lower it. Of 49
-    drawn dives it is larger in ten, in none of which frames of two lines were found to show the
-    same.
+    """Standard error of a pattern, logarithm, above which the note tells how to lower it: ten of 49
+    drawn dives, in none of which frames of two lines show the same.
     """
 
 
 LIMITS = SightingLimits()
 ANGLE = 0.8165
-"""Radians of angle between two colors of a difference of 1 in the rms of their logarithms, near
-gray: sqrt(2/3).
-"""
+"""Angle, radians, between colors whose logarithms differ by an rms of 1, near gray: sqrt(2/3)."""
 
 
 PARTS_DIFFER = (
@@ -95,9 +86,7 @@ class SurveyLight:
 
     @property
     def note(self) -> str:
-        """A line for the user on the terms in use and how much they help; "" where none are
-        used.
-        """
+        """A line for the user on the terms in use and how much they help; "" for none."""
         used = (
             f"light: {'; '.join(self._used())}; more in water.json"
             if self.light
@@ -111,9 +100,7 @@ class SurveyLight:
         return f"{used}; {refused}" if used else f"light: {refused}"
 
     def _why_not(self) -> str:
-        """The note where no term is used: too few spots; "" where the light was found to be
-        even.
-        """
+        """The note where no term is used: too few spots; "" where the light is even."""
         if self.parts_differ:
             return f"light: {PARTS_DIFFER}"
         few = (
@@ -171,8 +158,8 @@ class SurveyLight:
     def at(
         self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """(N, 3) logarithm of the light without gains: pattern and trend with range, by water and
-        lamps together.
+        """(N, 3) logarithm of the light without gains: pattern and trend, by water and lamps
+        together.
 
         pixel: (N, 2) x, y in an image of ``size`` (width, height). range_m: (N,) meters.
         """
@@ -224,8 +211,8 @@ def solve_light(
     if not ranges.size:
         return None
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
-    views = Views(size, float(np.median(ranges)), (near_m, far_m))
-    made = [views.window(window.seen, window.frames, usable(window.seen)) for window in windows]
+    even = Light(np.zeros((TERMS, 3)), float(np.median(ranges)), (near_m, far_m))
+    made = [window_of(one.seen, one.frames, usable(one.seen), even, size) for one in windows]
     made = [_equally_exposed(window, recorded) for window in made if len(window.patch)]
     if not made:
         return None
@@ -233,7 +220,7 @@ def solve_light(
     made, measured = numbered(made)
     priors = (
         LightPrior.lens(correlated_count(crossed)),
-        LightPrior.lamps(views.reference_m, correlated_count(crossed)),
+        LightPrior.lamps(even.reference_m, correlated_count(crossed)),
     )
     candidates = _candidates_of_luminance(allowed, priors)
     luminances = [_luminance(window) for window in made]
@@ -248,7 +235,7 @@ def solve_light(
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
     color = _choose_color(made, of_color, correlated_count(crossed), len(measured))
-    light = _light(luminance, color, made, [names[frame] for frame in measured], views)
+    light = _light(luminance, color, made, [names[frame] for frame in measured], even)
     light = replace(light, fade=0.0) if differ else light
     return SurveyLight(
         light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ
@@ -264,10 +251,8 @@ def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) 
 def _choose_color(
     windows: Sequence[Window], allowed: LightTerms, one: float, frames: int
 ) -> Choice:
-    """Choose the terms of color, the logarithms of R, G, B less their mean.
-
-    one: number of correlated observations that count as one. frames: number of frames in the
-    windows.
+    """Choose the terms of color, the logarithms of R, G, B less their mean. one: observations that
+    count as one.
     """
     unknown = LightPrior.unknown(COLOR, one)
     patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
@@ -278,17 +263,16 @@ def _choose_color(
 
 
 def _light(
-    luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], views: Views
+    luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], even: Light
 ) -> Light:
     """The light of luminance and color together. names: of the frames in the windows."""
     of_luminance, of_color = luminance.solution, color.solution
-    return Light(
+    return replace(
+        even,
         coefficients=of_luminance.coefficients + of_color.coefficients,
-        reference_m=views.reference_m,
-        seen_m=views.seen_m,
         gains=_by_name(of_luminance.gains + of_color.gains, names),
         fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0,
-        color_trend=_color_trend(color, windows, views.reference_m),
+        color_trend=_color_trend(color, windows, even.reference_m),
         shading=_by_name(of_luminance.shading + of_color.shading, names),
     )
 
@@ -303,16 +287,14 @@ def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, ND
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
-    """The change of color with range; None where too few spots judge it, or where color has gains
-    but no pattern: then a pattern would be partly taken for the trend.
+    """The change of color with range; None where too few spots judge it, or gains without a pattern
+    would be taken for it.
     """
     if not color.judged or (color.use.gains and not color.use.pattern):
         return None
     light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
-    power, error = (
-        color.solution.trend[0] / SHAPE.range_step,
-        color.solution.trend_error / SHAPE.range_step,
-    )
+    power = color.solution.trend[0] / SHAPE.range_step
+    error = color.solution.trend_error / SHAPE.range_step
     return ColorTrend(power - power.mean(), error, reference_m, light)
 
 
@@ -322,8 +304,7 @@ def _candidates(
     priors: Sequence[LightPrior],
     patterns: Sequence[LightTerms],
 ) -> list[Candidate]:
-    """The allowed candidates: no correction, gains alone, and each pattern with each of its priors,
-    without and with gains.
+    """No correction, gains alone, and each pattern with each of its priors, as far as allowed.
 
     unknown: prior without a pattern. priors: of patterns. patterns: terms of patterns to try.
     """
@@ -353,9 +334,7 @@ def _equally_exposed(window: Window, recorded: NDArray[np.float64] | None) -> Wi
 
 
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
-    """The windows with their frames numbered from 0, and the numbers in the dive of these
-    frames.
-    """
+    """The windows with their frames numbered from 0, and these frames' numbers in the dive."""
     measured, numbers = np.unique(
         np.concatenate([window.frame for window in windows]), return_inverse=True
     )

@@ -45,16 +45,13 @@ class Smoother:
 
 
 SAMPLE = 2
-"""Quantiles are those of every second row and column at the smoother's resolution: all take four
-times as long.
-"""
+"""Quantiles are of every second row and column of the small maps: all take four times as long."""
 
 
 def carry_ranges(
     image: Image, range_m: Map, seen: Mask | None = None, smoother: Smoother | None = None
 ) -> Map:
-    """The range map with its unknown pixels filled; itself where nothing is known at all, or
-    nothing is missing.
+    """The range map with its unknown pixels filled; itself where nothing is known or missing.
 
     image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, NaN unknown.
     seen: (H, W) True where the image shows something; elsewhere the range stays unknown.
@@ -125,19 +122,15 @@ class BoundSettings:
     with 0.97 no open water that was looked at is red.
     """
     green: float = 0.5
-    """Fraction of measured pixels with less green than carried ones may have: less than half of a
-    reef is violet or pink, and open water often came out so.
+    """Fraction of measured pixels with less green than carried ones may have: open water came out
+    violet.
     """
     least_light: float = 0.007
-    """Least light of the channels that are divided by, linear, as a fraction of full scale: ratios
-    of darker pixels are noise.
-    """
+    """Least linear light that is divided by: ratios of darker pixels are noise."""
     every_px: int = 8
     """Every so many rows and columns are examined."""
     hole_px: int = 15
-    """Width of areas, pixels, from which carried colors are limited: matching leaves narrower holes
-    in surfaces that it knows.
-    """
+    """Width of areas, pixels, from which carried colors are limited: holes are narrower."""
     fewest: int = 100
     """Least measured pixels for which bounds are set."""
 
@@ -146,19 +139,16 @@ SETTINGS = BoundSettings()
 
 
 class Bounds(NamedTuple):
-    """Bounds of R, G, B. most (3,): of a channel over the greater of the other two. least (3,):
-    over the lesser of the other two.
-    """
+    """most (3,): of a channel over the greater of the other two. least (3,): over the lesser."""
 
     most: NDArray[np.float32]
     least: NDArray[np.float32]
 
 
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """The corrected image (H, W, 3), with colors limited to those of measured pixels where the
-    range was carried over.
+    """The corrected image with colors limited to measured ones where the range was carried over.
 
-    image: encoded uint8 or uint16, or float32 in linear light.
+    image: (H, W, 3) encoded uint8 or uint16, or float32 in linear light.
     """
     every = slice(None, None, SETTINGS.every_px), slice(None, None, SETTINGS.every_px)
     bounds = bounds_of(image[every], measured[every]) if carried.any() else None
@@ -170,10 +160,8 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
     limited = pixels.copy()
     for c in range(3):
         a, b = _others(c)
-        least, most = (
-            np.minimum(pixels[a], pixels[b]) * bounds.least[c],
-            np.maximum(pixels[a], pixels[b]) * bounds.most[c],
-        )
+        least = np.minimum(pixels[a], pixels[b]) * bounds.least[c]
+        most = np.maximum(pixels[a], pixels[b]) * bounds.most[c]
         limited[c] = np.clip(pixels[c], least, np.minimum(most, full))
     changed = (limited != pixels).any(axis=0)
     out = image.copy()
@@ -182,9 +170,7 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
 
 
 def _wide(carried: Mask) -> Mask:
-    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that
-    distance.
-    """
+    """(H, W) True in carried areas at least ``hole_px`` wide, and what joins them."""
     core = cv2.morphologyEx(
         carried.astype(np.uint8), cv2.MORPH_OPEN, np.ones((SETTINGS.hole_px,) * 2, np.uint8)
     )
@@ -197,9 +183,7 @@ def _others(c: int) -> list[int]:
 
 
 def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
-    """The bounds from measured pixels among those that are examined; None where there are too
-    few.
-    """
+    """The bounds from measured pixels of these; None where there are too few."""
     encoded = np.issubdtype(image.dtype, np.integer)
     dark = (
         encode_srgb(np.array(SETTINGS.least_light)) * np.iinfo(image.dtype).max

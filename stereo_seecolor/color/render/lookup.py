@@ -1,8 +1,6 @@
-"""Looks up the displayed values of 8-bit pixels by range bin and value, on the processor: loops
-that know no water.
+"""Looks up the displayed values of 8-bit pixels by range bin and value: loops that know no water.
 
-Compiled without numba's own threads, whose simplest layer must not be entered by two threads at
-once.
+Without numba's own threads, whose simplest layer two threads must not enter at once.
 """
 
 from typing import Any, NamedTuple
@@ -11,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.tone import FINE, FINE_BINS
-from stereo_seecolor.color.table.counting import L, U, position_of
+from stereo_seecolor.color.table.measure import L, U, position_of
 from stereo_seecolor.color.table.moment_table import LOW_BITS
 from stereo_seecolor.compute.compiled import compiled
 
@@ -24,9 +22,8 @@ BLOCK = 4096
 
 
 class Shown(NamedTuple):
-    """Corrected pixels. image (N, 3): encoded for display, 0 where the range is unknown. unknown
-    (N,).
-    unrecoverable (N,): noise limits the gain, or the camera clipped the pixel.
+    """image (N, 3): encoded, 0 where the range is unknown. unknown (N,). unrecoverable (N,): noise
+    limits the gain, or the camera clipped the pixel.
     """
 
     image: NDArray[Any]
@@ -36,10 +33,9 @@ class Shown(NamedTuple):
 
 @compiled
 def fine_bins(bits: Any, fine: Any, unknown: Any) -> Any:
-    """Write fine range bins (N,) of ranges given as float32 bits, FINE_BINS where unknown.
+    """Write fine range bins (N,) of float32 bits of ranges, FINE_BINS where unknown.
 
-    Returns the nearest and the farthest bin (nearest > farthest where none is known), and how many
-    ranges are known.
+    Returns the nearest and farthest bin (nearest > farthest for none), and how many are known.
     """
     nearest, farthest, known = np.uint32(FINE_BINS), np.uint32(0), bits.size
     for i in range(bits.size):
@@ -65,21 +61,17 @@ def look_up(
     numbers of these pixels into ``special``, and returns how many.
     """
     (factors, zero), (capped, near), number = roll_off, limits, L(0)
-    codes, by_pixel, first_capped = (
-        np.empty(3 * BLOCK, table.dtype),
-        np.empty(BLOCK, np.float32),
-        np.uint32(FINE_BINS),
-    )
+    codes = np.empty(3 * BLOCK, table.dtype)
+    by_pixel = np.empty(BLOCK, np.float32)
+    first_capped = np.uint32(FINE_BINS)
     for i in range(FINE_BINS):
         if capped[i]:
             first_capped = min(first_capped, np.uint32(i))
     for start in range(0, fine.size, BLOCK):
         end = min(start + BLOCK, fine.size)
-        pixels, bins, shown = (
-            image[start:end].reshape(-1),
-            fine[start:end],
-            out[start:end].reshape(-1),
-        )
+        pixels = image[start:end].reshape(-1)
+        bins = fine[start:end]
+        shown = out[start:end].reshape(-1)
         if factors.size == 0:
             _take(pixels, bins, table, shown)
         else:
@@ -115,9 +107,7 @@ def _take(pixels: Any, fine: Any, table: Any, out: Any) -> None:
 
 @compiled
 def _display(codes: Any, factors: Any, zero: Any, by_pixel: Any, out: Any) -> None:
-    """Write the values of codes (N * 3,); the second loop of its own, so that the compiler
-    vectorizes it.
-    """
+    """Write values of codes (N * 3,); a second loop, so that the compiler vectorizes it."""
     for i in range(out.size // 3):
         by_pixel[i] = factors[L(max(codes[3 * i], max(codes[3 * i + 1], codes[3 * i + 2])))]
     for i in range(out.size // 3):

@@ -96,9 +96,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
 def unexposed(
     water: Water, range_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, limited only
-    against overflow.
-    """
+    """(3, N) gain and offset of J = gain I - offset at (N,) ranges and exposure 1."""
     gain = (
         1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
     )
@@ -108,30 +106,24 @@ def unexposed(
 def _noise(
     gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float
 ) -> NDArray[np.float64]:
-    """(3, N) noise in linear light, before gains, of a surface whose corrected light is J =
-    ``surface``.
-    """
+    """(3, N) noise in linear light, before gains, of a surface of corrected light ``surface``."""
     light = (offset + surface) / gain
     return np.asarray(INPUT_NOISE * decoding_slope(np.minimum(light, 1.0), config.input_encoding))
 
 
 # The exposure of an image for display, and the roll-off of highlights beyond full scale.
 #
-# A scene is shown at one median brightness (``render.exposure``). Where its brightest would then
+# A scene is shown at one median brightness. Where its brightest would then
 # clip, light above mid-gray is compressed: all channels of a pixel by one factor, which depends
 # on its brightest channel alone. Chromaticity does not change, and light up to mid-gray stays
 # linear.
 
 BRIGHTEST_SHOWN = 0.97
-"""Displayed value, fraction of full scale, of the brightest pixel that may not clip: it leaves room
-for a white target's noise.
-"""
+"""Displayed value of the brightest pixel that may not clip: leaves room for a target's noise."""
 BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
 """The same in linear light."""
 NODES = 16384
-"""Steps of the encoding curve from light 0 to 1: where it is steepest, in the dark, one is a fifth
-of an 8-bit step.
-"""
+"""Steps of the encoding curve from light 0 to 1: at most a fifth of an 8-bit step."""
 REACH = 4
 """Light up to this many times full scale keeps its order before it rolls off. Exposure goes no
 further, two stops: with more, the bright parts of a picture turn flat and pale, and noise is
@@ -140,14 +132,12 @@ brightened, too.
 CODES = {8: 128, 16: 1}
 """Codes a value, by bit depth: 8-bit values are rounded from codes, in 16 bits."""
 FULL_FROM, FULL_AT = 0.95, 0.99
-"""Fractions of full scale, encoded: from the second on, a value is only a lower bound of the light;
-between, in part.
-"""
+"""Encoded: from the second on, a value is only a lower bound of the light; between, in part."""
 
 
 class Tone(NamedTuple):
-    """The brightness of a corrected image. exposure: gain of all channels. highlights: light of so
-    many times the brightest light shown is rolled off to it; 1 = no roll-off.
+    """exposure: gain of all channels. highlights: light of so many times the brightest light shown
+    is rolled off to it; 1 = no roll-off.
     """
 
     exposure: float
@@ -227,13 +217,9 @@ def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray
 CLIPPED_FRACTION = 0.0005
 """Of all pixels, those that may clip: a distant white card can cover only 0.1 % of a frame."""
 STRAYS = 0.02
-"""At most this fraction of a frame's pixels, those with most gain, is left out of the choice of
-exposure,
-"""
+"""At most this fraction of the pixels, those with most gain, is left out of the choice,"""
 STRAY_GAIN = 8.0
-"""where the gain of the channel least attenuated is this much above that at the median range: wrong
-ranges, or mostly noise.
-"""
+"""where the least attenuated channel's gain is so much above the median's: wrong ranges."""
 _MANTISSA_BITS = 16
 """Bits of float32's mantissa that are dropped for a histogram of 128 bins an octave."""
 _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
@@ -241,24 +227,18 @@ _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
 
 
 def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
-    """The tone at which the median luminance is ``config.median_luminance``, or as near to it as
-    highlights allow; 1 for a black image.
+    """The tone of median luminance ``config.median_luminance``, or as near as highlights allow.
 
-    The median luminance is taken as the luminance of the channels' medians: it is where channels
-    rise and fall together.
+    That is the luminance of the channels' medians: it is where channels rise and fall together.
     """
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
     judged = _judged(gain.min(axis=0), table.pixels[occupied])
-    occupied, gain, offset = (
-        occupied[judged],
-        np.ascontiguousarray(gain[:, judged]),
-        np.ascontiguousarray(offset[:, judged]),
-    )
-    number, light = (
-        np.zeros((3, _OCTAVES), np.int64),
-        decoded_bins(table.bit_depth, config.input_encoding),
-    )
+    occupied = occupied[judged]
+    gain = np.ascontiguousarray(gain[:, judged])
+    offset = np.ascontiguousarray(offset[:, judged])
+    number = np.zeros((3, _OCTAVES), np.int64)
+    light = decoded_bins(table.bit_depth, config.input_encoding)
     _add_up(table.counts, occupied, gain, offset, light, number)
     pixels = int(table.pixels[occupied].sum())
     brightest = _exceeded(number.sum(axis=0), int(CLIPPED_FRACTION * pixels))
@@ -273,9 +253,7 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
 
 
 def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) True for range bins that count, False for those of stray ranges. gain, pixels: (N,) of
-    each bin.
-    """
+    """(N,) False for range bins of stray ranges. gain, pixels: (N,) of each bin."""
     order = np.argsort(-gain)
     part = np.cumsum(pixels[order]) / max(pixels.sum(), 1)
     judged = np.ones(len(gain), np.bool_)
@@ -286,11 +264,9 @@ def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.
 
 
 def _exceeded(number: NDArray[np.int64], allowed: int) -> float:
-    """The least light that at most ``allowed`` of the counted values exceed, to 1/128 of an octave;
-    0 for any light.
+    """The least light that at most ``allowed`` values exceed, to 1/128 of an octave; 0 for any.
 
-    number: (32640,) values counted, by the leading bits of the light that they are shown as
-    (``_add_up``).
+    number: (32640,) values counted by the leading bits of their light (``_add_up``).
     """
     places = np.flatnonzero(number)[::-1]
     reached = np.append(places, 0)[
@@ -305,9 +281,8 @@ def _exceeded(number: NDArray[np.int64], allowed: int) -> float:
 
 @compiled
 def _add_up(counts: Any, bins: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
-    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number`` (3, 32640), each at the leading
-    bits (exponent and 7 more) of
-    the light that it is shown as. gain, offset: (3, N).
+    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number`` (3, 32640), at the leading bits
+    (exponent and 7 more) of the light that they are shown as. gain, offset: (3, N).
     """
     for c in range(3):
         for i in range(bins.size):

@@ -1,8 +1,6 @@
-"""The light of pixels without the water, and the values that it is displayed as, in torch: one
-formula each, for any device.
+"""The light of pixels without the water, and the values it is displayed as: one formula each.
 
-On the processor a look-up table is made of them for 8-bit pixels, which ``lookup`` reads; all else
-is computed pixel by pixel.
+On the processor ``lookup`` reads a table made of them for 8-bit pixels; the rest is computed.
 """
 
 from typing import Any, NamedTuple
@@ -24,9 +22,7 @@ PART_PIXELS = 65536
 
 
 class Tensors(NamedTuple):
-    """``Gains`` and ``Display`` on a device; gain, offset, missing, capped and noise by bin, the
-    last for unknown range.
-    """
+    """``Gains`` and ``Display`` on a device; those by bin with one more, for unknown range."""
 
     gain: Tensor
     offset: Tensor
@@ -62,8 +58,7 @@ def on_processor(
 ) -> tuple[Shown, float]:
     """Correct (N, 3) pixels at (N,) ranges, given as float32 bits, on the processor.
 
-    Returns the corrected pixels, and the fraction of the pixels of known range with a channel at
-    full scale.
+    Returns the corrected pixels, and the fraction of those of known range at full scale.
     """
     out = Shown(np.zeros_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_))
     fine, met = np.empty(bits.size, np.uint32), list[tuple[int, int, int]]()
@@ -79,7 +74,10 @@ def on_processor(
     looked_up = image.dtype == np.uint8 and not gains.matrix.size
     if looked_up:
         bins = slice(min(near for near, _, _ in met), max(far for _, far, _ in met) + 1)
-        table, factors = _tables(tensors, shown, bins)
+        with one_thread():
+            table, factors = code_table(tensors, shown, bins), np.zeros(0, np.float32)
+            if not shown.values.size:  # highlights roll off, by a pixel's greatest code
+                factors = _factor(torch.arange(65536.0), tensors.shoulder).numpy()
     first_capped = int(np.argmax(shown.known < 1))
     numbers, top = list[int](), np.iinfo(image.dtype).max
 
@@ -108,26 +106,12 @@ def on_processor(
     return out, sum(numbers) / known
 
 
-def _tables(
-    tensors: Tensors, shown: Display, bins: slice
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """The table of corrected codes over these fine bins, and the factors of the roll-off.
-
-    There are no factors where the display has none.
-    """
-    with one_thread():
-        table = code_table(tensors, shown, bins)
-        factors = _factors(tensors).numpy() if not shown.values.size else np.zeros(0, np.float32)
-    return table, factors
-
-
 def apply_on(
     pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool
 ) -> tuple[Tensor, Tensor, Tensor, float]:
     """Correct (N, 3) pixels and (N,) bits that are on a device. eight: of 8 bits, else 16.
 
-    Returns corrected pixels, as int32; where the range is unknown; where they cannot be recovered;
-    and the fraction clipped.
+    Returns int32 pixels, where the range is unknown and colors are lost, and the fraction clipped.
     """
     device, fine = pixels.device, (positions(bits) >> FINE_SHIFT).to(torch.int32)
     tensors, unknown = Tensors.of(gains, shown, device), fine == FINE_BINS
@@ -168,9 +152,8 @@ def linear(
 
 
 def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
-    """(1025 * 768,) code of each 8-bit value of each channel in each of these fine bins, or its
-    displayed value where nothing is rolled off; the last bin, of unknown range, is black; the
-    others' rows are not set.
+    """(1025 * 768,) code of each 8-bit value in each of these fine bins, or its displayed value
+    where nothing is rolled off; black for unknown range; other rows are not set.
     """
     light = tensors.gain[bins, :, None] * tensors.decoded - tensors.offset[bins, :, None]
     node = (
@@ -188,9 +171,7 @@ def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
 def _displayed(
     pixels: Tensor, fine: Tensor, tensors: Tensors, eight_bits: bool
 ) -> tuple[Tensor, Tensor]:
-    """Displayed values (N, 3) int32 of pixels at their (N,) fine bins, computed, and whether their
-    color is lost (N,).
-    """
+    """Displayed values (N, 3) int32 of pixels at (N,) fine bins, and where color is lost (N,)."""
     pixels = pixels.to(torch.int32)
     known = _at(tensors.known, pixels)
     light = _mixed(_with_clipped(_unclipped(pixels, fine, tensors), known), tensors)
@@ -211,9 +192,7 @@ def _at(table: Tensor, index: Tensor) -> Tensor:
 
 
 def _unclipped(pixels: Tensor, fine: Tensor, tensors: Tensors) -> Tensor:
-    """Linear light. The part that a limited gain leaves out of a channel is taken from the channels
-    with less noise.
-    """
+    """Linear light. What a limited gain leaves out is taken from channels with less noise."""
     light = _at(tensors.gain, fine) * _at(tensors.decoded, pixels) - _at(tensors.offset, fine)
     if not tensors.missing.any():
         return light
@@ -224,9 +203,7 @@ def _unclipped(pixels: Tensor, fine: Tensor, tensors: Tensors) -> Tensor:
 
 
 def _with_clipped(light: Tensor, known: Tensor) -> Tensor:
-    """Light in which channels that the camera clipped are at least as bright as the others, or as
-    the brightest if all are.
-    """
+    """Light in which clipped channels are as bright as the others, or as the brightest."""
     if not (known < 1).any():
         return light
     lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
@@ -240,8 +217,8 @@ def _mixed(light: Tensor, tensors: Tensors) -> Tensor:
 
 
 def _above_noise(light: Tensor, noise: Tensor) -> Tensor:
-    """Light as it is where it stands out of the noise, and the noise where it does not: with the
-    same for all channels, what is lost in noise comes out gray.
+    """Light where it stands out of the noise, and the noise where it does not: equal channels,
+    gray.
     """
     return 0.5 * (light + (light * light + 4 * noise * noise).sqrt())
 
@@ -255,17 +232,8 @@ def _rolled_off(codes: Tensor, tensors: Tensors, top: int = 255) -> Tensor:
     )
 
 
-def _factors(tensors: Tensors) -> Tensor:
-    """(65536,) the factor for the codes of a pixel, by its greatest code."""
-    return _factor(
-        torch.arange(65536, dtype=torch.float32, device=tensors.shoulder.device), tensors.shoulder
-    )
-
-
 def _factor(code: Tensor, shoulder: Tensor) -> Tensor:
-    """The factor, in values per code, for pixels whose greatest code is ``code``: less above the
-    knee (``tone.display``).
-    """
+    """Values per code, by a pixel's greatest code: less above the knee (``tone.display``)."""
     knee, length, bend, unit, _ = shoulder.unbind()
     over, code = (code - knee).clamp(min=0), code.clamp(min=1e-30)
     return (

@@ -21,19 +21,13 @@ class RimLimits:
     """What counts as a black rim."""
 
     black: float = 0.0025
-    """Linear light of the brightest channel, fraction of full scale (8 of 255 in sRGB), and at
-    most
-    """
+    """Linear light of the brightest channel (8 of 255 in sRGB), and at most"""
     of_bright: float = 0.02
-    """of what nine tenths of the picture do not exceed: in an almost black picture a rim cannot be
-    told.
-    """
+    """of what nine tenths do not exceed: an almost black picture shows no rim."""
     corners: int = 2
     """Corners of the image that must be black: a shadow seldom fills two."""
     soft: float = 0.04
-    """Of the picture's longer side: a port out of focus darkens the picture so far inside of what
-    is black and of its sides,
-    """
+    """Of the longer side: a port out of focus darkens the picture so far inside of a rim,"""
     soft_edge: float = 0.7
     """where beside what is black there is less than this fraction of the light so far inside."""
     hard_px: int = 2
@@ -49,8 +43,7 @@ CORNERS = ([0, 0, -1, -1], [0, -1, 0, -1])
 
 
 def without_rim(image: Image, range_m: Map, encoding: InputEncoding) -> Map:
-    """The range map with NaN where the image has a black rim; the map itself where there is no rim,
-    or none of known range.
+    """The range map with NaN where the image has a black rim of known range; else the map itself.
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W) meters.
     """
@@ -94,9 +87,7 @@ def _wider(rim: NDArray[np.uint8], by_px: int) -> NDArray[np.uint8]:
 
 
 def _may_have_rim(image: Image, encoding: InputEncoding) -> bool:
-    """Whether enough corners are dark for a rim: a quick test, which rules it out for most
-    frames.
-    """
+    """Whether enough corners are dark for a rim: a quick test that rules out most frames."""
     first, last = slice(LIMITS.corner_px), slice(-LIMITS.corner_px, None)
     corners = (
         _brightest(image[rows, columns], encoding)

@@ -1,6 +1,4 @@
-"""Conversion between encoded image values and linear light, in which the model of the water
-holds.
-"""
+"""Encoded image values <-> linear light, in which the model of the water holds."""
 
 from functools import lru_cache
 from typing import Literal
@@ -15,16 +13,12 @@ InputEncoding = Literal["srgb", "linear", "as-is"]
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Encoded fractions of full scale -> linear light in [0, 1]; unchanged unless the encoding is
-    srgb.
-    """
+    """Encoded fractions of full scale -> linear light; unchanged unless the encoding is srgb."""
     return srgb.decode_srgb(values) if encoding == "srgb" else values
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Linear light in [0, 1] -> values of an image file: sRGB, also for linear input, since files
-    are viewed; as-is unchanged.
-    """
+    """Linear light -> values of a file: sRGB, also for linear input, which is viewed; or as-is."""
     return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 

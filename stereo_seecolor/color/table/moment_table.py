@@ -1,5 +1,4 @@
-"""Moment tables: the number of pixels of each channel with each range and value. The losses need
-nothing else of an image.
+"""Moment tables: the pixels of each channel with each range and value, all that losses need.
 
 The mean range of each range bin is kept exactly, as an integer sum.
 """
@@ -21,19 +20,13 @@ from stereo_seecolor.files.encode import deflated
 
 RANGE_BINS = 256
 VALUE_BINS = {8: 256, 16: 4096}
-"""Value bins by bit depth of the image; 16-bit images are counted to 12 bits (more than a camera's
-sensor gives).
-"""
+"""Value bins by bit depth; 16 bits are counted to 12, more than a sensor gives."""
 
 NEAREST_M = 0.125
-"""Near edge of the first bin; the last one ends at 32 m. Ranges outside are counted in these
-two.
-"""
+"""Near edge of the first bin; the last ends at 32 m. Ranges outside count in these two."""
 
 LOW_BITS = 18
-"""A range bin is what remains of a float32 range's bits, counted from those of NEAREST_M, after a
-shift by this many.
-"""
+"""A range bin is a float32 range's bits above those of NEAREST_M, shifted by this many."""
 
 
 def range_bits(range_m: NDArray[np.floating]) -> NDArray[np.int32]:
@@ -49,9 +42,7 @@ def range_edges_m() -> NDArray[np.float64]:
 
 
 def bin_values(bit_depth: int) -> NDArray[np.float64]:
-    """(V,) the value of each bin as a fraction of full scale: v/255, or the middle of sixteen
-    neighbors of 65535.
-    """
+    """(V,) each bin's fraction of full scale: v/255, or the middle of 16 neighbors of 65535."""
     if bit_depth == 8:
         return np.arange(256) / 255.0
     return np.asarray((np.arange(4096) * 16 + 7.5) / 65535.0)

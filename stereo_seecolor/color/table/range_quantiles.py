@@ -11,25 +11,17 @@ from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
-"""Fractions of the quantiles: from pixels nearly in shadow to the brightest, which are most likely
-white.
-"""
+"""Fractions of the quantiles: from nearly in shadow to the brightest, most likely white."""
 PARTS = 20
-"""Groups into which a frame's pixels are divided by range: more hardly change a fit, and each costs
-time.
-"""
+"""Groups of a frame's pixels by range: more hardly change a fit, and cost time."""
 BINS_PER_OCTAVE = RANGE_BINS // 8
 """Range bins of an octave; there are eight octaves."""
 CLIPPED = 0.99
 """Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
 NOISE = 0.004
-"""Standard deviation of a value, fraction of full scale as encoded for a screen: a value of 255,
-about what quiet cameras have.
-"""
+"""Standard deviation of an encoded value, fraction of full scale: 1 of 255, a quiet camera's."""
 MOST_NOISE = 0.95
-"""At most this fraction of the slope of quantiles over those of a normal distribution is noise:
-values spread at least so much.
-"""
+"""Most of the slope of quantiles over a normal distribution's that is noise."""
 _DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])
 """Quantiles of the normal distribution at the fractions up to a half."""
 
@@ -50,9 +42,7 @@ class RangeQuantiles:
 
 
 def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuantiles:
-    """Quantiles of groups of neighboring range bins with about equal numbers of pixels. The table
-    must not be empty.
-    """
+    """Quantiles of groups of range bins with about equal numbers of pixels, of which some exist."""
     first = _first_of_groups(table.pixels)
     size = np.add.reduceat(table.pixels, first).astype(np.float64)
     end = int(np.flatnonzero(table.pixels)[-1]) + 1
@@ -73,8 +63,7 @@ def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuan
 
 
 def _without_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, G, 9) quantiles, encoded as sRGB, in which the effect of noise on quantiles below the
-    median is removed.
+    """(3, G, 9) sRGB quantiles, in which the effect of noise below the median is removed.
 
     Where a normal distribution has the slope s of its quantiles, that without the noise n has
     sqrt(s^2 - n^2) (variances add).
@@ -103,9 +92,7 @@ def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
 
 
 def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(3, G, 9) quantiles of counts (3, G, V), in value bins; pixels are assumed to be spread
-    evenly within a bin.
-    """
+    """(3, G, 9) quantiles of counts (3, G, V), in value bins, within which pixels are even."""
     each = counts.reshape(-1, counts.shape[2])
     below = np.cumsum(each).reshape(
         each.shape
@@ -121,17 +108,13 @@ def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 # Warnings for moment tables that do not determine a water.
 
 LEAST_RELIEF = 1.15
-"""Far over near (the 5 and 95 % of the pixels) below which attenuation and the color of the scene
-cannot be told apart.
-"""
+"""Far over near (95 over 5 %) below which attenuation and scene cannot be told apart."""
 
 LEAST_PIXELS = 100
 
 
 def doubts(table: MomentTable) -> tuple[str, ...]:
-    """Why a table of at least one pixel does not determine its water, as a warning; empty where it
-    does.
-    """
+    """Why a table (not empty) does not determine its water, as a warning; else empty."""
     number = int(table.pixels.sum())
     if number < LEAST_PIXELS:
         return (f"only {number} pixels with a known range: the water is a guess",)

@@ -1,4 +1,4 @@
-"""Counts pixels in torch, on any device, with the same result as ``counting``."""
+"""Counts pixels in torch, on any device, with the same result as ``measure``."""
 
 from typing import Any
 
@@ -7,23 +7,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from stereo_seecolor.color.table.counting import LAST
-from stereo_seecolor.color.table.moment_table import LOW_BITS, NEAREST_M, RANGE_BINS
-
-_FIRST = int(np.float32(NEAREST_M).view(np.int32))
-_INFINITY = int(np.float32(np.inf).view(np.int32))
+from stereo_seecolor.color.table.measure import FIRST, INFINITY, LAST
+from stereo_seecolor.color.table.moment_table import LOW_BITS, RANGE_BINS
 
 
 def positions(bits: Tensor) -> Tensor:
-    """``counting.position_of`` of (N,) int32 bits of ranges."""
-    known = (bits > 0) & (bits < _INFINITY)
-    return torch.where(known, (bits - _FIRST).clamp(0, LAST), LAST + 1)
+    """``measure.position_of`` of (N,) int32 bits of ranges."""
+    known = (bits > 0) & (bits < int(INFINITY))
+    return torch.where(known, (bits - int(FIRST)).clamp(0, LAST), LAST + 1)
 
 
 def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,)
-    int32 bits of their ranges.
-    """
+    """Counts (3, 256, values) and offset sums (256,) of (N, 3) pixels and (N,) bits of ranges."""
     position = positions(bits)
     range_bin = position >> LOW_BITS
     channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
@@ -46,6 +41,5 @@ def pixels_on(image: NDArray[Any], device: torch.device) -> Tensor:
 
 def on_device(numbers: NDArray[Any], device: torch.device) -> Tensor:
     """Numbers on a device; uint16 as int32, since few of torch's operations take uint16."""
-    return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(
-        device
-    )
+    plain = numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers
+    return torch.from_numpy(plain).to(device)

@@ -50,13 +50,9 @@ class SightingNoise:
     first_scatter: float = 0.05
     """Relative scatter of the direct signal before any residual is known."""
     scatter_each: tuple[float, float] = (0.003, 0.3)
-    """Limits of the relative scatter of a channel by itself: below it is quantization of 8 bits,
-    above it is no measurement.
-    """
+    """Limits of a channel's own relative scatter: quantization of 8 bits, and no measurement."""
     scatter_together: tuple[float, float] = (0.003, 0.5)
-    """Limits of the relative scatter that all channels have in common: moving light makes it
-    larger.
-    """
+    """Limits of the scatter that all channels have in common: moving light makes it larger."""
 
 
 NOISE = SightingNoise()
@@ -108,9 +104,7 @@ class MultiviewFit:
         scatter: Scatter,
         before: "MultiviewFit | None" = None,
     ) -> "MultiviewFit":
-        """The fit under a water, with weights from the direct signals and residuals of the fit
-        ``before``; None: there was none.
-        """
+        """The fit under a water, with weights from the fit ``before``; None: there was none."""
         direct = np.maximum(
             observations.light - model.backscatter if before is None else before.direct, 0.0
         )
@@ -168,9 +162,7 @@ class MultiviewFit:
         )
 
     def slope(self) -> Array:
-        """(9,) negative half gradient of the cost; the patches' brightnesses are optimal and add
-        nothing.
-        """
+        """(9,) negative half gradient of the cost; optimal brightnesses add nothing."""
         pull = np.einsum("kce,ke->kc", self.weights, self.residual)
         return np.asarray(np.einsum("kci,kc->ic", self.change, pull).reshape(9))
 
@@ -185,9 +177,7 @@ class MultiviewFit:
         )
 
     def scatter_now(self) -> Scatter:
-        """The scatter, from residuals of the brighter half: that between channels is each channel's
-        own, the rest is common.
-        """
+        """Scatter of the brighter half: between channels is a channel's own, the rest common."""
         bright = self.direct.min(axis=1) > np.median(self.direct.min(axis=1))
         relative = self.residual[bright] / self.direct[bright]
         each = min(
@@ -234,34 +224,22 @@ def sums_by_patch(observations: Observations, values: Array) -> Array:
 
 @dataclass(frozen=True)
 class MultiviewSettings:
-    """Assumptions of the fit, and limits below which it is refused; tested on synthetic waters and
-    on the sample dive.
-    """
+    """Assumptions, and limits of refusal; tested on synthetic waters and the sample dive."""
 
     least_observations: int = 200
     """Fewer do not determine nine numbers and their scatter: the fit is refused."""
     least_range_ratio: float = 1.1
-    """Farthest over nearest range of a patch, at ``range_ratio_quantile`` of the patches; below,
-    they hold nothing of the water.
-    """
+    """Least far over near range of a patch, at ``range_ratio_quantile`` of the patches."""
     range_ratio_quantile: float = 0.9
     """A tenth of the patches may be wrong matches, whose ratio says nothing."""
     backscatter_mean: float = float(np.log(0.05))
-    """Prior mean of log gamma_inf (fraction of full scale): a twentieth, a guess that the deviation
-    makes weak.
-    """
+    """Prior mean of log gamma_inf (fraction of full scale): a guess, made weak by its deviation."""
     backscatter_deviation: float = 2.0
-    """Prior standard deviation of log gamma_inf: a factor of 7 up or down, so next to nothing is
-    known before.
-    """
+    """Prior standard deviation of log gamma_inf: a factor of 7 up or down."""
     nothing_learned: float = 0.9
-    """A standard error of at least this fraction of the prior's says that the observations did not
-    constrain the parameter.
-    """
+    """A standard error of at least this fraction of the prior's was not measured."""
     least_direct: float = 0.05
-    """Direct signal that is left at least when backscatter is subtracted, fraction of the light: a
-    logarithm needs some.
-    """
+    """Direct signal left at least, fraction of the light: a logarithm needs some."""
 
 
 @dataclass(frozen=True)
@@ -269,9 +247,7 @@ class StepSettings:
     """Damped Gauss-Newton steps (Levenberg 1944; Marquardt 1963)."""
 
     most_steps: int = 40
-    """Most steps with new weights; the fit ends before if it has converged or no step lowers the
-    cost.
-    """
+    """Most steps with new weights, if it does not converge before."""
     least_steps: int = 6
     """The robust weights have settled by then."""
     first_damping: float = 1e-2
@@ -287,9 +263,7 @@ class StepSettings:
     longest_step: float = 0.7
     """Largest change of a logarithm in one step: a factor of 2."""
     converged: float = 1e-4
-    """Change of a logarithm below which the fit has converged: a hundredth of a percent of a
-    parameter.
-    """
+    """Change of a logarithm below which the fit has converged: 0.01 % of a parameter."""
 
 
 SETTINGS = MultiviewSettings()
@@ -344,9 +318,7 @@ def with_white_of(water: Water, scene: Water, observations: Observations) -> Wat
 def _lower(
     fit: MultiviewFit, x: Array, damping: float, prior: tuple[Array, Array]
 ) -> tuple[Array, MultiviewFit, float] | None:
-    """The next parameters, the fit there and the next damping; None where no damping lowers the
-    cost. prior: mean, precision.
-    """
+    """The next parameters, fit and damping; None where none is better. prior: mean, precision."""
     mean, precision = prior
     normal, slope = fit.normal() + precision, fit.slope() - precision @ (x - mean)
     cost = fit.cost() + (x - mean) @ precision @ (x - mean)
@@ -362,9 +334,7 @@ def _lower(
 
 
 def _prior() -> tuple[Array, Array]:
-    """Mean (9,) and precision (9, 9) of the prior: known waters for the rates, a wide one for the
-    backscatter far away.
-    """
+    """Mean (9,) and precision (9, 9): known waters for the rates, a wide prior for backscatter."""
     mean, covariance = water_prior()
     rates = [0, 1, 2, 6, 7, 8]
     spread = np.zeros((9, 9))
@@ -408,9 +378,7 @@ def _check(observations: Observations) -> None:
 
 
 def _water(x: Array, error: Array, before: Array, encoding: InputEncoding) -> Water:
-    """The water of (9,) logarithms with their standard errors, after the fit and ``before`` it (the
-    prior's).
-    """
+    """The water of (9,) logarithms and their standard errors, after the fit and ``before`` it."""
     far, beta, gamma_inf = np.exp(x).reshape(3, 3)
     fall = near_against_far()
     learned = (error < SETTINGS.nothing_learned * before).reshape(3, 3)
