@@ -240,6 +240,13 @@ class Motion:
         return LIMITS.deviations * self.range_std < LIMITS.seen
 
     @property
+    def is_right(self) -> bool:
+        """True if ranges are right to within what is said to be wrong, their standard error
+        included.
+        """
+        return abs(self.range_error) + self.range_std < LIMITS.range_error
+
+    @property
     def is_found(self) -> bool:
         """True if ranges are wrong by more than the points and a usual lens model leave open."""
         return abs(self.range_error) > max(LIMITS.range_error, LIMITS.deviations * self.range_std)
@@ -294,13 +301,23 @@ class Motion:
 NO_MOTION = Motion()
 
 
-def find_motion(rectification: Rectification, starts: Iterable[Iterable[Images]]) -> Motion:
+def find_motion(
+    rectification: Rectification, starts: Iterable[Iterable[Images]], until_right: bool = False
+) -> Motion:
     """Measure on raw image pairs. starts: for each couple its first pair and pairs that follow it,
     nearest first.
 
-    The first of those that has moved far enough makes the couple.
+    The first of those that has moved far enough makes the couple. until_right: no more couples are
+    looked at once the least number of them shows that ranges are right.
     """
-    couples = [couple for pairs in starts if (couple := _couple(rectification, pairs))]
+    couples: list[SeenTwice] = []
+    for pairs in starts:
+        if couple := _couple(rectification, pairs):
+            couples.append(couple)
+            if until_right and len(couples) == LIMITS.least_couples:
+                motion = motion_of(couples, rectification.matching_pair)
+                if motion.is_right:
+                    return motion
     return motion_of(couples, rectification.matching_pair)
 
 
@@ -349,13 +366,13 @@ def _couple(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice 
 
 
 def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice | None:
-    images = next(pairs, None)
-    if images is None:
+    start = next(pairs, None)
+    if start is None:
         return None
-    first = _left(rectification, images), _right(rectification, images)
+    first = _left(rectification, start)
     for images in pairs:
         left = _left(rectification, images)
-        moved = match_described(first[0], left, ANYWHERE)
+        moved = match_described(first, left, ANYWHERE)
         if len(moved.left) < LIMITS.least_points:
             return None
         if (
@@ -363,7 +380,7 @@ def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice |
             >= LIMITS.least_move * left.image.shape[1]
         ):
             there = match_described(left, _right(rectification, images), FEATURES)
-            here = match_described(*first, FEATURES)
+            here = match_described(first, _right(rectification, start), FEATURES)
             return _seen_twice(rectification, here, moved, there)
     return None
 

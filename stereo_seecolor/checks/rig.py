@@ -56,7 +56,9 @@ def _motion_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also
     that it shows nothing.
     """
-    motion = _motion(pipeline, pairs)
+    starts = list(neighbors(pairs, pipeline.config.input))
+    from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
+    motion = find_motion(pipeline.rectification, from_ends, until_right=True)
     if motion.is_found:
         return (f"calibration: {motion.advice}",)
     unseen = pipeline.config.input.refine and not motion.is_known
