@@ -415,7 +415,7 @@ class FrameRow:
 
     kept: True where an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds:
     name of a stage -> seconds.
-    facts: numbers by column, see dive/frame_facts.py.
+    facts: numbers by column, see dive/frames.py.
     """
 
     name: str

@@ -24,7 +24,6 @@ from calibration.formats import (
     orbslam,
     ros,
     seagis,
-    viame,
 )
 from calibration.formats.others import (
     basalt,
@@ -156,6 +155,8 @@ def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native
         CalibrationError: For a format that is not written, a rig that the format cannot hold, or a
             place that cannot be written.
     """
+    from calibration.formats import viame  # is only written
+
     writers: dict[str, Callable[[StereoRig, Path], None]] = {
         "native": native.write,
         "kalibr": kalibr.write,

@@ -23,7 +23,7 @@ from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.formats.kitti import for_channels
-from stereo_seecolor.checks.range_limits import RangeLimits, range_limits
+from stereo_seecolor.checks.rig import RangeLimits, range_limits
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, neighbors
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits

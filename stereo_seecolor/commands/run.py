@@ -27,7 +27,6 @@ from stereo_seecolor.dive.passes import (
     make_pass,
     measure_ranges,
 )
-from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.listing import folders_of
@@ -199,6 +198,8 @@ def correct(
     Raises:
         SeeColorError: For what concerns the whole folder.
     """
+    from stereo_seecolor.dive.ranged_images import RangedImages
+
     images, ranges, out = Path(images), Path(ranges), Path(out)
     config, options = config or RunConfig(), options or RunOptions()
     if config.color.lock == "auto":

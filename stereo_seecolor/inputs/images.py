@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import contained, read_bytes
+from stereo_seecolor.files.contained import Container, contained, open_containers, read_bytes
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.capture import ExposureTable, read_capture
-from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.decoding import decoded, seam_row, seam_text
+from stereo_seecolor.inputs.dive_pairs import Halves, is_half
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.range_maps import decode_range_map
+from stereo_seecolor.inputs.video_file import VideoImages, is_video
+from stereo_seecolor.plugins import added, load
 from stereo_seecolor.records import Capture, Image, Map, StereoFrame
 
 BAYER_CODES = {
@@ -193,3 +195,40 @@ def _refuse_damage(images: dict[Path, Image], contents: dict[Path, bytes]) -> No
     found = [path for path, row in rows.items() if row is not None]
     if len(found) == 1:
         raise InputError(f"{found[0]}: {seam_text(rows[found[0]] or 0)}")
+
+
+# Paths that lead into a video, a bag, or an image of both sides: these are opened by the path
+# alone, in any process.
+
+
+def open_around(path: Path) -> None:
+    """Open the video, bag or image that ``path`` leads into, if it leads into one. Raises
+    InputError, DeviceError.
+    """
+    if contained(path):
+        return
+    if is_half(path):
+        image = path.parent.parent
+        open_containers({image: Halves(image)})
+        return
+    outer = next(
+        (
+            parent
+            for parent in path.parents
+            if is_video(parent) or _kind(parent) in added("containers")
+        ),
+        None,
+    )
+    if outer and outer.is_file():
+        open_containers({outer: _container(outer)})
+
+
+def _container(outer: Path) -> Container:
+    if is_video(outer):
+        return VideoImages(outer)
+    container: Container = load("containers", _kind(outer))(outer)
+    return container
+
+
+def _kind(path: Path) -> str:
+    return path.suffix.lower().removeprefix(".")

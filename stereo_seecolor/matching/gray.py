@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX
 from stereo_seecolor.records import Image, StereoFrame
 
 # The gray images that are matched: full bit depth, smoothed against sensor noise, at full and at
@@ -18,6 +17,10 @@ from stereo_seecolor.records import Image, StereoFrame
 Gray = NDArray[np.uint16]
 """(H, W) uint16 luma, 0..65535; 256 is a gray level of an 8-bit image."""
 
+LARGE_IMAGE_PX = 600_000
+"""Larger images are reduced to a quarter, smaller ones to half; and of larger ones every second
+pixel decides what is a speckle: the filter is not compiled for cores, and patches are larger, too.
+"""
 SMOOTHING_PX = 0.7
 """Sigma of the blur before the census, which compares single pixels: without it noise decides the
 comparisons.

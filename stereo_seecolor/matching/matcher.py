@@ -16,12 +16,17 @@ from stereo_seecolor.matching.confidence import (
     surroundings,
     weigh_rows,
 )
-from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity, RangeMaps, fill
-from stereo_seecolor.matching.engines import Network, OpenCvMatching
-from stereo_seecolor.matching.gray import Gray, GrayPair
+from stereo_seecolor.matching.disparity import (
+    UNKNOWN,
+    Engine,
+    MatchedDisparity,
+    RangeMaps,
+    fill,
+    remove_speckles,
+)
+from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, GrayPair
 from stereo_seecolor.matching.refine import contrast_gain, refine_rows
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
-from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX, remove_speckles
 from stereo_seecolor.plugins import load
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
@@ -68,12 +73,14 @@ class Matcher:
         self._engine = self._chosen_engine()
 
     def _chosen_engine(self) -> Engine:
-        if self._config.engine == "onnx":
-            return Network(self._config.model)
-        if self._config.engine == "opencv":
-            return OpenCvMatching(self._lowest, self._highest)
         if self._config.engine == "sgm":
             return SemiGlobalMatching(self._lowest, self._highest)
+        if self._config.engine in ("onnx", "opencv"):
+            from stereo_seecolor.matching.engines import Network, OpenCvMatching
+
+            if self._config.engine == "onnx":
+                return Network(self._config.model)
+            return OpenCvMatching(self._lowest, self._highest)
         added: Engine = load("matching_engines", self._config.engine)(
             self._config, self._lowest, self._highest
         )

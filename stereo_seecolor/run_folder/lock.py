@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 from stereo_seecolor.compute.background import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
-from stereo_seecolor.files.json_records import as_record, load_object
+from stereo_seecolor.files.text_documents import as_record, load_object
 from stereo_seecolor.run_folder.layout import LOCK, lease_file, state
 
 # Who writes into OUT, as a file that every machine sees which sees OUT: a lock of the system may

@@ -20,8 +20,8 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy, Names, SomeNames
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.atomic import write_replaceable
-from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain
+from stereo_seecolor.files.text_documents import as_record, load_object
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION, track_points
 from stereo_seecolor.run_folder.folder import RunFolder

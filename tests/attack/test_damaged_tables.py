@@ -28,8 +28,8 @@ from stereo_seecolor.extras.reef.commands.measure import measure
 from stereo_seecolor.files import csv_table
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map, encode_png
-from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.files.text_documents import load_object
 from stereo_seecolor.inputs.capture import ExposureTable
 from stereo_seecolor.mapping.markers.tables import read_bars
 from stereo_seecolor.run_folder.cache import kept

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from color_waters import clear_water
 
-from stereo_seecolor.checks.channel_order import order_notes
+from stereo_seecolor.checks.image_files import order_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.water import channel_order_notes
 from stereo_seecolor.config import InputConfig, RunConfig

@@ -114,7 +114,7 @@ importlib.metadata.version = lambda name: "99.0"
 from stereo_seecolor.compute import kernel_cache
 kernel_cache._folder = lambda: None  # machine code on disk is of the usual steps
 import test_sgm
-from stereo_seecolor.matching.sgm.steps import steps
+from stereo_seecolor.matching.sgm.semiglobal import steps
 assert steps.__name__.endswith("loops")
 shape = 40, 64
 band = test_sgm.Band.everywhere(shape, -4, 27)

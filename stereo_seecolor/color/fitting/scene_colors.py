@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import WAVELENGTH_NM, drawn_camera
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS
-from stereo_seecolor.files.json_records import load_object
+from stereo_seecolor.files.text_documents import load_object
 
 Array = NDArray[np.float64]
 SPECTRA = Path(__file__).with_name("reflectances.csv")

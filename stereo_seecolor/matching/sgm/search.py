@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.matching.census import census, mirrored_census
-from stereo_seecolor.matching.disparity import MatchedDisparity
+from stereo_seecolor.matching.disparity import MatchedDisparity, remove_speckles
 from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.matching.sgm.band import (
     FAR,
@@ -21,7 +21,6 @@ from stereo_seecolor.matching.sgm.band import (
     p2_maps,
 )
 from stereo_seecolor.matching.sgm.semiglobal import match_rows
-from stereo_seecolor.matching.speckles import remove_speckles
 from stereo_seecolor.records import Map, StereoFrame
 
 __all__ = [

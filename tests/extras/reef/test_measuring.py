@@ -27,7 +27,7 @@ from stereo_seecolor.extras.reef.measuring.measures import (
 )
 from stereo_seecolor.extras.reef.measuring.picking import Pick, Surface
 from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
-from stereo_seecolor.report.measuring_limits import LIMITS
+from stereo_seecolor.report.calibration_std import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.measuring.picking import Pick, Placed, Surface
-from stereo_seecolor.report.measuring_limits import LIMITS
+from stereo_seecolor.report.calibration_std import LIMITS
 
 Array = NDArray[np.float64]
 

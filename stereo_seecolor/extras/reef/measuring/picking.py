@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.measuring_limits import LIMITS
+from stereo_seecolor.report.calibration_std import LIMITS
 
 Array = NDArray[np.float64]
 STEP_PX = 8
