@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.export.texture.simplify import simplify
 from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.mapping.surface.simplify import simplify
 from stereo_seecolor.run_folder.layout import MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun
 

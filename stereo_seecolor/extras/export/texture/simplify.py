@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.mapping.surface.star_kernels import (
+from stereo_seecolor.extras.export.texture.star_kernels import (
     cross,
     form,
     has,
