@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import errors
-from calibration.aprilgrid import AprilGrid
+from calibration.aprilgrid import MIN_CORNERS, AprilGrid, Corners, images_for_detection
 from calibration.boards.bundle import Observation
 from calibration.boards.report import ViewReport
-from calibration.corners import MIN_CORNERS, Corners, images_for_detection
 from calibration.errors import CalibrationError
 from calibration.field_checks.matches import to_gray
 from calibration.formats.reading.document import load_document

@@ -9,10 +9,14 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from stereo_seecolor.config.color import ColorConfig, PaperConfig, RobustConfig
-from stereo_seecolor.config.input import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
-from stereo_seecolor.config.matching import MatchingConfig
-from stereo_seecolor.config.stage import MeasuringConfig, OutputConfig, StageConfig
+from stereo_seecolor.config.stage import (
+    InputConfig,
+    MatchingConfig,
+    MeasuringConfig,
+    OutputConfig,
+    StageConfig,
+)
 
 __all__ = [
     "ColorConfig",

@@ -18,11 +18,10 @@ from calibration_boards import (
 )
 
 from calibration import CalibrationError, Camera, StereoRig
-from calibration.aprilgrid import AprilGrid, marker
+from calibration.aprilgrid import AprilGrid, Corners, marker
 from calibration.boards.printing import print_target
 from calibration.boards.targets import Charuco, Chessboard, View, detect_view, parse_target
 from calibration.calibrate import calibrate
-from calibration.corners import Corners
 from calibration.field_checks.matches import to_gray
 from calibration.formats import load_rig
 from stereo_seecolor.compute.threads import Threads

@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 
 from calibration import Camera, StereoRig
-from calibration.aprilgrid import AprilGrid
+from calibration.aprilgrid import AprilGrid, Corners
 from calibration.boards.printing import print_target
 from calibration.boards.targets import Chessboard, View, parse_target
-from calibration.corners import Corners
 from calibration.refraction import CameraInWater, cameras_in_water
 
 SIZE = (1280, 960)
