@@ -36,8 +36,12 @@ from calibration.formats.others import (
     rectified,
     zed,
 )
-from calibration.formats.reading.document import load_document
-from calibration.formats.reading.folder import calibration_files, left_first, merged
+from calibration.formats.reading.document import (
+    calibration_files,
+    left_first,
+    load_document,
+    merged,
+)
 from calibration.formats.reading.section import Section, naming
 from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig

@@ -12,7 +12,6 @@ from calibration.checks import RowCheck, vertical_disparity
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong
 from calibration.field_checks.motion import Motion, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
-from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
     evenly_spaced,
@@ -84,6 +83,8 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     if check is None or may_be_wrong(check):
         if mistake := likely_hypothesis(rig, first_images(chosen, images)):
             raise InputError(mistake.line)
+        from stereo_seecolor.checks.neighbors import constant_shift  # hardly ever needed
+
         if shift := constant_shift(
             evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images
         ):

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.formats import native
-from stereo_seecolor.checks.neighbors import misfit_notes
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
 from stereo_seecolor.compute.interface import Compute
@@ -172,6 +171,8 @@ def _summary(
     failed = {name for name, error in run.table.failed.items() if NO_OVERLAP in error}
     misfits: tuple[str, ...] = ()
     if failed and description.rectification:
+        from stereo_seecolor.checks.neighbors import misfit_notes
+
         misfits = misfit_notes(
             pairing.pairs, failed, description.rectification, description.config.input
         )

@@ -29,9 +29,8 @@ from stereo_seecolor.dive.passes import (
 )
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.listing import folders_of
+from stereo_seecolor.inputs.listing import RANGE_EXTENSIONS, folders_of
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
-from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.dive_files import read_known_waters, read_waters, waters_content

@@ -15,7 +15,6 @@ from stereo_seecolor.inputs.capture import ExposureTable, read_capture
 from stereo_seecolor.inputs.decoding import decoded, seam_row, seam_text
 from stereo_seecolor.inputs.dive_pairs import Halves, is_half
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.inputs.range_maps import decode_range_map
 from stereo_seecolor.inputs.video_file import VideoImages, is_video
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.records import Capture, Image, Map, StereoFrame
@@ -115,6 +114,8 @@ def read_range_map(path: str | Path, units_per_m: float | None = None) -> Map:
     Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such
     map.
     """
+    from stereo_seecolor.inputs.range_maps import decode_range_map
+
     path = Path(path)
     return decode_range_map(read_image_bytes(path), path, units_per_m)
 

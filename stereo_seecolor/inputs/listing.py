@@ -72,6 +72,8 @@ def matched_folders(folder: Path, part: str) -> dict[str, Path]:
 
 
 EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"})
+RANGE_EXTENSIONS = EXTENSIONS | {".pfm", ".exr", ".npy", ".npz", ".mat"}
+"""Of range maps."""
 _COMPRESSED = {".webp", ".jp2", ".j2k", ".jxl", ".avif", ".heic", ".heif", ".gif", ".exr"}
 _RAW = {
     ".dng",

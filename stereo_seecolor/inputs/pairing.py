@@ -16,7 +16,13 @@ from stereo_seecolor.compute.sequences import Lazy, Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, short_hash, stem_of
-from stereo_seecolor.inputs.listing import FolderFiles, Listing, Unpaired, list_images
+from stereo_seecolor.inputs.listing import (
+    RANGE_EXTENSIONS,
+    FolderFiles,
+    Listing,
+    Unpaired,
+    list_images,
+)
 from stereo_seecolor.inputs.name_keys import (
     Keys,
     affix_keys,
@@ -30,7 +36,6 @@ from stereo_seecolor.inputs.name_keys import (
     timed,
     timestamp_from_name,
 )
-from stereo_seecolor.inputs.range_maps import RANGE_EXTENSIONS
 
 SEVERAL = "several files are called"
 

@@ -24,11 +24,7 @@ from stereo_seecolor.inputs.headers import (
     TIFF_UNCOMPRESSED,
     tiff_numbers,
 )
-from stereo_seecolor.inputs.listing import EXTENSIONS
 from stereo_seecolor.records import Map
-
-RANGE_EXTENSIONS = EXTENSIONS | {".pfm", ".exr", ".npy", ".npz", ".mat"}
-"""Of range maps."""
 
 FARTHEST_M, NEAREST_M = 100.0, 0.03
 """No camera sees farther than this under water, or has a scene nearer."""
