@@ -175,3 +175,12 @@ def test_what_is_too_large_is_found(tmp_path, monkeypatch) -> None:
     ]
     path.write_text("@compiled\ndef f(a):\n" + "    a += 1\n" * 60)
     assert not too_large(path)
+
+
+@pytest.mark.xdist_group("together")
+def test_tests_of_a_group_run_in_one_process(request: pytest.FixtureRequest) -> None:
+    """xdist 3.8 tells groups by the ends of names, which pytest 9.2 keeps it from writing: fixtures
+    that many tests share are then made in each process, and nothing says so.
+    """
+    in_groups = getattr(request.config.option, "loadgroup", False)
+    assert request.node.nodeid.endswith("@together") == in_groups, "pytest as in constraints.txt"
