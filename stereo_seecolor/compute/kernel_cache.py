@@ -25,7 +25,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.runtime.nrt import rtsys
 from platformdirs import user_cache_path
 
-from stereo_seecolor.compute.compiled import PACKAGES, ROOT, sources_digest
+from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 """numba's options for all functions. Without wrappers that nobody calls, compilation takes a

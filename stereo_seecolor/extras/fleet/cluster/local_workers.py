@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from calibration.files import load_json
-from stereo_seecolor.compute.compiled import ROOT
+from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.extras.fleet.cluster.ticket import of_worker
