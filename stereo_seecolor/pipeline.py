@@ -19,6 +19,7 @@ from calibration.formats import load_rig
 from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.color.render.carried import without_open_water
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -385,19 +386,20 @@ def _carried_as_measured(
 def ranges_for_color(
     corrector: Corrector, image: Image, range_map: RangeMap, water: Water, seen: Mask | None = None
 ) -> RangeMap:
-    """The range map that a frame is corrected with: unknown ranges are carried over from neighbors
-    and marked as filled.
+    """The range map that a frame is corrected with: unknown ranges, and those of pixels that show
+    the open water beside what was measured, are carried over from neighbors and marked as filled.
 
     A frame without any known range gets the water's typical range everywhere. seen: where the image
     shows something, None = everywhere.
     """
     if corrector.config.unknown_pixels != "interpolate":
         return range_map
-    range_m = corrector.carry_ranges(image, range_map.range_m, seen)
+    shown_m = without_open_water(image, range_map.range_m, water, seen)
+    range_m = corrector.carry_ranges(image, shown_m, seen)
     if water.typical_range_m is not None and not np.isfinite(range_m).any():
         range_m = np.where(
             True if seen is None else seen, np.float32(water.typical_range_m), range_m
         )
     return range_map.with_ranges(
-        range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(range_map.range_m))
+        range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(shown_m))
     )

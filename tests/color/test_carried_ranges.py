@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
-from stereo_seecolor.color.render.carried import Smoother, carry_ranges, within_measured
+from stereo_seecolor.color.render.carried import (
+    Smoother,
+    carry_ranges,
+    within_measured,
+    without_open_water,
+)
+from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.records import Map
+from stereo_seecolor.water.model import Water
 
 REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
 RNG = np.random.default_rng(3)
@@ -228,3 +236,64 @@ def test_white_at_a_carried_range_stays_at_full_scale() -> None:
     carried[:8, :8] = True
     image[carried] = 255
     np.testing.assert_array_equal(within_measured(image, carried, ~carried)[carried][:, 0], 255)
+
+
+# Rims before open water
+
+
+REEF_EDGE, RANGE_EDGE = 120, 108
+VEIL = (30.0, 90.0, 160.0)
+BLUE = Water(
+    decode_srgb(np.array(VEIL) / 255),
+    np.full(3, 0.2),
+    *np.zeros((4, 3)),
+    y=np.array([0.5, 0.1, 0.07]),
+    x=np.zeros(3),
+)
+
+
+def reef_before(behind: tuple[float, float, float], contrast: float) -> tuple[np.ndarray, Map]:
+    """A reef of which ranges reach 12 px too far into what lies behind it, which is of one color
+    with some texture.
+    """
+    texture = RNG.normal(0, 1, (40, 50)).repeat(4, axis=0).repeat(4, axis=1)[..., None]
+    image = np.array([70.0, 110, 90]) * (1 + 0.2 * texture)
+    image[:, :REEF_EDGE] = np.array(behind) * (1 + contrast * texture[:, :REEF_EDGE])
+    image += RNG.normal(0, 1.5, image.shape)
+    range_m = np.full(image.shape[:2], 3.0, np.float32)
+    range_m[:, :RANGE_EDGE] = np.nan
+    return np.clip(image, 0, 255).astype(np.uint8), range_m
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_ranges_that_reach_into_open_water_are_left_out_and_the_reef_keeps_its_own(
+    depth: type,
+) -> None:
+    image, range_m = reef_before(VEIL, 0.01)
+    given = image if depth is np.uint8 else image.astype(np.uint16) * 257
+    kept = np.isfinite(without_open_water(given, range_m, BLUE))
+    assert kept[:, RANGE_EDGE:REEF_EDGE].mean() < 0.05
+    assert kept[:, REEF_EDGE:].mean() > 0.99
+    shown_m = carry_ranges(given, without_open_water(given, range_m, BLUE))
+    assert np.isfinite(shown_m).all()
+
+
+@pytest.mark.parametrize(
+    ("behind", "contrast"),
+    [((140, 120, 90), 0.15), ((90, 130, 160), 0.01), ((12, 14, 13), 0.12)],
+    ids=["rubble", "even sand", "shadow"],
+)
+def test_ranges_beside_what_matching_did_not_know_stay(
+    behind: tuple[float, float, float], contrast: float
+) -> None:
+    image, range_m = reef_before(behind, contrast)
+    assert without_open_water(image, range_m, BLUE) is range_m
+
+
+def test_what_the_camera_did_not_see_is_no_open_water() -> None:
+    image, range_m = reef_before((0, 0, 0), 0)
+    seen = np.ones(range_m.shape, bool)
+    seen[:, :REEF_EDGE] = False
+    assert without_open_water(image, range_m, BLUE, seen) is range_m
+    nothing_m = np.full_like(range_m, np.nan)
+    assert without_open_water(image, nothing_m, BLUE) is nothing_m
