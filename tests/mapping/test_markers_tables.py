@@ -121,7 +121,7 @@ def test_latitudes_and_longitudes_become_meters(tmp_path: Path) -> None:
         (read_bars, "first,second,length_m\n1,2\n", "line 2: has too few columns"),
         (read_places, "marker,x_m,y_m\n1,2,3\n",
         "has no column 'z_m' .*or marker, lat, lon, depth_m"),
-        (read_places, "marker,x_m,y_m,z_m\n1,2,3,\n", "line 2: '' is not a number"),
+        (read_places, "marker,x_m,y_m,z_m\n1,2,3,\n", "line 2: a number is missing"),
         (read_places, "marker,x_m,y_m,z_m\n1,-68.28,12.15,-8\n2,-68.279995,12.150003,-8\n",
         "if x and y are degrees, name"),
         (read_places, "", "holds no rows"),

@@ -261,6 +261,8 @@ def _number(where: str, text: str) -> float:
     """A number; with a unit behind it, in meters."""
     if match := re.fullmatch(rf"([-+]?[\d.]+)\s*({_UNITS})", text.strip().lower()):
         return _number(where, match[1]) * METERS[match[2]]
+    if not text.strip():
+        raise InputError(f"{where}: a number is missing: fill it in, or leave the line out")
     if not _is_number(text) or not np.isfinite(float(text)):
         raise InputError(f"{where}: {text!r} is not a number")
     return float(text)
