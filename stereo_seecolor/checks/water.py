@@ -93,7 +93,7 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
         if given
         else "the unit and the lengths of the calibration"
     )
-    if red < LEAST_RED:
+    if red + np.median([_red_std(water) for water in different]) < LEAST_RED:
         return (
             f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red: ranges are probably too "
             f"long: see {cause}",
@@ -114,3 +114,13 @@ def _attenuation(water: Water) -> NDArray[np.float64]:
         return np.full(3, np.nan)
     rates = -np.log(water.attenuation(np.array(water.typical_range_m))) / water.typical_range_m
     return np.where(np.ptp(rates) < ALIKE * rates.mean(), np.nan, rates)
+
+
+def _red_std(water: Water) -> float:
+    """Standard error of red's attenuation at the water's typical range, 1/m; 0 where the fit states
+    none. A short dive may leave it at more than the attenuation itself.
+    """
+    unknown = np.full(3, np.nan)
+    y, w = (water.standard_errors.get(name, unknown)[0] for name in ("y", "w"))
+    fading = np.exp(-water.v[0] * (water.typical_range_m or 0.0))
+    return float(np.nan_to_num(np.hypot(y, w * fading)))

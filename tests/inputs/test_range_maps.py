@@ -272,6 +272,17 @@ def test_the_bound_of_lamps_is_that_of_two_ways(
     assert range_scale_notes({"1": flat}, given=True) == ()
 
 
+@pytest.mark.parametrize(("std", "doubted"), [(0.005, True), (0.1, False)])
+def test_little_red_counts_only_where_a_fit_knows_it(std: float, doubted: bool) -> None:
+    zero, white = np.zeros(3), np.array([0.3, 0.6, 0.5])
+    water = Water(
+        zero + 0.01, zero + 0.3, *np.zeros((4, 3)), np.array([0.08, 0.04, 0.02]), zero, white
+    )
+    known = replace(water, typical_range_m=2.0, standard_errors={"y": zero + std, "w": zero})
+    notes = range_scale_notes({"1": known}, given=True)
+    assert [("probably too long" in note) for note in notes] == [True] * doubted
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("water", ["blue-ocean", "coastal-green", "turbid"])
 def test_ranges_in_meters_are_not_doubted(water: WaterName) -> None:
