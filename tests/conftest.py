@@ -71,7 +71,14 @@ SHARED_FIXTURES = (
 """They take seconds to make: tests that use one run in one process, of several that of the
 first.
 """
-SLOW_FIXTURES = {"sample_run", "waters_a_frame", "finished_demo", "fused_dive", "flown_reef"}
+SLOW_FIXTURES = {
+    "sample_run",
+    "waters_a_frame",
+    "finished_demo",
+    "fused_dive",
+    "flown_reef",
+    "web",
+}
 
 
 def contents(out: Path) -> dict[str, bytes]:
@@ -102,14 +109,15 @@ def make_files(root: Path, *names: str) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that use what takes long to make are slow, and share it; Windows leaves out what it
-    cannot do.
+    """Tests that use what takes long to make are slow, and share it; those of a file share its
+    own fixtures. Windows leaves out what it cannot do.
     """
     for item in items:
         fixtures = set(getattr(item, "fixturenames", ()))
         if SLOW_FIXTURES & fixtures:
             item.add_marker(pytest.mark.slow)
-        if shared := next((name for name in SHARED_FIXTURES if name in fixtures), None):
+        if item.get_closest_marker("xdist_group") is None:
+            shared = next((name for name in SHARED_FIXTURES if name in fixtures), item.path.name)
             item.add_marker(pytest.mark.xdist_group(shared))
     if sys.platform == "win32":
         for item in items:
