@@ -39,6 +39,9 @@ from stereo_seecolor.run_folder.reports import (
     write_reports,
 )
 
+if TYPE_CHECKING:
+    from stereo_seecolor.report.live_page import EarlyFrames
+
 KIND = "stereo"
 """The kind of output folder that a command over stereo pairs writes, in its manifest."""
 
@@ -212,10 +215,7 @@ def folder_request(
     )
 
 
-# The page that a run writes, and its measured cost beside the plan that lies in OUT.
-
-if TYPE_CHECKING:
-    from stereo_seecolor.report.live_page import EarlyFrames
+# What a run cost, beside the plan that lies in OUT.
 
 
 class Meter:

@@ -104,7 +104,7 @@ def _bits(range_m: Tensor) -> Tensor:
 
 
 def carry_ranges(image: Tensor, range_m: Tensor) -> Tensor:
-    """``carried_ranges.carry_ranges`` of an image (H, W, 3) and its ranges (H, W), some of them
+    """``carried.carry_ranges`` of an image (H, W, 3) and its ranges (H, W), some of them
     known.
     """
     smoother = Smoother()
@@ -195,7 +195,7 @@ def _solve(beside: Tensor, values: Tensor) -> Tensor:
 
 
 def within(image: Tensor, carried: Tensor, most: Tensor, least: Tensor) -> Tensor:
-    """``carried_colors.within_measured`` of an image (H, W, 3), given its bounds (3,)."""
+    """``carried.within_measured`` of an image (H, W, 3), given its bounds (3,)."""
     pixels = image.to(torch.float32).clamp(min=0)
     others = torch.stack([pixels[..., [1, 2]], pixels[..., [0, 2]], pixels[..., [0, 1]]], dim=2)
     full = (

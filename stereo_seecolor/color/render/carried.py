@@ -141,22 +141,23 @@ def without_open_water(image: Image, range_m: Map, water: Water, seen: Mask | No
     whole = cv2.resize(unknown.astype(np.float32), size, interpolation=cv2.INTER_AREA) == 1
     wide = OPEN_WATER.wide_px // step
     area = cv2.morphologyEx(whole.view(np.uint8), cv2.MORPH_OPEN, np.ones((wide, wide)))
-    if not _large(area > 0).any():
+    if np.count_nonzero(area) < OPEN_WATER.large * area.size:
         return range_m
     full = np.float32(255 / np.iinfo(image.dtype).max)
     colors = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * full
-    beside, *color = (
-        cv2.resize(each, range_m.shape[::-1], interpolation=cv2.INTER_NEAREST)
-        for each in _water_beside(colors, area > 0, wide, water)
+    beside, mean, std = _water_beside(colors, area > 0, wide, water)
+    near = cv2.resize(beside, range_m.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    at = np.nonzero(near.view(bool) & known)
+    cells = tuple(
+        place * small // large
+        for place, small, large in zip(at, beside.shape, range_m.shape, strict=True)
     )
-    at = np.flatnonzero(beside.view(bool) & known)
-    mean, std = (each.reshape(-1, 3)[at] for each in color)
-    off = np.abs(image.reshape(-1, 3)[at] * full - mean)
-    shown = at[(off <= OPEN_WATER.stds * np.maximum(std, OPEN_WATER.noise)).all(axis=1)]
-    if not shown.size:
+    off = np.abs(image[at] * full - mean[cells])
+    shown = (off <= OPEN_WATER.stds * np.maximum(std[cells], OPEN_WATER.noise)).all(axis=1)
+    if not shown.any():
         return range_m
     out = range_m.copy()
-    out.reshape(-1)[shown] = np.nan
+    out[at[0][shown], at[1][shown]] = np.nan
     return out
 
 
@@ -181,13 +182,12 @@ def _water_beside(
     return beside, np.asarray(mean, np.float32), np.asarray(std, np.float32)
 
 
-def _large(areas: Mask, chosen: Mask | None = None) -> NDArray[np.uint8]:
-    """1 in the large connected areas; of those of which the greater part is chosen."""
+def _large(areas: Mask, chosen: Mask) -> NDArray[np.uint8]:
+    """1 in the large connected areas of which the greater part is chosen."""
     _, labels = cv2.connectedComponents(areas.view(np.uint8))
     count = np.bincount(labels[areas], minlength=int(labels.max()) + 1)
-    found = count >= OPEN_WATER.large * areas.size
-    if chosen is not None:
-        found &= 2 * np.bincount(labels[areas & chosen], minlength=len(count)) > count
+    most = 2 * np.bincount(labels[areas & chosen], minlength=len(count)) > count
+    found = most & (count >= OPEN_WATER.large * areas.size)
     return np.asarray(areas & found[labels], np.uint8)
 
 
