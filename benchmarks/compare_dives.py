@@ -18,7 +18,7 @@ from calibration.formats import native
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.extras.reef.commands.compare import compare
+from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene

@@ -25,7 +25,15 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.extras.reef.metrics.structure import (
+from stereo_seecolor.extras.reef.site_surface import (
+    SiteMesh,
+    Terrain,
+    grid_of,
+    read_mesh,
+    terrain_errors,
+    terrain_of,
+)
+from stereo_seecolor.extras.reef.structure import (
     Numbers,
     StructureAtScale,
     numbers_of,
@@ -33,8 +41,6 @@ from stereo_seecolor.extras.reef.metrics.structure import (
     squares_of,
     structure,
 )
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic import survey
 from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef

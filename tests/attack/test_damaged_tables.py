@@ -22,9 +22,9 @@ from stereo_seecolor.extras.evaluation.water import measure_water
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.status import status
-from stereo_seecolor.extras.reef.commands.compare import compare, metrics
-from stereo_seecolor.extras.reef.commands.markers import Known, markers
-from stereo_seecolor.extras.reef.commands.measure import measure
+from stereo_seecolor.extras.reef.compare import compare, metrics
+from stereo_seecolor.extras.reef.markers import Known, markers
+from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files import csv_table
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map, encode_png

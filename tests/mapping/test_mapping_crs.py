@@ -17,7 +17,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocentric
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.export import tiles_3d
-from stereo_seecolor.extras.reef.commands.markers import open_posed_run
+from stereo_seecolor.extras.reef.markers import open_posed_run
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.raster import georeference

@@ -16,7 +16,7 @@ from test_markers import EDGE_M, PLACES, RIG, bottom, cameras, frame
 from stereo_seecolor.config import MappingConfig, MarkersConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.commands.markers import Known, markers
+from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Survey

@@ -36,7 +36,7 @@ from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.extras.reef.commands.measure import measure
+from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Water

@@ -1,4 +1,4 @@
-// Points, lengths, areas and profiles on a frame's surface, as stereo_seecolor/extras/reef/measuring computes them (a test compares both).
+// Points, lengths, areas and profiles on a frame's surface, as picking.py and lengths_and_areas.py of stereo_seecolor/extras/reef compute them (a test compares both).
 
 import type { Geometry } from "./dive";
 import { inside, planeThrough, polygonArea, type Flat, type Vector } from "./outlines";

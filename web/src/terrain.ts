@@ -1,4 +1,4 @@
-// Points, lengths and areas on the map's terrain, as stereo_seecolor/extras/reef/measuring/terrain.py computes them (a test compares both).
+// Points, lengths and areas on the map's terrain, as stereo_seecolor/extras/reef/map_ground.py computes them (a test compares both).
 
 import type { Heights } from "./heights";
 import { mean, planarArea, unseenStd, type Measured, type Placed } from "./measure";

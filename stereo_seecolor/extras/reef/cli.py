@@ -37,7 +37,7 @@ def metrics(
     """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with
     standard errors.
     """
-    from stereo_seecolor.extras.reef.commands.compare import metrics as measure
+    from stereo_seecolor.extras.reef.compare import metrics as measure
 
     with report.working():
         result = measure(out, polygons, folder)
@@ -71,7 +71,7 @@ def compare(
     """Find what changed between two fused runs of one site: growth, loss and color, with standard
     errors.
     """
-    from stereo_seecolor.extras.reef.commands.compare import compare as compare_runs
+    from stereo_seecolor.extras.reef.compare import compare as compare_runs
     from stereo_seecolor.extras.reef.comparing.change_files import description
 
     with report.working():
@@ -122,8 +122,8 @@ def markers(
     """Find markers in a fused run, and check its scale by their size and scale bars, and its place
     by surveyed markers.
     """
-    from stereo_seecolor.extras.reef.commands.markers import Known
-    from stereo_seecolor.extras.reef.commands.markers import markers as find
+    from stereo_seecolor.extras.reef.markers import Known
+    from stereo_seecolor.extras.reef.markers import markers as find
 
     with report.working() as listener:
         found = find(out, Known(size, family, bars, points), folder, listener)
@@ -154,8 +154,8 @@ def measure(
     """Measure points, lengths and areas in the frames of a run; prints a CSV with standard
     errors.
     """
-    from stereo_seecolor.extras.reef.commands.measure import length_table
-    from stereo_seecolor.extras.reef.commands.measure import measure as measure_points
+    from stereo_seecolor.extras.reef.measure import length_table
+    from stereo_seecolor.extras.reef.measure import measure as measure_points
 
     if lengths:
         table = length_table(out, points)

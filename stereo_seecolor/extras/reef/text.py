@@ -6,10 +6,10 @@ from stereo_seecolor.cli.output import lines, table
 from stereo_seecolor.files.csv_table import csv_text
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.reef.commands.compare import Comparison
-    from stereo_seecolor.extras.reef.commands.markers import FoundMarkers
-    from stereo_seecolor.extras.reef.commands.measure import Measurement
-    from stereo_seecolor.extras.reef.metrics.tables import SiteMetrics
+    from stereo_seecolor.extras.reef.compare import Comparison
+    from stereo_seecolor.extras.reef.markers import FoundMarkers
+    from stereo_seecolor.extras.reef.measure import Measurement
+    from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
     from stereo_seecolor.mapping.markers.placing import ScaleCheck
 
 

@@ -19,7 +19,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
-from stereo_seecolor.extras.reef.commands.compare import Comparison, compare
+from stereo_seecolor.extras.reef.compare import Comparison, compare
 from stereo_seecolor.extras.reef.comparing import m3c2
 from stereo_seecolor.extras.reef.comparing.color_change import (
     color_change,
@@ -36,8 +36,7 @@ from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, similarity_fit
 from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh, open_site
-from stereo_seecolor.extras.reef.site.terrain import Terrain
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, open_site
 from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import write_tum

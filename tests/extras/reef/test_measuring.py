@@ -16,8 +16,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.commands.measure import Wanted, measure, measured, surface_of
-from stereo_seecolor.extras.reef.measuring.measures import (
+from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
     planar_area,
     profile,
@@ -25,8 +24,9 @@ from stereo_seecolor.extras.reef.measuring.measures import (
     straight_length,
     surface_area,
 )
-from stereo_seecolor.extras.reef.measuring.picking import Pick, Surface
-from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
+from stereo_seecolor.extras.reef.map_ground import Ground, Spot
+from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
+from stereo_seecolor.extras.reef.picking import Pick, Surface
 from stereo_seecolor.report.calibration_std import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calibration import RectifiedPair
-from stereo_seecolor.extras.reef.measuring.measures import crosses_itself, surface_area
-from stereo_seecolor.extras.reef.measuring.picking import Surface
-from stereo_seecolor.extras.reef.measuring.terrain import Ground
+from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself, surface_area
+from stereo_seecolor.extras.reef.map_ground import Ground
+from stereo_seecolor.extras.reef.picking import Surface
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 PLACES = [(30.0, 20.0), (120.0, 24.0), (110.0, 100.0), (36.0, 96.0)]

@@ -19,25 +19,26 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.reef.commands.compare import metrics
-from stereo_seecolor.extras.reef.metrics.colony import Colony, Measured, measure_outlines
-from stereo_seecolor.extras.reef.metrics.outlines import Outline, read_outlines
-from stereo_seecolor.extras.reef.metrics.structure import (
+from stereo_seecolor.extras.reef.colony import Colony, Measured, measure_outlines
+from stereo_seecolor.extras.reef.compare import metrics
+from stereo_seecolor.extras.reef.metric_tables import cover
+from stereo_seecolor.extras.reef.outlines import Outline, read_outlines
+from stereo_seecolor.extras.reef.site_surface import (
+    SiteMesh,
+    Terrain,
+    TerrainErrors,
+    grid_of,
+    read_mesh,
+    terrain_errors,
+    terrain_of,
+)
+from stereo_seecolor.extras.reef.structure import (
     Numbers,
     mean_height_range,
     numbers_of,
     rdh,
     squares_of,
     structure,
-)
-from stereo_seecolor.extras.reef.metrics.tables import cover
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
-from stereo_seecolor.extras.reef.site.terrain import (
-    Terrain,
-    TerrainErrors,
-    grid_of,
-    terrain_errors,
-    terrain_of,
 )
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.records import GeoOrigin

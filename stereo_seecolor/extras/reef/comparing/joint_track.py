@@ -15,7 +15,7 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.registration import Registration
-from stereo_seecolor.extras.reef.site.mesh import Site
+from stereo_seecolor.extras.reef.site_surface import Site
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.kept_frames import ReadableFrames

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from stereo_seecolor.extras.reef.comparing.difference import NORMAL_95, spread_by
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh
+from stereo_seecolor.extras.reef.site_surface import SiteMesh
 
 Array = NDArray[np.float64]
 

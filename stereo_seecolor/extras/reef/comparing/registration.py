@@ -10,12 +10,62 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
-from stereo_seecolor.extras.reef.site.mesh import Site
-from stereo_seecolor.extras.reef.site.orthophoto import Orthophoto, orthophoto
-from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
+from stereo_seecolor.extras.reef.site_surface import Site, Terrain, grid_of, terrain_of
+from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
+from stereo_seecolor.mapping.raster import georeference
+from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.track.features import local_contrast
 from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
+from stereo_seecolor.run_folder.layout import MOSAIC
+from stereo_seecolor.run_folder.posed_run import PosedRun
+
+# A gray picture of the bottom from above, fine enough to recognize things: the orthomosaic, or
+# the mesh's colors without one.
+
+FINEST_OF_VOXEL = 0.25
+"""Cells of the picture, in voxels: what is finer is grain that the next dive sees otherwise."""
+MOST_PX = 36e6
+"""Some 20 s and 2 GB of SIFT; larger sites are examined in coarser cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orthophoto:
+    """A gray picture. gray: (H, W) uint8, 0 where nothing is known. grid: of its pixels, in the
+    map's own coordinates.
+    """
+
+    gray: NDArray[np.uint8]
+    grid: Grid
+
+
+def orthophoto(posed: PosedRun, terrain: Terrain) -> Orthophoto:
+    """Make the gray picture of a fused run. Raises InputError if its orthomosaic is damaged."""
+    path = posed.map_folder / MOSAIC
+    if not georeference.available() or not path.is_file():
+        return Orthophoto(_gray(np.nan_to_num(terrain.color), terrain.known), terrain.grid)
+    from rasterio.enums import Resampling
+
+    with open_raster(path, 4) as file:
+        cell_m, corner = (
+            file.res[0],
+            (file.bounds.left - posed.offset_m[0], file.bounds.top - posed.offset_m[1]),
+        )
+        step = max(
+            FINEST_OF_VOXEL * posed.voxel_m / cell_m,
+            float(np.sqrt(file.width * file.height / MOST_PX)),
+            1.0,
+        )
+        shape = max(int(file.height / step), 1), max(int(file.width / step), 1)
+        bands = file.read([1, 2, 3, 4], out_shape=(4, *shape), resampling=Resampling.average)
+        grid = Grid(corner[0], corner[1], cell_m * file.width / shape[1], shape)
+    return Orthophoto(_gray(np.moveaxis(bands[:3], 0, -1), bands[3] > 127), grid)
+
+
+def _gray(color: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    gray = cv2.cvtColor(color.clip(1, 255).astype(np.uint8), cv2.COLOR_RGB2GRAY)
+    return np.where(known, np.maximum(gray, 1), 0).astype(np.uint8)
+
 
 # Landmarks of a site: features of its colors as seen from above, each with its place in three
 # dimensions.

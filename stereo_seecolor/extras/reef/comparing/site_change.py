@@ -20,8 +20,9 @@ from stereo_seecolor.extras.reef.comparing.color_change import (
 from stereo_seecolor.extras.reef.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, register
-from stereo_seecolor.extras.reef.site.mesh import Site, SiteMesh
-from stereo_seecolor.extras.reef.site.terrain import (
+from stereo_seecolor.extras.reef.site_surface import (
+    Site,
+    SiteMesh,
     Terrain,
     TerrainErrors,
     terrain_errors,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh
+from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.geometry import rotation_from_vector, transformed
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation
 

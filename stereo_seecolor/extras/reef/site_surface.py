@@ -1,19 +1,86 @@
-"""Terrain of a mesh: heights and colors seen from straight above, on a grid."""
+"""The surface of a site as a fused run has it: its mesh, and its terrain, seen from above."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.errors import FrameError
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh
-from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.geometry import inverse, scale_of, transformed
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.noise import averaged
 from stereo_seecolor.mapping.raster.preview import rasterize
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.run_folder.layout import MAP, MESH
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+
+# The mesh of a fused run in memory, in coordinates that the caller chooses.
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SiteMesh:
+    """points_m, normals: (V, 3) float64, z up, the map's own coordinates. color: (V, 3) uint8.
+    triangles: (T, 3) vertex numbers.
+    """
+
+    points_m: Array
+    normals: Array
+    color: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+
+    def moved(self, T: Array) -> "SiteMesh":
+        """The mesh through a similarity (4, 4)."""
+        R = T[:3, :3] / scale_of(T)
+        return SiteMesh(
+            transformed(T, self.points_m), self.normals @ R.T, self.color, self.triangles
+        )
+
+    @property
+    def triangle_areas_m2(self) -> Array:
+        """The area of each triangle: (T,)."""
+        a, b, c = (self.points_m[self.triangles[:, k]] for k in range(3))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    @property
+    def triangle_centers_m(self) -> Array:
+        """The center of each triangle: (T, 3)."""
+        return np.asarray(self.points_m[self.triangles].mean(axis=1))
+
+
+def read_mesh(out: Path) -> SiteMesh:
+    """The mesh of the map's main component in OUT/map."""
+    path = out / MAP / MESH
+    vertices = read_vertices(path)
+    points, normals = (np.asarray(vertices[name], np.float64) for name in ("position", "normal"))
+    return SiteMesh(
+        points, normals, np.array(vertices["color"]), np.array(read_triangles(path)["indices"])
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A fused run and its mesh, in the map's own coordinates."""
+
+    posed: PosedRun
+    mesh: SiteMesh
+
+
+def open_site(out: Path) -> Site:
+    """A fused run. Raises InputError for one without a map, or with an empty one."""
+    posed, mesh = open_posed_run(out), read_mesh(out)
+    if not len(mesh.triangles):
+        raise InputError(
+            f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m"
+        )
+    return Site(posed, mesh)
+
+
+# Terrain of a mesh: heights and colors seen from straight above, on a grid.
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +152,6 @@ def terrain_of(mesh: SiteMesh, grid: Grid) -> Terrain:
 # moves the surface over a cell by dz = dr (r_z - p r_x - q r_y), r the ray and p, q the slopes.
 # Independent views weigh 1 / variance; where they differ by more than their standard errors say,
 # the mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40).
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ from pathlib import Path
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.colony import measure_outlines
 from stereo_seecolor.extras.reef.comparing.change_files import write_change, write_change_page
 from stereo_seecolor.extras.reef.comparing.joint_track import JointTrack, joint_track
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compare_sites
-from stereo_seecolor.extras.reef.metrics.colony import measure_outlines
-from stereo_seecolor.extras.reef.metrics.outlines import read_outlines
-from stereo_seecolor.extras.reef.metrics.structure import structure
-from stereo_seecolor.extras.reef.metrics.tables import SiteMetrics, cover, tables, write_tables
-from stereo_seecolor.extras.reef.site.mesh import open_site
-from stereo_seecolor.extras.reef.site.terrain import grid_of, terrain_errors, terrain_of
+from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, cover, tables, write_tables
+from stereo_seecolor.extras.reef.outlines import read_outlines
+from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_errors, terrain_of
+from stereo_seecolor.extras.reef.structure import structure
 from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.extras.reef.metrics.tables import write_tables
+from stereo_seecolor.extras.reef.metric_tables import write_tables
 from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose

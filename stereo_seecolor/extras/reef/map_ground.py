@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.measuring.measures import (
+from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     inside,
     planar_area,
     polygon_area,
     unseen_std,
 )
-from stereo_seecolor.extras.reef.measuring.picking import Placed
+from stereo_seecolor.extras.reef.picking import Placed
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]

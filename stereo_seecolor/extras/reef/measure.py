@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.measuring.measures import (
+from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,
     crosses_itself,
@@ -22,8 +22,8 @@ from stereo_seecolor.extras.reef.measuring.measures import (
     straight_length,
     surface_area,
 )
-from stereo_seecolor.extras.reef.measuring.picking import STEP_PX, Pick, Surface
-from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
+from stereo_seecolor.extras.reef.map_ground import Ground, Spot
+from stereo_seecolor.extras.reef.picking import STEP_PX, Pick, Surface
 from stereo_seecolor.files import csv_table
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.report.calibration_std import calibration_std

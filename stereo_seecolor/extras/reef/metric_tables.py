@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.extras.reef.metrics.colony import Colony
-from stereo_seecolor.extras.reef.metrics.structure import StructureAtScale
+from stereo_seecolor.extras.reef.colony import Colony
+from stereo_seecolor.extras.reef.structure import StructureAtScale
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.csv_table import csv_text
 

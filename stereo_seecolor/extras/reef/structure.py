@@ -8,8 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
 from stereo_seecolor.mapping.raster.reef_metrics import (
     HORN_CELLS,

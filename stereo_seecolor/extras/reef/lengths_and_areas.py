@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.measuring.picking import Pick, Placed, Surface
+from stereo_seecolor.extras.reef.picking import Pick, Placed, Surface
 from stereo_seecolor.report.calibration_std import LIMITS
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.files import load_json
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.measuring.measures import crosses_itself
+from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself
 from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.mapping.raster.block_raster import Grid

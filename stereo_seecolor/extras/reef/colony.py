@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.measuring.measures import inside as within
-from stereo_seecolor.extras.reef.measuring.measures import planar_area, polygon_area
-from stereo_seecolor.extras.reef.measuring.terrain import Ground
-from stereo_seecolor.extras.reef.metrics.outlines import Outline
-from stereo_seecolor.extras.reef.site.mesh import SiteMesh
-from stereo_seecolor.extras.reef.site.terrain import Terrain, TerrainErrors
+from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
+from stereo_seecolor.extras.reef.lengths_and_areas import planar_area, polygon_area
+from stereo_seecolor.extras.reef.map_ground import Ground
+from stereo_seecolor.extras.reef.outlines import Outline
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import REDRAW_SETTINGS, added_by_noise, spread_of
 
 Array = NDArray[np.float64]

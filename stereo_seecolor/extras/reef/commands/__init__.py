@@ -1,1 +1,0 @@
-"""What the commands of this extra do, as plain functions."""

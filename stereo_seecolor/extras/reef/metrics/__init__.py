@@ -1,1 +1,0 @@
-"""Metrics of a reef's structure that ecologists publish, with standard errors."""
