@@ -17,7 +17,7 @@ from conftest import contents
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.videos.video import Videos
+from stereo_seecolor.extras.streams.videos.pairs import Videos
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.inputs.video_file import VideoFile, frame_path, is_video, video_file

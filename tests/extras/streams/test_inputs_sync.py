@@ -11,12 +11,11 @@ from calibration import Camera, StereoRig
 from calibration.formats import write_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.extras.streams.sync import sync
 from stereo_seecolor.extras.streams.videos.choice import choose_frames
 from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
 from stereo_seecolor.extras.streams.videos.motion import row_lag, video_signals
-from stereo_seecolor.extras.streams.videos.synchronization import paired
-from stereo_seecolor.extras.streams.videos.video import Videos
+from stereo_seecolor.extras.streams.videos.pairs import Videos
+from stereo_seecolor.extras.streams.videos.synchronization import paired, sync
 
 
 def error_s(found, offset_s: float, drift: float) -> float:

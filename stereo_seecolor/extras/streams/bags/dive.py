@@ -19,11 +19,13 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
 from stereo_seecolor.extras.streams.bags.messages import (
+    between,
     camera_info,
     decode,
     image_content,
     image_suffix,
     rig_of,
+    static_frames,
 )
 from stereo_seecolor.extras.streams.bags.topics import (
     SideTopics,
@@ -31,7 +33,6 @@ from stereo_seecolor.extras.streams.bags.topics import (
     parse_topics,
     side_topics,
 )
-from stereo_seecolor.extras.streams.bags.transforms import between, static_frames
 from stereo_seecolor.files.contained import Container, open_containers
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
