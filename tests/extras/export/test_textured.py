@@ -13,9 +13,8 @@ import pytest
 import trimesh
 from mapping_scene import PAIR, track, write_map
 
-from stereo_seecolor.extras.export import tiles_3d
+from stereo_seecolor.extras.export import textured, tiles_3d
 from stereo_seecolor.extras.export.command import export
-from stereo_seecolor.extras.export.texture import textured
 from stereo_seecolor.files.ply import read_triangles
 from stereo_seecolor.records import SurveyFrame
 
