@@ -9,7 +9,6 @@ import pytest
 from stereo_seecolor.cli.output import table
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import OURS, OtherResults
-from stereo_seecolor.extras.evaluation.charts.finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.scores import (
     ChartReport,
@@ -20,6 +19,7 @@ from stereo_seecolor.extras.evaluation.charts.scores import (
 from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.targets import (
     chart,
+    find_charts,
     neutral,
     read_targets,
     targets_of,

@@ -28,8 +28,29 @@ from typing import Any, BinaryIO, NoReturn
 from calibration.files import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
-from stereo_seecolor.extras.fleet.cluster.ticket import of_worker
+from stereo_seecolor.extras.fleet.cluster.ticket import NO_PAGES, of_worker
+
+# Settings of Dask for client, scheduler and the workers of this machine.
+
+FAILURES_ALLOWED = 10
+"""Workers that a batch may lose before it is given up: machines may be withdrawn, but a batch that
+kills every worker must not.
+"""
+LOST_S = 60
+"""Seconds for a lost worker to connect again, before another is started in its place."""
+
+DASK_SETTINGS: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": FAILURES_ALLOWED,
+    "distributed.deploy.lost-worker-timeout": LOST_S,
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "500ms",
+    **NO_PAGES,
+}
+"""Dask's monitoring, by default many times a second in each process, takes a twentieth of a core:
+here it is infrequent.
+"""
 
 IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive.passes")
 """Modules that all workers need, by name, since they lie in higher layers than this one."""

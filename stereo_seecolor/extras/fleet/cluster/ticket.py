@@ -2,10 +2,13 @@
 that it can do the work.
 """
 
+import faulthandler
+import logging
 import os
 import platform
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -15,7 +18,6 @@ from typing import Any
 from stereo_seecolor.compute.process import tune_gc, tune_malloc
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError
-from stereo_seecolor.extras.fleet.cluster.worker_log import log_below
 from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "distributed")
@@ -182,3 +184,37 @@ def _security(roles: Sequence[str], part: dict[str, str]) -> Any:
 
     own = {f"tls_{role}_{name}": part[name] for role in roles for name in ("key", "cert")}
     return Security(require_encryption=True, tls_ca_file=part["ca_file"], **own)  # type: ignore[no-untyped-call]
+
+
+# The log of a worker: a file for each process, in the folder that it works on.
+
+FOLDER = "logs"
+FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+
+log = logging.getLogger("stereo_seecolor")
+
+
+def log_below(folder: Path) -> None:
+    """Write this process's log to ``folder``/logs/HOST-PROCESS.log from now on, with the traceback
+    of a crash.
+
+    Writes none where the file cannot be written: the work itself will fail with the reason.
+    """
+    for handler in [handler for handler in log.handlers if isinstance(handler, WorkerLog)]:
+        faulthandler.disable()
+        log.removeHandler(handler)
+        handler.close()
+    with suppress(OSError):
+        (folder / FOLDER).mkdir(exist_ok=True)
+        handler = WorkerLog(
+            folder / FOLDER / f"{platform.node()}-{os.getpid()}.log", encoding="utf-8"
+        )
+        handler.setFormatter(logging.Formatter(FORM))
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+        faulthandler.enable(handler.stream.fileno() if handler.stream else 2)
+        log.info("worker begins: process %d on %s", os.getpid(), platform.node())
+
+
+class WorkerLog(logging.FileHandler):
+    """The log file of a worker."""
