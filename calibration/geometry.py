@@ -80,6 +80,22 @@ class RectifiedPair:
             focal_px, cx, cx_right_px, cy, self.baseline_m, (width, height), quarter_turns
         )
 
+    def outside_right(self, range_m: Map) -> NDArray[np.bool_]:
+        """Where the right image does not reach what the left one shows.
+
+        Args:
+            range_m: (H, W), meters along the ray of the left camera; NaN where unknown.
+
+        Returns:
+            (H, W) bool; False where the range is unknown.
+        """
+        matched = self.turned(-self.quarter_turns)
+        disparity = np.float32(self.focal_px * self.baseline_m) / (range_m / self.ray_length)
+        disparity += np.float32(matched.cx_left_px - matched.cx_right_px)
+        last = matched.image_size[0] - 1
+        right_x = np.arange(last + 1, dtype=np.float32) - np.rot90(disparity, -self.quarter_turns)
+        return np.rot90((right_x < 0) | (right_x > last), self.quarter_turns)
+
     @cached_property
     def ray_length(self) -> Map:
         """The ratio range_m / depth_m of each pixel of the left image: (H, W), at least 1."""

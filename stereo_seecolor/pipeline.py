@@ -19,7 +19,7 @@ from calibration.formats import load_rig
 from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import SlidingFitter
-from stereo_seecolor.color.render.carried import without_open_water
+from stereo_seecolor.color.render.carried import seen_by_both, without_open_water
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -281,7 +281,10 @@ class Pipeline:
                 water = water(rectified.left, range_map)
             water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
             ranges = ranges_for_color(self.corrector, rectified.left, range_map, water, self.seen)
-            correction = correct(self.corrector, self.config, rectified.left, ranges, water)
+            outside = self.rectification.pair.outside_right(ranges.range_m)
+            correction = correct(
+                self.corrector, self.config, rectified.left, ranges, water, outside
+            )
         return FrameResult(rectified, range_map, correction, clock.seconds)
 
 
@@ -344,12 +347,18 @@ class Stream:
 
 
 def correct(
-    corrector: Corrector, config: RunConfig, image: Image, range_map: RangeMap, water: Water
+    corrector: Corrector,
+    config: RunConfig,
+    image: Image,
+    range_map: RangeMap,
+    water: Water,
+    outside: Mask | None = None,
 ) -> Correction:
     """Remove the water from a frame; with linear light in the result for ``output.image_format:
     tiff32``. Raises ColorError.
 
-    A monochrome camera's frame stays monochrome.
+    A monochrome camera's frame stays monochrome. outside: (H, W) True where the right image does
+    not reach; None where that is unknown.
     """
     table = corrector.measure(image, range_map.measured_m) if water.exposure is None else None
     correction = corrector.apply(image, range_map.range_m, water, table)
@@ -358,7 +367,7 @@ def correct(
             image, range_map.range_m, water, exposure=correction.exposure
         )
         correction = replace(correction, linear=linear)
-    correction = _carried_as_measured(corrector, correction, range_map)
+    correction = _carried_as_measured(corrector, correction, range_map, outside)
     if range_map.filled.any() and not np.isfinite(range_map.measured_m).any():
         correction = replace(
             correction,
@@ -368,17 +377,19 @@ def correct(
 
 
 def _carried_as_measured(
-    corrector: Corrector, correction: Correction, range_map: RangeMap
+    corrector: Corrector, correction: Correction, range_map: RangeMap, outside: Mask | None
 ) -> Correction:
     """The correction with colors limited to those of measured pixels where the range was carried
-    over.
+    over, though both cameras see what is there.
     """
-    measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
-    image = corrector.within_measured(correction.image, range_map.filled, measured)
+    filled = range_map.filled
+    measured = ~(filled | correction.unknown | correction.unrecoverable)
+    carried = filled if outside is None else seen_by_both(filled, outside)
+    image = corrector.within_measured(correction.image, carried, measured)
     linear = (
         None
         if correction.linear is None
-        else corrector.within_measured(correction.linear, range_map.filled, measured)
+        else corrector.within_measured(correction.linear, carried, measured)
     )
     return replace(correction, image=image, linear=linear)
 

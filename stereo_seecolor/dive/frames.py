@@ -331,12 +331,14 @@ class _Corrected:
     """A frame that was just corrected.
 
     before: its rectified image, uncorrected. measured: its range map. ranges: the range map that it
-    was corrected with, in which ranges are carried over to pixels without a measured one.
+    was corrected with, in which ranges are carried over to pixels without a measured one. outside:
+    where the right image does not reach; None without calibration.
     """
 
     before: Image
     measured: RangeMap
     ranges: RangeMap
+    outside: Mask | None
     correction: Correction
 
 
@@ -347,13 +349,13 @@ def _corrected(
     before, measured = _pixels(frames, ranged, clock)
     with clock("color"):
         ranges = ranges_for_color(source.corrector, before, measured, water, source.seen)
+        outside = None if source.geometry is None else source.geometry.outside_right(ranges.range_m)
     image = _divided(frames, light, ranged.pair.name, before, ranges.range_m, clock)
     with clock("color"):
         exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)
-        correction = correct(source.corrector, source.config, image, ranges, water)
-        return _Corrected(
-            before, measured, ranges, replace(correction, warnings=(*correction.warnings, *exposed))
-        )
+        correction = correct(source.corrector, source.config, image, ranges, water, outside)
+        correction = replace(correction, warnings=(*correction.warnings, *exposed))
+        return _Corrected(before, measured, ranges, outside, correction)
 
 
 def _light_gain(light: Light | None, name: str) -> dict[str, float]:
@@ -389,7 +391,8 @@ def _original_files(
             image = divide_illumination(
                 image, for_color.range_m, seen, source.config.color.input_encoding
             )
-        correction = correct(source.corrector, source.config, image, for_color, water)
+        outside = None if frame.outside is None else ~view.mask(~frame.outside)
+        correction = correct(source.corrector, source.config, image, for_color, water, outside)
     return original_files(
         pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif
     )

@@ -205,7 +205,8 @@ def _around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
 # where a range was carried over, no channel exceeds the greater of the other two by more than in
 # nearly all that was measured, red falls below the lesser of the other two by no more than there,
 # and green by no more than in half of it. Small holes are left as they are: their ranges lie
-# between measured ones, and what is rare in an image, as a red sponge, stays red.
+# between measured ones, and what is rare in an image, as a red sponge, stays red. So is the strip
+# that the right camera does not see, since nothing was tried there: of a reef it shows reef.
 
 RED, GREEN = 0, 1
 
@@ -274,6 +275,19 @@ def _wide(carried: Mask) -> Mask:
     )
     reach = cv2.dilate(core, np.ones((2 * SETTINGS.hole_px + 1,) * 2, np.uint8))
     return np.asarray(carried & (reach > 0))
+
+
+def seen_by_both(carried: Mask, outside: Mask) -> Mask:
+    """The carried areas but for those that lie outside the right image for the greater part.
+
+    carried: (H, W) where the range was carried over. outside: (H, W) where the right image does not
+    reach (``RectifiedPair.outside_right``).
+    """
+    _, labels = cv2.connectedComponents(_wide(carried).view(np.uint8))
+    inside = np.bincount(labels[~outside], minlength=int(labels.max()) + 1)
+    strip = inside < np.bincount(labels.ravel()) / 2
+    strip[0] = False
+    return np.asarray(carried & ~strip[labels])
 
 
 def _others(c: int) -> list[int]:
