@@ -4,10 +4,13 @@ fusion.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
@@ -107,21 +110,24 @@ class _MapFiles:
         voxel_m = self.made.cell_m["voxel_m"]
         for level, (cell_m, tiles) in enumerate(levels(mesh, voxel_m)):
             for place, piece in tiles.items():
-                name, strips = _name(level, place), piece.in_strips(STRIP_VOXELS * cell_m)
-                about[name] = {
+                about[_name(level, place)] = {
                     **_box(piece),
                     "cell_m": cell_m,
                     "finer": _finer(about, level, place),
                 }
-                yield (
-                    f"{name}.js",
-                    script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel)),
-                )
-                if self.raw is not None:
-                    yield (
-                        f"{name}_raw.js",
-                        script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m)),
-                    )
+            pieces = ((_name(level, place), piece) for place, piece in tiles.items())
+            on_cores = Threads(cores())
+            yield from chain.from_iterable(on_cores.each(partial(self._piece, cell_m), pieces))
+
+    def _piece(self, cell_m: float, named: tuple[str, Piece]) -> list[tuple[str, bytes]]:
+        """The files of a tile of the mesh, of a level with cells of that edge."""
+        name, piece = named
+        strips = piece.in_strips(STRIP_VOXELS * cell_m)
+        packed = script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel))
+        if self.raw is None:
+            return [(f"{name}.js", packed)]
+        raw = script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
+        return [(f"{name}.js", packed), (f"{name}_raw.js", raw)]
 
     def _terrain(self, about: dict[str, Any]) -> Files:
         terrain = self.terrain

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,12 @@ class Piece:
     colors: NDArray[np.uint8]
     triangles: NDArray[np.int64]
 
+    @cached_property
+    def middles_m(self) -> NDArray[np.float32]:
+        """x and y of the middle of each triangle, (T, 2)."""
+        a, b, c = (self.points_m[corner, :2] for corner in self.triangles.T)
+        return np.asarray((a + b + c) / 3)  # a fifth of the time of a mean over an axis of three
+
     def of(self, chosen: NDArray[np.int64]) -> "Piece":
         """The triangles of these numbers, with their vertices."""
         used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
@@ -70,10 +77,9 @@ class Piece:
         """The piece with triangles ordered by strips across the map, and vertices in the order in
         which triangles use them.
         """
-        centers = self.points_m[self.triangles, :2].mean(axis=1)
-        strips = np.floor(centers[:, 1] / strip_m).astype(np.int64)
+        strips = np.floor(self.middles_m[:, 1] / strip_m).astype(np.int64)
         walked = self._of_vertices(
-            *_by_first_use(self.triangles[np.lexsort((centers[:, 0], strips))])
+            *_by_first_use(self.triangles[np.lexsort((self.middles_m[:, 0], strips))])
         )
         return walked._of_vertices(*_by_first_use(_newest_first(walked.triangles)))
 
@@ -113,11 +119,15 @@ def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDAr
     """The vertices in the order in which triangles (T, 3) use them, and the triangles with the
     vertices' new numbers.
     """
-    used, first, inverse = np.unique(triangles.ravel(), return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    place = np.empty_like(order)
+    uses = triangles.ravel()
+    first = np.full(int(uses.max()) + 1, -1)
+    first[uses[::-1]] = np.arange(len(uses))[::-1]  # of equal indices the last one stays
+    begins = np.zeros(len(uses), bool)
+    begins[first[first >= 0]] = True
+    order = uses[begins]
+    place = np.empty_like(first)
     place[order] = np.arange(len(order))
-    return used[order], place[inverse].reshape(-1, 3)
+    return order, place[triangles]
 
 
 def _newest_first(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -156,8 +166,7 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
     A tile of a level covers four of the level before, and holds about as many triangles as each of
     those.
     """
-    centers = mesh.points_m[mesh.triangles, :2].mean(axis=1)
-    low, high = centers.min(axis=0), centers.max(axis=0)
+    low, high = mesh.middles_m.min(axis=0), mesh.middles_m.max(axis=0)
     tiles, side_m = len(mesh.triangles) / SIZES.tile_triangles, float((high - low).max()) + voxel_m
     edge_m = (
         side_m
@@ -178,10 +187,7 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
 
 def _tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tuple[Place, Piece]]:
     """The triangles of a mesh by the square that their centers lie in."""
-    places = np.floor((mesh.points_m[mesh.triangles, :2].mean(axis=1) - low) / edge_m).astype(
-        np.int64
-    )
-    places = np.maximum(places, 0)
+    places = np.maximum(np.floor((mesh.middles_m - low) / edge_m).astype(np.int64), 0)
     keys = places[:, 1] << 32 | places[:, 0]
     order = np.argsort(keys, kind="stable")
     found, first = np.unique(keys[order], return_index=True)
