@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING
 
 from stereo_seecolor.cli.output import lines, table
-from stereo_seecolor.files.csv_table import csv_text
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.compare import Comparison
@@ -209,6 +208,10 @@ def _doubt(check: "ScaleCheck") -> str:
 
 def measures_text(results: "list[Measurement]") -> str:
     """Measurements as CSV, in meters and square meters; "" for none."""
+    from stereo_seecolor.files.csv_table import (
+        csv_text,
+    )  # loads pydantic, which --help does without
+
     return (
         csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
     )
