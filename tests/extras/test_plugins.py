@@ -66,7 +66,7 @@ from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import BareReport
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.mapping.surface.fusion import fuse_tile
+from stereo_seecolor.mapping.surface.engines import fuse_tile
 from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.records import Trajectory
 

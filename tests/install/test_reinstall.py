@@ -13,7 +13,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 USE = (
-    "from stereo_seecolor.mapping.color_weight import color_weight; print(color_weight(1.0, "
+    "from stereo_seecolor.mapping.surface.kernels import color_weight; print(color_weight(1.0, "
     "False), color_weight.missing)"
 )
 PLACE = "import stereo_seecolor as it; from stereo_seecolor import run; print(it.__file__)"

@@ -26,8 +26,7 @@ from test_mapping_fusion import read_triangles, stopped_at_tile
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.mapping.surface.engines import engine
-from stereo_seecolor.mapping.surface.fusion import fuse_tile
+from stereo_seecolor.mapping.surface.engines import engine, fuse_tile
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 

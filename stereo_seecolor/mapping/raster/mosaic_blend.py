@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.mapping.color_weight import color_weight
+from stereo_seecolor.mapping.surface.kernels import color_weight
 
 Float = NDArray[np.float32]
 
