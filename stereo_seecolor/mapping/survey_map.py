@@ -26,7 +26,7 @@ from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
 from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
-from stereo_seecolor.mapping.navigation.comparison import Navigation
+from stereo_seecolor.mapping.navigation_comparison import Navigation
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
 from stereo_seecolor.mapping.raster.mosaic import with_mosaic_cell

@@ -19,8 +19,8 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.deviations import Motions, depth_difference_m, spot_check
-from stereo_seecolor.mapping.navigation.interpretations import (
+from stereo_seecolor.mapping.navigation_deviations import Motions, depth_difference_m, spot_check
+from stereo_seecolor.mapping.navigation_interpretations import (
     constant_turn,
     is_rather_inverted,
     lever_arm,

@@ -25,7 +25,7 @@ from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.comparison import Navigation, examine
+from stereo_seecolor.mapping.navigation_comparison import Navigation, examine
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry

@@ -12,9 +12,9 @@ from stereo_seecolor.extras.reef.metric_tables import write_tables
 from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose
-from stereo_seecolor.mapping.markers.control_points import UPSIDE_DOWN, ControlFit, control_fit
-from stereo_seecolor.mapping.markers.detection import MarkerDetector
-from stereo_seecolor.mapping.markers.placing import (
+from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
+from stereo_seecolor.mapping.marker_detection import MarkerDetector
+from stereo_seecolor.mapping.marker_placing import (
     PlacedMarker,
     PlacedSighting,
     ScaleCheck,
@@ -23,7 +23,7 @@ from stereo_seecolor.mapping.markers.placing import (
     placed_markers,
     size_check,
 )
-from stereo_seecolor.mapping.markers.tables import read_bars, read_places
+from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
 from stereo_seecolor.run_folder.posed_run import PosedRun, SurveyFrames, open_posed_run

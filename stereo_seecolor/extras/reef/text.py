@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.markers import FoundMarkers
     from stereo_seecolor.extras.reef.measure import Measurement
     from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
-    from stereo_seecolor.mapping.markers.placing import ScaleCheck
+    from stereo_seecolor.mapping.marker_placing import ScaleCheck
 
 
 def metrics_text(result: "SiteMetrics") -> str:

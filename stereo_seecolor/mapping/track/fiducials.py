@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MarkersConfig
+from stereo_seecolor.mapping.control_points import FEWEST
 from stereo_seecolor.mapping.kept_frames import Frames
-from stereo_seecolor.mapping.markers.control_points import FEWEST
-from stereo_seecolor.mapping.markers.detection import MarkerDetector
-from stereo_seecolor.mapping.markers.placing import MARKER_MAP_SETTINGS as MARKER
-from stereo_seecolor.mapping.markers.placing import (
+from stereo_seecolor.mapping.marker_detection import MarkerDetector
+from stereo_seecolor.mapping.marker_placing import MARKER_MAP_SETTINGS as MARKER
+from stereo_seecolor.mapping.marker_placing import (
     PlacedMarker,
     PlacedSighting,
     ScaleCheck,
@@ -29,7 +29,7 @@ from stereo_seecolor.mapping.markers.placing import (
     placed_markers,
     size_check,
 )
-from stereo_seecolor.mapping.markers.tables import Places, read_bars, read_places
+from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.bundle_problem import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.frame_blocks import Observations

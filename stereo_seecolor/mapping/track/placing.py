@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping.navigation.comparison import (
+from stereo_seecolor.mapping.navigation_comparison import (
     ALIKE,
     MAX_TURN_RAD,
     Navigation,
@@ -17,8 +17,8 @@ from stereo_seecolor.mapping.navigation.comparison import (
     examine,
     priors,
 )
-from stereo_seecolor.mapping.navigation.deviations import spot_check
-from stereo_seecolor.mapping.navigation.interpretations import misfit
+from stereo_seecolor.mapping.navigation_deviations import spot_check
+from stereo_seecolor.mapping.navigation_interpretations import misfit
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loops, odometry
 from stereo_seecolor.mapping.track.assignment import at_fixes, place, upright

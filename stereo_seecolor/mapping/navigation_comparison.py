@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
-from stereo_seecolor.mapping.navigation.deviations import (
+from stereo_seecolor.mapping.navigation_deviations import (
     Motions,
     by_frame,
     depth_difference_m,
     deviations,
 )
-from stereo_seecolor.mapping.navigation.interpretations import (
+from stereo_seecolor.mapping.navigation_interpretations import (
     INVERTED,
     Turn,
     better_interpretation,

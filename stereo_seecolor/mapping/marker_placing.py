@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.geometry import transformed
-from stereo_seecolor.mapping.markers.detection import Observation
+from stereo_seecolor.mapping.marker_detection import Observation
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, quaternion, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.deviations import Motions
+from stereo_seecolor.mapping.navigation_deviations import Motions
 from stereo_seecolor.mapping.track.assignment import assign
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory

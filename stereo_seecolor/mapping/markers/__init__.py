@@ -1,3 +1,0 @@
-"""Markers on the bottom: found in the frames of a run, placed in its map, compared with their known
-sizes and places.
-"""

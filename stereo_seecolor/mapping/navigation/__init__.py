@@ -1,1 +1,0 @@
-"""Poses that a vehicle gives, compared with what the pictures show."""
