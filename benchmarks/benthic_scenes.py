@@ -20,7 +20,7 @@ from independent_waters import KINDS
 
 from stereo_seecolor.color.fitting import robust, scene_prior
 from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra
-from stereo_seecolor.color.table.measure import measure
+from stereo_seecolor.color.table.moment_table import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.extras.synthetic.waters import Kind, MeasuredWater, draw_contents, draw_water

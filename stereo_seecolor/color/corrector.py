@@ -13,8 +13,7 @@ from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.carried import carry_ranges, within_measured
 from stereo_seecolor.color.render.tone import Tone, choose
 from stereo_seecolor.color.table.black_rim import without_rim
-from stereo_seecolor.color.table.measure import check_pair, measure
-from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.moment_table import MomentTable, check_pair, measure
 from stereo_seecolor.color.table.range_quantiles import doubts
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError

@@ -1,7 +1,12 @@
-"""Files of text that people write, read within bounds; each error is one line with the file's
-name.
+"""Files of text that people write, read within bounds: text, YAML, JSON, tables as CSV; each error
+is one line with the file's name.
 """
 
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -60,3 +65,107 @@ def as_record(kind: type[Record], content: Any) -> Record:
 @cache
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
+
+
+# Tables as CSV: unknown values are written as empty cells; reading names the line that cannot be
+# used.
+
+
+def csv_text(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """A table; numbers with six digits, and empty where they are None or not finite."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else ""
+    return value
+
+
+def table_rows(content: bytes) -> Iterator[dict[str, str]]:
+    """The rows of a table that this program wrote, by the names of its columns.
+
+    Raises ValueError where it is damaged: no text, a row of other cells than the header's, a cell
+    of more than 131,072 characters.
+    """
+    try:
+        for number, row in enumerate(
+            csv.DictReader(io.StringIO(content.decode(), newline="")), start=2
+        ):
+            if None in row or None in row.values():
+                raise ValueError(f"row {number} has other cells than the header")
+            yield row
+    except csv.Error as error:
+        raise ValueError(f"is no table: {error}") from error
+
+
+def header(path: Path) -> Sequence[str]:
+    """The columns of a table. Raises InputError if it cannot be read."""
+    try:
+        return _reader(path).fieldnames or ()
+    except csv.Error as error:
+        raise InputError(f"{path}: line 1: {error}") from error
+
+
+def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Place (path and line) and cells of each row. Raises InputError, also where one of ``columns``
+    is missing.
+    """
+    missing = [name for name in columns if name not in header(path)]
+    if missing:
+        raise InputError(
+            f"{path}: has no column {missing[0]!r}: give the columns {', '.join(columns)}"
+        )
+    reader = _reader(path)
+    try:
+        yield from ((f"{path}: line {reader.line_num}", row) for row in reader)
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num + 1}: {error}") from error
+
+
+_SPLIT_SECOND = re.compile(r"(\d:[0-5]\d:[0-5]\d),(\d{3}|\d{6})(?=,)")
+"""As logs of Python write a time, ``12:00:01,250``."""
+
+
+def separator_of(header: str) -> str:
+    """What stands between the columns of a table: of comma, semicolon, tab and bar the most usual
+    in its header, else spaces.
+    """
+    most = max(",;\t|", key=header.count)
+    return most if most in header else " "
+
+
+def split_fields(line: str, separator: str) -> list[str]:
+    """The cells of a line. Raises csv.Error."""
+    if separator == " ":
+        return line.split()
+    line = _SPLIT_SECOND.sub(r"\1.\2", line) if separator == "," else line
+    return [
+        field.strip()
+        for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    ]
+
+
+def is_unit(field: str) -> bool:
+    """Tell whether a cell is what stands below a column's name, as ``[deg]``."""
+    return re.fullmatch(r"[\[(]?(?:[A-Za-z°/%]{1,8}\d?|-)?[\])]?", field) is not None
+
+
+def dict_reader(text: str) -> "csv.DictReader[str]":
+    """The rows of a table that people wrote, with decimal commas where no comma stands between its
+    columns.
+    """
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    separator = separator_of(text.partition("\n")[0].strip())
+    if separator != ",":
+        number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\n]|$)"
+        text = re.sub(number, r"\1.\2", text)
+    return csv.DictReader(io.StringIO(text), delimiter=separator, restval="", skipinitialspace=True)
+
+
+def _reader(path: Path) -> "csv.DictReader[str]":
+    return dict_reader(read_text(path))

@@ -15,8 +15,7 @@ import numpy as np
 from PIL import ExifTags, Image
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.csv_table import dict_reader
-from stereo_seecolor.files.text_documents import read_text
+from stereo_seecolor.files.text_documents import dict_reader, read_text
 from stereo_seecolor.inputs.headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import Capture
 

@@ -19,9 +19,8 @@ from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
-from stereo_seecolor.files.csv_table import table_rows
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.text_documents import as_record, load_object
+from stereo_seecolor.files.text_documents import as_record, load_object, table_rows
 from stereo_seecolor.records import GeoOrigin, Map
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER, refuse_links_out
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest

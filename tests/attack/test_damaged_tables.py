@@ -25,7 +25,7 @@ from stereo_seecolor.extras.fleet.status import status
 from stereo_seecolor.extras.reef.compare import compare, metrics
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.extras.reef.measure import measure
-from stereo_seecolor.files import csv_table
+from stereo_seecolor.files import text_documents
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map, encode_png
 from stereo_seecolor.files.ply import read_triangles, read_vertices
@@ -289,6 +289,10 @@ def test_a_named_pipe_in_the_place_of_a_file_of_out_is_not_waited_for(tmp_path: 
 def test_a_cell_of_any_length_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("name,exposure_s\na," + "9" * 200_000 + "\n")
-    for read in (ExposureTable.read, read_bars, lambda path: list(csv_table.rows(path, ("name",)))):
+
+    def read_rows(path: Path) -> None:
+        list(text_documents.rows(path, ("name",)))
+
+    for read in (ExposureTable.read, read_bars, read_rows):
         with pytest.raises(InputError):
             read(path)

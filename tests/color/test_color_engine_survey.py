@@ -6,8 +6,7 @@ import pytest
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened
 from stereo_seecolor.color.render import tone
-from stereo_seecolor.color.table.measure import measure
-from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.moment_table import MomentTable, measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 

@@ -19,8 +19,7 @@ from stereo_seecolor.color.fitting.water_prior import (
     drawn_camera,
     water_prior,
 )
-from stereo_seecolor.color.table.measure import measure
-from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.moment_table import MomentTable, measure
 from stereo_seecolor.color.table.range_quantiles import (
     FRACTIONS,
     RangeQuantiles,

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.color_trend import ColorTrend
 from stereo_seecolor.color.photometry.light_choice import (
     CROSSING_SETTINGS,
     Candidate,
@@ -17,7 +16,7 @@ from stereo_seecolor.color.photometry.light_choice import (
     is_single_illumination,
     pictures_crossed,
 )
-from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, Light
+from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, ColorTrend, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.color.render.tone import FULL_AT, FULL_FROM, Tone, display, gains
-from stereo_seecolor.color.table.measure import check_pair
-from stereo_seecolor.color.table.moment_table import range_bits
+from stereo_seecolor.color.table.moment_table import check_pair, range_bits
 from stereo_seecolor.color.white_point import white_doubt
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water

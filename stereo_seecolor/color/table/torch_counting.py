@@ -7,12 +7,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from stereo_seecolor.color.table.measure import FIRST, INFINITY, LAST
-from stereo_seecolor.color.table.moment_table import LOW_BITS, RANGE_BINS
+from stereo_seecolor.color.table.moment_table import FIRST, INFINITY, LAST, LOW_BITS, RANGE_BINS
 
 
 def positions(bits: Tensor) -> Tensor:
-    """``measure.position_of`` of (N,) int32 bits of ranges."""
+    """``moment_table.position_of`` of (N,) int32 bits of ranges."""
     known = (bits > 0) & (bits < int(INFINITY))
     return torch.where(known, (bits - int(FIRST)).clamp(0, LAST), LAST + 1)
 

@@ -9,7 +9,7 @@ from typing import Any
 from stereo_seecolor.extras.reef.colony import Colony
 from stereo_seecolor.extras.reef.structure import StructureAtScale
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.csv_table import csv_text
+from stereo_seecolor.files.text_documents import csv_text
 
 # Cover of the bottom by label: as a fraction of what was seen, and of what was outlined.
 

@@ -208,7 +208,7 @@ def _doubt(check: "ScaleCheck") -> str:
 
 def measures_text(results: "list[Measurement]") -> str:
     """Measurements as CSV, in meters and square meters; "" for none."""
-    from stereo_seecolor.files.csv_table import (
+    from stereo_seecolor.files.text_documents import (
         csv_text,
     )  # loads pydantic, which --help does without
 

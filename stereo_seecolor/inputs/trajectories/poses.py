@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.files.csv_table import separator_of, split_fields
+from stereo_seecolor.files.text_documents import separator_of, split_fields
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
 from stereo_seecolor.inputs.trajectories.table import (

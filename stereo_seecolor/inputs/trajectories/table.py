@@ -16,7 +16,7 @@ from calibration.files import decode_text
 from calibration.formats.reading.binary import read_npz, read_one
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
-from stereo_seecolor.files.csv_table import is_unit, split_fields
+from stereo_seecolor.files.text_documents import is_unit, split_fields
 from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
 
 # Times of day and of the epoch, as tables of navigation write them.
