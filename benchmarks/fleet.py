@@ -20,12 +20,12 @@ from fleet_kills import Harm, kills
 from fleet_million import growth, million
 from fleet_scheduler import measure_scheduler
 
-from stereo_seecolor.extras.fleet.cluster import batches
+from stereo_seecolor.extras.fleet.cluster import worker
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 
 def overhead(number: int) -> None:
-    batches.SETTINGS = batches.BatchSettings(most=1)
+    worker.SETTINGS = worker.BatchSettings(most=1)
     with cluster("local:2") as compute:
         list(compute.each(abs, range(20)))
         start_s, begun = time.process_time(), time.monotonic()

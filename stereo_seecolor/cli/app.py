@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from stereo_seecolor.cli import dive_commands, look_commands, map_commands, rig_commands
+from stereo_seecolor.cli import dive_commands, look_commands, rig_commands
 from stereo_seecolor.cli.command import Command
 from stereo_seecolor.cli.errors import exit_code_of
 from stereo_seecolor.cli.output import prepare_streams, quiet_libraries, write_error, write_out
@@ -23,9 +23,9 @@ CORE: dict[str, Command] = {
     "run": dive_commands.run,
     "inspect": look_commands.inspect,
     "check": rig_commands.check,
-    "fuse": map_commands.fuse,
-    "report": map_commands.report,
-    "view": map_commands.view,
+    "fuse": dive_commands.fuse,
+    "report": dive_commands.report,
+    "view": dive_commands.view,
     "calibrate": rig_commands.calibrate,
     "convert-calib": rig_commands.convert_calib,
     "rectify": dive_commands.rectify,

@@ -18,8 +18,8 @@ from stereo_seecolor.color.render.apply import corrected
 from stereo_seecolor.color.render.carried import SAMPLE, SETTINGS, Smoother, bounds_of
 from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.color.render.tone import Tone, display, gains
+from stereo_seecolor.color.render.torch_apply import count_pixels
 from stereo_seecolor.color.table.moment_table import VALUE_BINS, MomentTable, check_pair
-from stereo_seecolor.color.table.torch_counting import count_pixels
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.device.memory import Memory
 from stereo_seecolor.records import Correction, Image, Map, Mask, Water

@@ -10,8 +10,8 @@ import pytest
 from color_waters import clear_water
 
 from stereo_seecolor.checks.image_files import order_notes
+from stereo_seecolor.checks.light_and_water import channel_order_notes
 from stereo_seecolor.checks.sample import DiveImages
-from stereo_seecolor.checks.water import channel_order_notes
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE
-from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra, sea_floor
-from stereo_seecolor.color.fitting.scene_prior import whole_prior
+from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra, sea_floor, whole_prior
 from stereo_seecolor.color.fitting.water_prior import (
     RATE_OF_CHANGE,
     WATER,

@@ -6,7 +6,7 @@
 
 Content and light may change with range (brightness_z) as long as they change alike in all channels.
 Reflectances are nearly those of natural scenes, a little warm, and the brighter the nearer to gray.
-The water's prior is ``water_prior``, that of the rest ``scene_prior``. All of this is one
+The water's prior is ``water_prior``, that of the rest in ``scene_colors``. All of this is one
 regularized least squares over some 20 ranges, solved by Gauss-Newton steps; the inverse of its
 curvature is the covariance.
 """
@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.robust_solver import NOISE, Problem, minimize
-from stereo_seecolor.color.fitting.scene_colors import sea_floor
-from stereo_seecolor.color.fitting.scene_prior import deviations, whole_prior
+from stereo_seecolor.color.fitting.scene_colors import deviations, sea_floor, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range

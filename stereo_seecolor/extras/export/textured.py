@@ -13,7 +13,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.glb import Glb, unit
 from stereo_seecolor.extras.export.texture.painting import PageMesh, level, pack, page_mesh, paint
-from stereo_seecolor.extras.export.texture.surface import Surface, neighbors, read_surface
+from stereo_seecolor.extras.export.texture.simplify import Surface, neighbors, read_surface
 from stereo_seecolor.extras.export.texture.views import (
     Charts,
     Views,

@@ -1,20 +1,22 @@
 """Commands that measure on a map or in frames: metrics, compare, markers, measure."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
+from stereo_seecolor.cli.output import lines, table
 from stereo_seecolor.cli.report import BareReport
-from stereo_seecolor.extras.reef.text import (
-    comparison_text,
-    markers_text,
-    measures_text,
-    metrics_text,
-)
+
+if TYPE_CHECKING:
+    from stereo_seecolor.extras.reef.compare import Comparison
+    from stereo_seecolor.extras.reef.markers import FoundMarkers
+    from stereo_seecolor.extras.reef.measure import Measurement
+    from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
+    from stereo_seecolor.mapping.marker_placing import ScaleCheck
 
 
 @command("Ecology", "metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS")
@@ -164,3 +166,211 @@ def measure(
     unknown = any(each.value is None for each in results)
     content = {"out": out, "measures": results}
     report.end(content, measures_text(results), EXIT_SOME_FAILED if unknown else EXIT_DONE)
+
+
+# Metrics, change and markers of a reef, as text.
+
+
+def metrics_text(result: "SiteMetrics") -> str:
+    """Structure at each scale, then outlines and cover where there are any; each number with its
+    standard error.
+    """
+    head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
+    parts = [
+        lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"),
+        _structure(result),
+    ]
+    if result.colonies:
+        parts += [_outlines(result), _cover(result), lines(*_doubts(result))]
+    parts += [
+        lines(*(f"not seen: {name}" for name in result.unseen)),
+        lines(*(f"  {path}" for path in result.files)),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+SAID_FROM = 0.05
+"""Parts of an outline that were not seen, or that others share, are said from this fraction on."""
+
+
+def _doubts(result: "SiteMetrics") -> list[str]:
+    unseen = [
+        f"partly seen: {each.name}: {each.unseen:.0%} of it is taken to be like the rest, which "
+        "the standard error holds"
+        for each in result.colonies
+        if each.unseen > SAID_FROM
+    ]
+    shared = [each.name for each in result.colonies if each.counted < 1 - SAID_FROM]
+    overlap = (
+        [
+            f"overlapping: {', '.join(shared)}: the cover counts what they share once, divided "
+            "among them"
+        ]
+        if shared
+        else []
+    )
+    return unseen + overlap
+
+
+def comparison_text(found: "Comparison") -> str:
+    """The quality of the registration, total changes, changed patches, files."""
+    change, at = found.change, found.change.registration
+    lod_mm = 1000 * change.difference.median_lod_m
+    fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
+    beyond = (
+        f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
+    )
+    head = [
+        f"registered: {at.agreeing} of {at.matches} features agree, within "
+        f"{1000 * at.feature_rms_m:.1f} mm; {fits}",
+        f"{change.overlap_m2:.2f} m2 in both; {beyond}",
+        f"scale: lengths of the first are {at.scale:.4f} +- {at.scale_std:.4f} of the second's",
+        *([f"note: {at.scale_note}"] if at.scale_note else []),
+        "growth {:.3f} +- {:.3f} l".format(*change.growth_l)
+        + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
+    ]
+    if found.joint:
+        head.append(
+            f"joint graph: {found.joint.pairs} pairs of frames move the second track by "
+            f"{1000 * found.joint.bent_m:.1f} mm RMS; to "
+            "take that out, fuse it with --poses second_track.tum --set "
+            "mapping.poses_of=rectified --set mapping.poses=given"
+        )
+    return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
+
+
+def _patches(found: "Comparison") -> str:
+    rows = [
+        (
+            f"{patch.number}",
+            patch.kind,
+            f"{patch.x_m:.2f}, {patch.y_m:.2f}",
+            f"{patch.area_cm2:.0f}",
+            f"{1000 * patch.mean_m:+.1f}",
+            f"{patch.volume_l:+.3f} +- {patch.volume_std_l:.3f}"
+            if patch.kind in ("growth", "loss")
+            else "",
+            f"{patch.lightness:+.0f}, {patch.chroma:+.0f}",
+        )
+        for patch in found.change.patches
+    ]
+    return (
+        table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n"
+        if rows
+        else "no patch of change\n\n"
+    )
+
+
+def _structure(result: "SiteMetrics") -> str:
+    """A table with a column for each scale; the standard error in brackets, in units of the last
+    digit.
+    """
+    if not result.structure:
+        return "no square of 0.25 m or more was seen well enough\n"
+    names = tuple(vars(result.structure[0].mean))
+    rows = [("squares", *(f"{each.squares}" for each in result.structure))]
+    rows += [
+        ("heights averaged over, mm", *(f"{1000 * each.scale_m:g}" for each in result.structure))
+    ]
+    rows += [
+        (
+            name,
+            *(
+                _concise(vars(each.mean)[name], vars(each.standard_error)[name])
+                for each in result.structure
+            ),
+        )
+        for name in names
+    ]
+    return table(("in squares of", *(f"{each.edge_m:g} m" for each in result.structure)), rows)
+
+
+def _concise(value: float, error: float) -> str:
+    """A value with its standard error in units of the last digit: 1.398(2) is 1.398 +- 0.002."""
+    return f"{value:.3f}({1000 * error:.0f})"
+
+
+def _outlines(result: "SiteMetrics") -> str:
+    rows = [
+        (
+            each.name,
+            each.label,
+            f"{1e4 * each.measured.planar_m2:.0f}",
+            f"{1e4 * each.measured.surface_m2:.0f} +- {1e4 * each.standard_error.surface_m2:.0f}",
+            f"{100 * each.measured.height_m:.1f} +- {100 * each.standard_error.height_m:.1f}",
+            f"{each.measured.volume_l:.2f} +- {each.standard_error.volume_l:.2f}",
+        )
+        for each in result.colonies
+    ]
+    return table(("outline", "label", "planar cm2", "surface cm2", "height cm", "volume l"), rows)
+
+
+def _cover(result: "SiteMetrics") -> str:
+    rows = [
+        (
+            each.label,
+            f"{each.outlines}",
+            f"{each.surface_m2:.4f} +- {each.surface_std_m2:.4f}",
+            f"{each.of_seen:.2%}",
+            f"{each.of_outlined_planar:.1%}",
+            f"{each.of_outlined_surface:.1%} +- {each.of_outlined_surface_std:.1%}",
+        )
+        for each in result.cover
+    ]
+    return table(
+        (
+            "label",
+            "n",
+            "surface m2",
+            "of the area seen",
+            "of the area outlined",
+            "of the surface outlined",
+        ),
+        rows,
+    )
+
+
+def markers_text(found: "FoundMarkers") -> str:
+    """Each marker, then the scale by sizes and bars, then the residuals of surveyed places."""
+    rows = [
+        (
+            f"{each.number}",
+            f"{each.views}",
+            f"{each.x_m:.3f}, {each.y_m:.3f}, {each.z_m:.3f}",
+            f"{1000 * each.residual_m:.1f}",
+            f"{1000 * each.edge_m:.2f} +- {1000 * each.edge_std_m:.2f}",
+        )
+        for each in found.markers
+    ]
+    text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
+    checks = ([("edges", found.size)] if found.size else []) + [
+        (f"bar {name}", check) for name, check in found.bars.items()
+    ]
+    text += [
+        lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}")
+        for name, check in checks
+    ]
+    if found.control:
+        text.append(
+            lines(
+                f"surveyed places: {len(found.control.residuals_m)} found, "
+                f"{1000 * found.control.rms_m:.1f} mm RMS"
+            )
+        )
+        text += [lines(found.control.doubt)] if found.control.doubt else []
+    return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
+
+
+def _doubt(check: "ScaleCheck") -> str:
+    return ": no rig is so far off: another size than was given?" if check.wrong else ""
+
+
+def measures_text(results: "list[Measurement]") -> str:
+    """Measurements as CSV, in meters and square meters; "" for none."""
+    from stereo_seecolor.files.text_documents import (
+        csv_text,
+    )  # loads pydantic, which --help does without
+
+    return (
+        csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
+    )

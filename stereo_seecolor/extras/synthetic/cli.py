@@ -7,7 +7,7 @@ from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.results import run_content, run_exit_code, run_text
-from stereo_seecolor.extras.evaluation.text import truth_text
+from stereo_seecolor.extras.evaluation.cli import truth_text
 
 PairCount = Annotated[int, opt.option("--pairs", "N", "Number of stereo pairs.", min=1)]
 

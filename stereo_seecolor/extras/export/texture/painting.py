@@ -12,7 +12,7 @@ from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import splu
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.extras.export.texture.surface import Surface
+from stereo_seecolor.extras.export.texture.simplify import Surface
 from stereo_seecolor.extras.export.texture.views import Charts, Views
 
 # Pages of texture: charts packed as rectangles, each cut out of its image, row after row.

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.extras.export.texture.surface import Surface
+from stereo_seecolor.extras.export.texture.simplify import Surface
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.records import Map

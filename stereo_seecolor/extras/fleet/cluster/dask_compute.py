@@ -21,9 +21,16 @@ from distributed.scheduler import KilledWorker
 
 from stereo_seecolor.compute.interface import Item, Result, Usage
 from stereo_seecolor.errors import ClusterError, OutputError
-from stereo_seecolor.extras.fleet.cluster.batches import Batches, named
 from stereo_seecolor.extras.fleet.cluster.ticket import Probe, Ticket
-from stereo_seecolor.extras.fleet.cluster.worker import Done, Parcel, SharedFile, do_batch, do_tiles
+from stereo_seecolor.extras.fleet.cluster.worker import (
+    Batches,
+    Done,
+    Parcel,
+    SharedFile,
+    do_batch,
+    do_tiles,
+    named,
+)
 
 AHEAD = 2
 """Batches for each worker that are under way or wait, so that the next is there when one ends."""
