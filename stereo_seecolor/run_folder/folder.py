@@ -1,5 +1,5 @@
 """OUT while a run writes into it: locked for one run at a time, with every file known to the
-manifest before it is there.
+manifest before it is there; OUT/map is replaced as a whole or not at all.
 """
 
 import shutil
@@ -12,10 +12,19 @@ from typing import Self
 from calibration.errors import counted
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import files_below, flush_folder, output_errors
 from stereo_seecolor.run_folder.cache import forget_refinement
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
-from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS, refuse_links
+from stereo_seecolor.run_folder.layout import (
+    MAP,
+    ORIGINAL,
+    PAGE,
+    PRODUCTS,
+    Stamp,
+    refuse_links,
+    state,
+)
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders
@@ -182,3 +191,84 @@ class DiskSpace:
     def is_low(self) -> bool:
         """Tell whether the disk may turn out too small."""
         return self.need > self.free
+
+
+# OUT/map, replaced as a whole or not at all: the new map is built beside it, and takes its place
+# in one rename.
+
+BUILDING, OLD = "map_building", "map_old"
+
+
+def fusion_folder(root: Path) -> Path:
+    """The folder of features and finished tiles, from which a fusion that was killed continues."""
+    return state(root, "fusion")
+
+
+@contextmanager
+def building_map(folder: RunFolder, made_from: str) -> Iterator[Path]:
+    """Give a folder to build a map in, which becomes OUT/map when the block ends without an error;
+    on an error the earlier map stays.
+
+    made_from: hash of the frames that it is made from. Raises OutputError.
+    """
+    building = state(folder.root, BUILDING)
+    _recover(folder)
+    with output_errors(building):
+        shutil.rmtree(building, ignore_errors=True)
+        building.mkdir(parents=True)
+    yield building
+    with output_errors(folder.root / MAP):
+        _swap(folder, building, made_from)
+
+
+def _swap(folder: RunFolder, building: Path, made_from: str) -> None:
+    files: dict[str, tuple[Stamp, ...]] = {
+        f"{MAP}/{path.relative_to(building).as_posix()}": (Stamp.of(path),)
+        for path in files_below(building)
+    }
+    earlier = {
+        path: stamps
+        for path, stamps in folder.dive.record.files.items()
+        if path.startswith(f"{MAP}/")
+    }
+    both = {path: files.get(path, ()) + earlier.get(path, ()) for path in files | earlier}
+    folder.dive.update(replace(folder.dive.record, files={**folder.dive.record.files, **both}))
+    place, old = folder.root / MAP, state(folder.root, OLD)
+    if place.is_dir():
+        place.rename(old)
+    building.rename(place)
+    flush_folder(folder.root)
+    _remove_old(folder)
+    folder.dive.update(_with_map(folder.dive.record, files, made_from))
+
+
+def _with_map(dive: DiveRecord, files: dict[str, tuple[Stamp, ...]], made_from: str) -> DiveRecord:
+    others = {path: stamps for path, stamps in dive.files.items() if not path.startswith(f"{MAP}/")}
+    return replace(dive, files={**others, **files}, made_from={**dive.made_from, MAP: made_from})
+
+
+def _recover(folder: RunFolder) -> None:
+    """Bring a folder in order whose fusion was killed while the maps changed places."""
+    place, old = folder.root / MAP, state(folder.root, OLD)
+    if not old.is_dir():
+        return
+    if place.exists():
+        _remove_old(folder)
+    else:
+        old.rename(place)
+
+
+def _remove_old(folder: RunFolder) -> None:
+    """Delete the earlier map; files in it that are not of this program are kept in
+    OUT/set_aside.
+    """
+    old = state(folder.root, OLD)
+    if not old.is_dir():
+        return
+    for path in list(files_below(old)):
+        name = f"{MAP}/{path.relative_to(old).as_posix()}"
+        if any(stamp.is_of(path) for stamp in folder.dive.record.files.get(name, ())):
+            path.unlink()
+        else:
+            folder.owned.quarantine(path, name)
+    shutil.rmtree(old)  # empty folders alone

@@ -13,7 +13,7 @@ from stereo_seecolor.cli.output import lines, write_error
 from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.streams.bag_info import BagFacts
+    from stereo_seecolor.extras.streams.bag_inputs import BagFacts
 
 OneSource = Annotated[
     str | None,
@@ -216,7 +216,7 @@ def bag_info(
     """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there
     are none.
     """
-    from stereo_seecolor.extras.streams.bag_info import bag_info as look
+    from stereo_seecolor.extras.streams.bag_inputs import bag_info as look
 
     with report.working():
         found = look(bag, topics, calib=calib or "")

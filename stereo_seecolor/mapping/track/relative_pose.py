@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
-from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.sift import match_descriptors, match_near
+from stereo_seecolor.mapping.track.features import Features, match_descriptors, match_near
 
 # Algebra of matrices (3, 3) for compiled loops over points.
 
