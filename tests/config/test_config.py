@@ -214,20 +214,6 @@ def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -
     assert load_config(tmp_path / "run.json", ["color.lock=frame"]).color.lock == "frame"
 
 
-def test_settings_that_are_fixed_now_may_stand_in_the_run_json_of_an_earlier_version(
-    tmp_path: Path,
-) -> None:
-    content = RunConfig().model_dump(mode="json")
-    content["color"]["input_noise"], content["output"]["clouds"] = 0.006, True
-    path = tmp_path / "run.json"
-    path.write_text(json.dumps({"format": "stereo-seecolor/run", "config": content}))
-    assert load_config(path) == RunConfig()
-    content["output"]["clouds"] = False
-    path.write_text(json.dumps({"format": "stereo-seecolor/run", "config": content}))
-    with pytest.raises(ConfigError, match=r"run\.json: .*output\.clouds.*output\.preset=no-clouds"):
-        load_config(path)
-
-
 def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text(
         "color:\n  lock: survey\nmapping: {mount: {yaw_deg: 0}, voxel_m: 0.02}\n"
