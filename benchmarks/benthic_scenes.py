@@ -23,7 +23,7 @@ from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra
 from stereo_seecolor.color.table.moment_table import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg
-from stereo_seecolor.extras.synthetic.waters import Kind, MeasuredWater, draw_contents, draw_water
+from stereo_seecolor.extras.synthetic.waters import Kind, SpectralWater, draw_contents, draw_water
 from stereo_seecolor.files.srgb import encode_srgb
 
 SPLIT = (
@@ -66,7 +66,7 @@ class Scene:
     linear: np.ndarray
     truth: np.ndarray
     kind: np.ndarray
-    water: MeasuredWater
+    water: SpectralWater
 
 
 def drawn(shown: frozenset[str], kind: Kind, seed: int) -> Scene:
@@ -104,7 +104,7 @@ def drawn(shown: frozenset[str], kind: Kind, seed: int) -> Scene:
     image = np.round(encode_srgb(np.clip(noisy, 0, 1)) * 255).astype(np.uint8)
     truth = (reflectance @ water.bands.T)[field] * light[..., None]
     names = np.array([kinds[i] for i in things])[field]
-    scaled = MeasuredWater(water.bands, water.light * gain, water.beam, water.veil * gain)
+    scaled = SpectralWater(water.bands, water.light * gain, water.beam, water.veil * gain)
     return Scene(image, range_m.astype(np.float32), exposed, truth, names, scaled)
 
 

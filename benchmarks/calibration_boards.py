@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 from arguments import words_of
 
-from calibration.boards.targets import Chessboard, View, detect_view, parse_target
+from calibration.boards.targets import Chessboard, TargetView, detect_view, parse_target
 from calibration.calibrate import calibrate
 from stereo_seecolor.compute.threads import Threads
 
 SUBSETS = 20
 
 
-def plain(views: list[View], board: Chessboard) -> tuple[float, float, float]:
+def plain(views: list[TargetView], board: Chessboard) -> tuple[float, float, float]:
     """stereoCalibrate from calibrateCamera: rms, baseline in mm, focal length."""
     points = [board.points_m.astype(np.float32)] * len(views)
     left, right = (
@@ -44,7 +44,7 @@ def main() -> None:
     names = [path.stem.removeprefix("left") for path in sorted(folder.glob("left*"))]
     suffix = next(folder.glob("left*")).suffix
 
-    def detect(name: str) -> View:
+    def detect(name: str) -> TargetView:
         left, right = (
             cv2.imread(str(folder / f"{side}{name}{suffix}")) for side in ("left", "right")
         )

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.boards.bundle import Array, Bundle, Lens, Observation, rms, solve
+from calibration.boards.bundle import Array, Bundle, CornerObservation, Lens, rms, solve
 from calibration.boards.lens import (
     fit_camera,
     fit_rig,
@@ -17,7 +17,7 @@ from calibration.boards.lens import (
     without_outliers,
 )
 from calibration.boards.report import CalibrationReport, LensScore, ViewReport
-from calibration.boards.targets import Target, View, common_ids, observations_of, usable_views
+from calibration.boards.targets import Target, TargetView, common_ids, observations_of, usable_views
 from calibration.errors import CalibrationError
 from calibration.field_checks.matches import jackknife, no_worse
 from calibration.geometry import inverse_transform
@@ -36,7 +36,7 @@ LEAST_FITTING = 5  # pairs, and a third of all, that fit another partner before 
 LENS = Lens("pinhole", 5)
 
 
-def refuse_out_of_step(views: Sequence[View], target: Target) -> None:
+def refuse_out_of_step(views: Sequence[TargetView], target: Target) -> None:
     """Raise CalibrationError where most left images fit the right images of other pairs, with
     which, and from where on.
 
@@ -91,13 +91,13 @@ def _partner(step: int) -> str:
     return f"the right image {abs(step)} {pairs} {'later' if step > 0 else 'earlier'}"
 
 
-def _camera(views: Sequence[View], side: int, target: Target) -> Camera | None:
+def _camera(views: Sequence[TargetView], side: int, target: Target) -> Camera | None:
     """One camera, fitted alone; None where too few views show the target."""
     seen = [found for view in views if (found := (view.left, view.right)[side]) is not None]
     if len(seen) < LEAST_FITTING:
         return None
     observations = [
-        Observation(number, 0, target.points_m[own.ids], own.pixels)
+        CornerObservation(number, 0, target.points_m[own.ids], own.pixels)
         for number, own in enumerate(seen)
     ]
     try:
@@ -111,7 +111,11 @@ def _camera(views: Sequence[View], side: int, target: Target) -> Camera | None:
 
 
 def _rig_of_pair(
-    views: Sequence[View], number: int, step: int, cameras: tuple[Camera, Camera], target: Target
+    views: Sequence[TargetView],
+    number: int,
+    step: int,
+    cameras: tuple[Camera, Camera],
+    target: Target,
 ) -> Array | None:
     """(4, 4) from left to right axes if the left image of a pair and the right one ``step`` pairs
     later were of one moment.
@@ -123,7 +127,7 @@ def _rig_of_pair(
         return None
     sides = (cameras[0], left), (cameras[1], target.same_labels(left, right))
     poses = [
-        target_pose(camera, Observation(0, 0, target.points_m[own.ids], own.pixels))
+        target_pose(camera, CornerObservation(0, 0, target.points_m[own.ids], own.pixels))
         for camera, own in sides
     ]
     return poses[1] @ inverse_transform(poses[0])
@@ -147,7 +151,7 @@ MIN_VIEWS_FOR_CHOICE = 5  # too few views for cross-validation: the simplest mod
 
 
 def calibrate(
-    views: Sequence[View], target: Target, medium: Medium = "water"
+    views: Sequence[TargetView], target: Target, medium: Medium = "water"
 ) -> tuple[StereoRig, CalibrationReport]:
     """Calibrate a rig from detected views.
 
@@ -193,7 +197,7 @@ def calibrate(
     return rig, replace(report, views=(*report.views, *dropped, *outliers))
 
 
-def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScore:
+def _cross_validate(full: Bundle, views: list[TargetView], target: Target) -> LensScore:
     """Fit without every tenth view in turn, from ``full`` on, and predict the views left out, but
     for the target's pose.
     """
@@ -273,7 +277,7 @@ def _errors(score: LensScore) -> RigErrors | None:
     )
 
 
-def _row_errors(bundle: Bundle, views: list[View]) -> Array:
+def _row_errors(bundle: Bundle, views: list[TargetView]) -> Array:
     """(n,) left minus right row of the corners in common after rectification, pixels; NaN if that
     cannot be rectified.
     """
@@ -308,7 +312,7 @@ def _choose(fits: list[Bundle], scores: list[LensScore]) -> tuple[Bundle, LensSc
 def _report(
     bundle: Bundle,
     rig: StereoRig,
-    views: list[View],
+    views: list[TargetView],
     target: Target,
     scores: list[LensScore],
     score: LensScore,

@@ -6,6 +6,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -184,3 +185,13 @@ def test_tests_of_a_group_run_in_one_process(request: pytest.FixtureRequest) -> 
     """
     in_groups = getattr(request.config.option, "loadgroup", False)
     assert request.node.nodeid.endswith("@together") == in_groups, "pytest as in constraints.txt"
+
+
+def test_no_two_classes_share_a_name() -> None:
+    names = Counter(
+        node.name
+        for path in MODULES.values()
+        for node in parsed(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+    )
+    assert [name for name, number in names.items() if number > 1] == []

@@ -21,7 +21,7 @@ CONVERGED = 1e-7  # gain of a step, of the squared error
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class CornerObservation:
     """Corners of one view in one camera. side: 0 left, 1 right; points_m: (n, 3) on the target;
     pixels: (n, 2).
     """
@@ -87,7 +87,7 @@ def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array
     return pixels.reshape(n, 2), by_point.reshape(n, 2, 3), by_intrinsics.reshape(n, 2, -1)
 
 
-def residuals(bundle: Bundle, observation: Observation) -> Array:
+def residuals(bundle: Bundle, observation: CornerObservation) -> Array:
     """Compute projected minus measured corners: (n, 2) pixels."""
     in_left = _transform(bundle.T_left_target[observation.view], observation.points_m)
     points = in_left if observation.side == 0 else _transform(bundle.T_right_left, in_left)
@@ -97,7 +97,7 @@ def residuals(bundle: Bundle, observation: Observation) -> Array:
     )
 
 
-def rms(bundle: Bundle, observations: list[Observation]) -> float:
+def rms(bundle: Bundle, observations: list[CornerObservation]) -> float:
     """Root mean square distance in pixels between corners and their projections."""
     squares = [(residuals(bundle, observation) ** 2).sum(axis=1) for observation in observations]
     return float(np.sqrt(np.concatenate(squares).mean()))
@@ -105,7 +105,7 @@ def rms(bundle: Bundle, observations: list[Observation]) -> float:
 
 def solve(
     start: Bundle,
-    observations: list[Observation],
+    observations: list[CornerObservation],
     poses_only: bool = False,
     iterations: int = MAX_ITERATIONS,
 ) -> Bundle:
@@ -144,7 +144,7 @@ class _Equations:
     r_views: Array
 
 
-def _normal_equations(bundle: Bundle, observations: list[Observation]) -> _Equations:
+def _normal_equations(bundle: Bundle, observations: list[CornerObservation]) -> _Equations:
     sizes = [intrinsics.size for intrinsics in bundle.intrinsics]
     shared = sum(sizes) + 6
     views = len(bundle.T_left_target)
@@ -162,7 +162,7 @@ def _normal_equations(bundle: Bundle, observations: list[Observation]) -> _Equat
 
 
 def _linearize(
-    bundle: Bundle, observation: Observation, sizes: list[int]
+    bundle: Bundle, observation: CornerObservation, sizes: list[int]
 ) -> tuple[Array, Array, Array]:
     """Residuals (2n,) and their derivatives by shared parameters (2n, g) and by the view's pose
     (2n, 6).
@@ -257,7 +257,7 @@ def _moved(T: Array, step: Array) -> Array:
     return moved
 
 
-def _cost(bundle: Bundle, observations: list[Observation]) -> float:
+def _cost(bundle: Bundle, observations: list[CornerObservation]) -> float:
     with np.errstate(all="ignore"):
         cost = sum(
             float((residuals(bundle, observation) ** 2).sum()) for observation in observations

@@ -6,9 +6,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from calibration.boards.bundle import Array, Bundle, Lens, Observation, camera_matrix, rms, solve
+from calibration.boards.bundle import (
+    Array,
+    Bundle,
+    CornerObservation,
+    Lens,
+    camera_matrix,
+    rms,
+    solve,
+)
 from calibration.boards.report import ViewReport
-from calibration.boards.targets import MIN_VIEWS, SIDES, Target, View, observations_of
+from calibration.boards.targets import MIN_VIEWS, SIDES, Target, TargetView, observations_of
 from calibration.errors import CalibrationError
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, CameraModel
@@ -20,12 +28,12 @@ FISHEYE_FOCAL_GUESSES = (0.25, 0.4, 0.6, 0.9, 1.4)  # of the image's width
 Size = tuple[int, int]
 
 
-def fit_rig(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
+def fit_rig(views: Sequence[TargetView], target: Target, lens: Lens) -> Bundle:
     """The rig and the target's poses of least reprojection error."""
     return solve(first_guess(views, target, lens), observations_of(views, target))
 
 
-def first_guess(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
+def first_guess(views: Sequence[TargetView], target: Target, lens: Lens) -> Bundle:
     """Each camera fitted alone, and the rig between them that most views agree on.
 
     Raises CalibrationError if the views do not determine a camera.
@@ -42,7 +50,7 @@ def first_guess(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
     )
 
 
-def fit_camera(lens: Lens, observations: list[Observation], image_size: Size) -> Bundle:
+def fit_camera(lens: Lens, observations: list[CornerObservation], image_size: Size) -> Bundle:
     """Fit one camera alone by bundle adjustment. observations: all of side 0, views numbered from 0
     without a gap.
     """
@@ -72,7 +80,7 @@ def fit_camera(lens: Lens, observations: list[Observation], image_size: Size) ->
     return solve(Bundle(lens, (intrinsics, intrinsics), np.eye(4), poses), observations)
 
 
-def target_pose(camera: Camera, observation: Observation) -> Array:
+def target_pose(camera: Camera, observation: CornerObservation) -> Array:
     """Estimate the pose of the target in the camera, (4, 4) target to camera, from one view's
     corners.
     """
@@ -92,7 +100,7 @@ def to_camera(model: CameraModel, intrinsics: Array, image_size: Size) -> Camera
 
 
 def _fit_fisheye(
-    lens: Lens, focal_px: float, observations: list[Observation], image_size: Size
+    lens: Lens, focal_px: float, observations: list[CornerObservation], image_size: Size
 ) -> Bundle:
     """From an ideal fisheye (r = f theta) of this focal length; cv2.fisheye.calibrate has no such
     start and often fails.
@@ -129,8 +137,8 @@ WRONG_PAIR_RATIO = 5.0  # times the median, where the guess itself is poor
 
 
 def without_outliers(
-    views: list[View], target: Target, lenses: Sequence[Lens]
-) -> tuple[list[View], list[ViewReport]]:
+    views: list[TargetView], target: Target, lenses: Sequence[Lens]
+) -> tuple[list[TargetView], list[ViewReport]]:
     """The views that fit one rig, and the others with the reason.
 
     First the pairs that most others contradict, by each camera alone; then the worst of a common
@@ -160,8 +168,8 @@ def without_outliers(
 
 
 def _without_wrong_pairs(
-    views: list[View], target: Target, lenses: Sequence[Lens]
-) -> tuple[list[View], list[ViewReport]]:
+    views: list[TargetView], target: Target, lenses: Sequence[Lens]
+) -> tuple[list[TargetView], list[ViewReport]]:
     """Drop pairs whose right corners lie far from where the left ones and the rig of most views put
     them.
     """
@@ -183,7 +191,7 @@ def _without_wrong_pairs(
     return [view for view, bad in zip(views, wrong, strict=True) if not bad], dropped
 
 
-def view_errors(bundle: Bundle, views: Sequence[View], target: Target) -> Array:
+def view_errors(bundle: Bundle, views: Sequence[TargetView], target: Target) -> Array:
     """Compute the rms of each view in the left and the right image: (views, 2) pixels."""
     errors = np.zeros((len(views), 2))
     for observation in observations_of(views, target):
@@ -191,7 +199,9 @@ def view_errors(bundle: Bundle, views: Sequence[View], target: Target) -> Array:
     return errors
 
 
-def _blame(bundle: Bundle, views: list[View], number: int, target: Target, limit: float) -> str:
+def _blame(
+    bundle: Bundle, views: list[TargetView], number: int, target: Target, limit: float
+) -> str:
     """Why a view does not fit: the corners of one image are bad (it does not fit alone), or the two
     images disagree.
     """

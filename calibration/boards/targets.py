@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration import errors
 from calibration.aprilgrid import MIN_CORNERS, AprilGrid, Corners, images_for_detection
-from calibration.boards.bundle import Observation
+from calibration.boards.bundle import CornerObservation
 from calibration.boards.report import ViewReport
 from calibration.errors import CalibrationError
 from calibration.field_checks.matches import to_gray
@@ -299,7 +299,7 @@ SIDES = ("left", "right")
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class TargetView:
     """A pair's corners. image_size: (width, height); left, right: None where the target was not
     found.
     """
@@ -312,7 +312,7 @@ class View:
 
 def detect_view(
     name: str, left: NDArray[np.generic], right: NDArray[np.generic], target: Target
-) -> View:
+) -> TargetView:
     """Find the target in a pair of images, (H, W) or (H, W, 3), 8 or 16 bit. Raises
     CalibrationError if they differ in size.
     """
@@ -324,15 +324,15 @@ def detect_view(
     corners = [target.detect(to_gray(image)) for image in (left, right)]
     if corners[0] is not None and corners[1] is not None:
         corners[1] = target.same_labels(corners[0], corners[1])
-    return View(name, (left.shape[1], left.shape[0]), corners[0], corners[1])
+    return TargetView(name, (left.shape[1], left.shape[0]), corners[0], corners[1])
 
 
-def usable_views(views: Sequence[View]) -> tuple[list[View], list[ViewReport]]:
+def usable_views(views: Sequence[TargetView]) -> tuple[list[TargetView], list[ViewReport]]:
     """Views with enough corners in both images, all of one size; and the others, with the reason.
 
     Raises CalibrationError if fewer than three are usable.
     """
-    usable: list[View] = []
+    usable: list[TargetView] = []
     dropped: list[ViewReport] = []
     sizes = [view.image_size for view in views]
     common = max(set(sizes), key=sizes.count) if sizes else (0, 0)
@@ -371,19 +371,19 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[ViewReport]]:
     return usable, dropped
 
 
-def common_ids(view: View) -> NDArray[np.int64]:
+def common_ids(view: TargetView) -> NDArray[np.int64]:
     """List the numbers of the corners seen in both images, sorted."""
     assert view.left is not None and view.right is not None
     return np.intersect1d(view.left.ids, view.right.ids)
 
 
-def observations_of(views: Sequence[View], target: Target) -> list[Observation]:
+def observations_of(views: Sequence[TargetView], target: Target) -> list[CornerObservation]:
     """Collect all corners of usable views, numbered by view."""
     observations = []
     for number, view in enumerate(views):
         for side, corners in enumerate((view.left, view.right)):
             assert corners is not None
             observations.append(
-                Observation(number, side, target.points_m[corners.ids], corners.pixels)
+                CornerObservation(number, side, target.points_m[corners.ids], corners.pixels)
             )
     return observations

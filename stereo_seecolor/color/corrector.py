@@ -21,7 +21,7 @@ from stereo_seecolor.records import Correction, Image, Map, Mask, Water
 
 
 @dataclass(frozen=True)
-class Sampling:
+class RowSampling:
     """Which rows of a large image are counted: neighboring rows are similar."""
 
     pixels: int = 400_000
@@ -30,7 +30,7 @@ class Sampling:
     """Least pixels of known range in these rows, else all are counted: 20 ranges of 3,000 each."""
 
 
-SAMPLING = Sampling()
+SAMPLING = RowSampling()
 
 
 class Corrector:
@@ -49,7 +49,7 @@ class Corrector:
         """Count the pixels of an image with a known range by channel, range and value.
 
         A black rim around the picture is left out. Of 800,000 pixels or more every second row is
-        counted (see ``Sampling``).
+        counted (see ``RowSampling``).
 
         Args:
             image: (H, W, 3) RGB, uint8 or uint16.

@@ -11,7 +11,7 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.boards import printing
 from calibration.boards.report import CalibrationReport
-from calibration.boards.targets import View, detect_view, parse_target
+from calibration.boards.targets import TargetView, detect_view, parse_target
 from calibration.calibrate import calibrate as fit_rig
 from calibration.checks import RowCheck, judge_matches, port_error, suspicions
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong, settle_matches
@@ -77,7 +77,7 @@ def calibrate(
     pairs = pairs_of(left, right, InputConfig(video_skip_blurred=True)).pairs
     pairs = evenly_spaced(pairs, MOST_FRAMES) if is_video(left) else pairs
 
-    def detect(pair: Pair) -> View:
+    def detect(pair: Pair) -> TargetView:
         return detect_view(pair.name, read_image(pair.left), read_image(pair.right), board)
 
     views = []

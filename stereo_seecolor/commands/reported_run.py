@@ -17,7 +17,7 @@ from stereo_seecolor.compute.process import core_seconds, peak_bytes
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
-from stereo_seecolor.dive.frames import Source
+from stereo_seecolor.dive.frames import PairSource
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.pairing import Pairing
@@ -100,7 +100,7 @@ def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, las
 
 @contextmanager
 def reported(
-    source: Source,
+    source: PairSource,
     pairing: Pairing,
     inputs: dict[str, str],
     folder: RunFolder,
@@ -145,7 +145,7 @@ def reported(
 
 
 def _description(
-    source: Source, pairing: Pairing, inputs: dict[str, str], options: RunOptions, last: Stage
+    source: PairSource, pairing: Pairing, inputs: dict[str, str], options: RunOptions, last: Stage
 ) -> RunDescription:
     """What run.json says of the run."""
     return RunDescription(

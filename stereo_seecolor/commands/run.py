@@ -19,7 +19,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
     NO_LIGHT,
-    Ranges,
+    DiveRanges,
     correct_frames,
     count_frames,
     find_light,
@@ -99,7 +99,7 @@ def run_inputs(
     return run.summary
 
 
-def color(run: DiveRun, ranges: Ranges, given: Mapping[str, Water] | None = None) -> None:
+def color(run: DiveRun, ranges: DiveRanges, given: Mapping[str, Water] | None = None) -> None:
     """Take all pairs of a dive from ranges to true colors. given: the water of each frame, by name;
     None: the waters are fitted to the dive.
     """

@@ -67,11 +67,11 @@ RENAMED = {
 """Settings of earlier versions -> what has replaced them."""
 
 
-class _Loader(yaml.SafeLoader):
+class _SettingsLoader(yaml.SafeLoader):
     """YAML 1.1 as PyYAML reads it, and 1e-3 is a number as in YAML 1.2."""
 
 
-_Loader.add_implicit_resolver(
+_SettingsLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
     list("-+.0123456789"),
@@ -231,7 +231,7 @@ def _parsed(text: str) -> Any:
     except TooMuchError:
         raise
     except ValueError:
-        return load_yaml(text, _Loader)
+        return load_yaml(text, _SettingsLoader)
 
 
 def _override(text: str) -> _Content:
@@ -244,7 +244,7 @@ def _override(text: str) -> _Content:
     if not any(known == key or known.startswith(f"{key}.") for known in known_keys()):
         raise ConfigError(f"--set {text}: there is no setting {key!r}{_suggestion(key)}")
     try:
-        content = load_yaml(value, _Loader)
+        content = load_yaml(value, _SettingsLoader)
     except YAML_ERRORS as error:
         raise ConfigError(
             f"--set {text}: the value cannot be read: {' '.join(str(error).split())}"

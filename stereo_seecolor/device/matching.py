@@ -34,7 +34,7 @@ from stereo_seecolor.matching.sgm.search import Band, bands
 from stereo_seecolor.records import Map, Mask, RangeMap, StereoFrame
 
 
-class Ranges(NamedTuple):
+class DeviceRanges(NamedTuple):
     """The maps of a RangeMap on a device, (H, W) each."""
 
     disparity: Tensor
@@ -101,7 +101,7 @@ class DeviceMatcher(Matcher):
     def _reduced(self, image: Tensor) -> NDArray[np.uint16]:
         return shrink(image, self._scale).cpu().numpy().astype(np.uint16)
 
-    def _search(self, left: Tensor, right: Tensor) -> tuple[sgm.Found, float]:
+    def _search(self, left: Tensor, right: Tensor) -> tuple[sgm.FoundDisparities, float]:
         """The search at reduced size, then in bands around what it found; and the fraction known at
         reduced size.
         """
@@ -114,7 +114,9 @@ class DeviceMatcher(Matcher):
             left, right, bands(coarse, self._scale, shape, self._lowest, self._highest)
         ), float(np.isfinite(coarse).mean())
 
-    def _kept(self, found: sgm.Found, no_match: NDArray[np.bool_]) -> sgm.Found:
+    def _kept(
+        self, found: sgm.FoundDisparities, no_match: NDArray[np.bool_]
+    ) -> sgm.FoundDisparities:
         """What was found without what cannot be matched, speckles, and what the camera does not
         see.
         """
@@ -133,7 +135,7 @@ class DeviceMatcher(Matcher):
             disparity=disparity.where(self._seen, torch.nan), best=best.where(self._seen, torch.nan)
         )
 
-    def ranges(self, found: sgm.Found, left: Tensor, right: Tensor) -> Ranges:
+    def ranges(self, found: sgm.FoundDisparities, left: Tensor, right: Tensor) -> DeviceRanges:
         """Refine disparities, judge and triangulate them, as ``Matcher.range_map``."""
         refined, around = (
             refine(left, right, found.disparity, found.best),
@@ -152,7 +154,7 @@ class DeviceMatcher(Matcher):
 
     def _triangulated(
         self, disparity: Tensor, confidence: Tensor, std: Tensor, filled: Tensor
-    ) -> Ranges:
+    ) -> DeviceRanges:
         """As ``matching.triangulation``. std: standard error of the disparity, pixels."""
         pair, scale = self._pair, self._pair.focal_px * self._pair.baseline_m
         shifted = disparity - (pair.cx_left_px - pair.cx_right_px)
@@ -168,11 +170,11 @@ class DeviceMatcher(Matcher):
         )
         measured = known & ~filled
         std_m = range_m * depth_m * std.where(measured, torch.nan) / scale
-        return Ranges(
+        return DeviceRanges(
             disparity, depth_m, range_m, std_m, confidence.where(measured, 0), filled & known
         )
 
-    def _on_processor(self, maps: Ranges) -> RangeMap:
+    def _on_processor(self, maps: DeviceRanges) -> RangeMap:
         disparity, depth_m, range_m, range_std_m, confidence, filled = (
             self._memory.array(part) for part in maps
         )

@@ -37,7 +37,7 @@ int16. kept: some of the steps.
 """
 
 
-class Found(NamedTuple):
+class FoundDisparities(NamedTuple):
     """(H, W) float32 each, as in ``MatchedDisparity``."""
 
     disparity: Tensor
@@ -61,7 +61,7 @@ BEYOND = (0, 0, PENALTIES.p2, PENALTIES.p2, 0)
 """What the same hold beyond the image."""
 
 
-def search(left: Tensor, right: Tensor, band: Band, along: Along | None = None) -> Found:
+def search(left: Tensor, right: Tensor, band: Band, along: Along | None = None) -> FoundDisparities:
     """``matching.sgm.search.search`` of two gray images (H, W), float32 of whole numbers 0..65535.
 
     along: in place of the device's own.
@@ -84,7 +84,7 @@ def search(left: Tensor, right: Tensor, band: Band, along: Along | None = None) 
         own[s * tiles : (s + 1) * tiles] = narrow[s * tiles : (s + 1) * tiles]
         if narrow[s * tiles : (s + 1) * tiles].mean() > constants.band_edge_tiles:
             found[:, s] = _match(strips, band.widened(own), range(s, s + 1), paths)[:, 0]
-    return Found(*found[:3].flatten(1, 2)[:, :height])
+    return FoundDisparities(*found[:3].flatten(1, 2)[:, :height])
 
 
 def paths_for(device: torch.device) -> Along:

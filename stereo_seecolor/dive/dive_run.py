@@ -13,7 +13,7 @@ from calibration import CalibrationError
 from stereo_seecolor.checks.image_files import RepeatedImages
 from stereo_seecolor.compute.sequences import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.dive.frames import Frames, PageFrames, Source
+from stereo_seecolor.dive.frames import Frames, PageFrames, PairSource
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
@@ -22,7 +22,7 @@ from stereo_seecolor.run_folder.cache import KeptPixels, KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary
 from stereo_seecolor.run_folder.layout import SET_ASIDE, Stage
-from stereo_seecolor.run_folder.reports import USUAL, Expected, ProgressFile
+from stereo_seecolor.run_folder.reports import USUAL, ExpectedPasses, ProgressFile
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -93,7 +93,7 @@ class DiveRun:
 
     def __init__(
         self,
-        source: Source,
+        source: PairSource,
         folder: RunFolder,
         options: RunOptions,
         pairing: Pairing,
@@ -113,7 +113,7 @@ class DiveRun:
         self._progress, self._repeated = ProgressFile(folder.root), RepeatedImages()
         plan = KeptPlan.load(folder.root, len(self.pairs), source.config)
         self._progress.expect(
-            (Expected(plan.pass_seconds, planned=True) if plan else USUAL).of(*passes)
+            (ExpectedPasses(plan.pass_seconds, planned=True) if plan else USUAL).of(*passes)
         )
 
     @property
@@ -183,7 +183,7 @@ def chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pa
 
 
 @dataclass(frozen=True)
-class Named(Lazy[tuple[str, Pair]]):
+class NamedPairs(Lazy[tuple[str, Pair]]):
     """Pairs with their names."""
 
     pairs: Sequence[Pair]

@@ -41,7 +41,7 @@ from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 
 
-class Source(Protocol):
+class PairSource(Protocol):
     """Reads and measures a pair: a Pipeline, or RangedImages.
 
     geometry: of the rectified images, None without calibration. makes_ranges: whether its range
@@ -106,7 +106,7 @@ class Frames:
     that look unchanged.
     """
 
-    source: Source
+    source: PairSource
     folder: RunFolder
     pixels: KeptPixels
     verify: bool = False

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.observations import (
     KeyFrame,
+    PhotometricView,
     SeenWindow,
-    View,
     observations_of,
 )
 from stereo_seecolor.color.table.encoding import InputEncoding
@@ -108,7 +108,7 @@ class _Placed:
     path_m: float
     middle_m: Array
     width_m: float
-    view: View | None
+    view: PhotometricView | None
 
     @property
     def number(self) -> int:
@@ -117,7 +117,7 @@ class _Placed:
 
 
 _Others = Sequence[tuple[_Placed, RelativePose]]
-_Near = tuple[_Seen, View, Sequence[tuple[int, RelativePose]]]
+_Near = tuple[_Seen, PhotometricView, Sequence[tuple[int, RelativePose]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ class FrameMatcher:
                 seen.number: placed
             }
 
-    def _near(self, frame: tuple[_Seen, View, Sequence[_Seen]]) -> _Near:
+    def _near(self, frame: tuple[_Seen, PhotometricView, Sequence[_Seen]]) -> _Near:
         """The frame, and its relative poses to the frames before it that show the same spots, by
         their numbers.
         """
@@ -195,7 +195,7 @@ class FrameMatcher:
         )
 
     def _placed(
-        self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]
+        self, seen: _Seen, view: PhotometricView, near: Sequence[tuple[_Placed, RelativePose]]
     ) -> _Placed:
         """The frame placed by the nearest of the frames before it; without one, it starts a new
         chain.
@@ -213,10 +213,10 @@ class FrameMatcher:
     def _pose(self, frame: _Seen, other: _Seen) -> RelativePose | None:
         return relative_pose(frame.features, other.features, self.geometry)
 
-    def _view(self, frame: _Seen) -> View:
-        return View.of(frame.key, self.geometry, self.encoding)
+    def _view(self, frame: _Seen) -> PhotometricView:
+        return PhotometricView.of(frame.key, self.geometry, self.encoding)
 
-    def _seen(self, frame: tuple[int, Any]) -> tuple[_Seen, View]:
+    def _seen(self, frame: tuple[int, Any]) -> tuple[_Seen, PhotometricView]:
         number, source = frame
         image, range_m = self.read(source)
         every, geometry = self.every, self.geometry
@@ -239,8 +239,8 @@ class FrameMatcher:
 
 
 def _with_before(
-    frames: Iterable[tuple[_Seen, View]],
-) -> Iterator[tuple[_Seen, View, Sequence[_Seen]]]:
+    frames: Iterable[tuple[_Seen, PhotometricView]],
+) -> Iterator[tuple[_Seen, PhotometricView, Sequence[_Seen]]]:
     """Each frame with the frames before it that it is compared with."""
     past: deque[_Seen] = deque(maxlen=max(LOOK.back))
     for seen, view in frames:

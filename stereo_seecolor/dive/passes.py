@@ -22,7 +22,15 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.sequences import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.dive.dive_run import DiveRun, Groups, Named, Outcome, Work, attempt, chosen
+from stereo_seecolor.dive.dive_run import (
+    DiveRun,
+    Groups,
+    NamedPairs,
+    Outcome,
+    Work,
+    attempt,
+    chosen,
+)
 from stereo_seecolor.dive.frames import (
     color_settings,
     correct_frame,
@@ -56,7 +64,7 @@ FITTING = tuple(
 
 
 @dataclass(frozen=True, eq=False)
-class Ranges:
+class DiveRanges:
     """The ranges of a dive. key: hash of them; None where a pair has none. captures: what the
     camera recorded of each good pair.
     """
@@ -81,7 +89,7 @@ class DiveLight:
 NO_LIGHT = DiveLight()
 
 
-def measure_ranges(run: DiveRun) -> Ranges:
+def measure_ranges(run: DiveRun) -> DiveRanges:
     """Make the range maps. Corrected frames of an earlier run stay current if the settings of range
     maps are the same.
     """
@@ -96,10 +104,10 @@ def measure_ranges(run: DiveRun) -> Ranges:
         key.add((row.name, run.frames.range_key(row.hashes)))
         capture = recorded_capture(row.facts)
         captures.append(different.setdefault(capture, capture))
-    return Ranges(None if run.table.failed else key.value, captures)
+    return DiveRanges(None if run.table.failed else key.value, captures)
 
 
-def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
+def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
     """The light of the dive: an earlier run's if it was solved from the same inputs, else solved
     now; none for a single frame.
     """
@@ -130,14 +138,14 @@ def find_light(run: DiveRun, ranges: Ranges) -> DiveLight:
     return DiveLight(light, {**found, **light.content()}, kept.linked)
 
 
-def _solve_light(run: DiveRun, ranges: Ranges, allowed: LightTerms) -> KeptLight:
+def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptLight:
     from stereo_seecolor.dive.light_search import LightSearch  # loads the search for features
 
     pairs, geometry = run.good_pairs, run.frames.source.geometry
     assert geometry
     run.begin("light", len(pairs))
     search = LightSearch(
-        frames=Named(pairs),
+        frames=NamedPairs(pairs),
         read=partial(read_frame, run.frames),
         captures=ranges.captures,
         geometry=geometry,
@@ -150,7 +158,7 @@ def _solve_light(run: DiveRun, ranges: Ranges, allowed: LightTerms) -> KeptLight
     return KeptLight(found.light.note if found.light else NO_OVERLAP, content, found.linked)
 
 
-def fit_waters(run: DiveRun, ranges: Ranges, light: DiveLight) -> Mapping[str, Water]:
+def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[str, Water]:
     """Each frame's water, by name: an earlier run's if it was fitted to the same inputs, else
     fitted now.
     """
@@ -244,7 +252,7 @@ def make_pass(run: DiveRun, stage: str, work: Work[None], pairs: Sequence[Pair])
         pass
 
 
-def _fit_key(run: DiveRun, ranges: Ranges, light: Light | None) -> str | None:
+def _fit_key(run: DiveRun, ranges: DiveRanges, light: Light | None) -> str | None:
     """Hash of the inputs of the fits of light and water, and of the code that fits them; None where
     a pair has no range.
     """

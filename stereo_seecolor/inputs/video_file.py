@@ -169,7 +169,7 @@ Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class FrameIndex:
+class VideoIndex:
     """The index of a video's frames.
 
     pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of
@@ -298,7 +298,7 @@ def _video_file(path: Path, size: int, mtime_ns: int) -> VideoFile:
     return VideoFile(path)
 
 
-def _frame_index(path: Path) -> FrameIndex:
+def _frame_index(path: Path) -> VideoIndex:
     """Times of all frames as the file states them."""
     with opened(path) as container:
         stream = video_stream(container, path)
@@ -322,7 +322,7 @@ def _frame_index(path: Path) -> FrameIndex:
             if stream.duration
             else (container.duration or 0) / 1e6
         )  # AV_TIME_BASE
-        return FrameIndex(
+        return VideoIndex(
             np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s
         )
 

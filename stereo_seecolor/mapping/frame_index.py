@@ -25,7 +25,7 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 @dataclass(frozen=True)
-class Sampling:
+class PointSampling:
     """How the coarse points of a frame are chosen."""
 
     spacing_m: float = (
@@ -43,7 +43,7 @@ class Sampling:
     )
 
 
-SAMPLING = Sampling()
+SAMPLING = PointSampling()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class FrameIndex:
         cls,
         frames: Frames,
         geometry: RectifiedPair,
-        sampling: Sampling = SAMPLING,
+        sampling: PointSampling = SAMPLING,
         progress: Progress = silent,
         compute: Compute | None = None,
     ) -> "FrameIndex":
@@ -151,7 +151,7 @@ class _Glance:
 
     frames: Frames
     geometry: RectifiedPair
-    sampling: Sampling
+    sampling: PointSampling
 
     def __call__(self, number: int) -> _Indexed:
         frame = self.frames[number]
@@ -167,7 +167,7 @@ class _Glance:
 
 
 def _coarse_points(
-    frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling
+    frame: SurveyFrame, geometry: RectifiedPair, sampling: PointSampling
 ) -> _CoarsePoints:
     sample = frame.range_m[:: sampling.max_stride_px, :: sampling.max_stride_px]
     sample = sample[np.isfinite(sample)]
@@ -191,7 +191,7 @@ def _coarse_points(
     return _CoarsePoints(points, certain, frame.color[rows[known], columns[known]])
 
 
-def _most_std_m(std_m: Map, sampling: Sampling) -> float:
+def _most_std_m(std_m: Map, sampling: PointSampling) -> float:
     """Of a point that is certain enough to make voxels for. std_m: (n,) of a frame's measured
     pixels.
     """

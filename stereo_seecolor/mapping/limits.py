@@ -18,7 +18,7 @@ from stereo_seecolor.records import SurveyFrame
 
 
 @dataclass(frozen=True)
-class Limits:
+class MapLimits:
     """The largest map that is begun."""
 
     pixels_a_voxel: float = (
@@ -40,7 +40,7 @@ class Limits:
     )  # voxels from the origin: an eighth of a voxel is float32's resolution there
 
 
-LIMITS = Limits()
+LIMITS = MapLimits()
 
 
 def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None:

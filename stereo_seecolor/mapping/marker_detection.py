@@ -82,7 +82,7 @@ FAMILIES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class MarkerObservation:
     """A marker in an image. number: of the marker. corners_px: (4, 2) of its black border,
     clockwise from its own top left, (0, 0) a pixel's center.
     """
@@ -102,13 +102,13 @@ class MarkerDetector:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))
         self._detector = cv2.aruco.ArucoDetector(dictionary, parameters)
 
-    def find(self, color: NDArray[np.uint8]) -> list[Observation]:
+    def find(self, color: NDArray[np.uint8]) -> list[MarkerObservation]:
         """Find the markers in an RGB image (H, W, 3)."""
         gray = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
         corners, numbers, _ = self._detector.detectMarkers(gray)
         if numbers is None:
             return []
         return [
-            Observation(int(number), refined(gray, np.asarray(own, np.float64).reshape(4, 2)))
+            MarkerObservation(int(number), refined(gray, np.asarray(own, np.float64).reshape(4, 2)))
             for number, own in zip(np.ravel(numbers), corners, strict=True)
         ]

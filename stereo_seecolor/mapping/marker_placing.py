@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.geometry import transformed
-from stereo_seecolor.mapping.marker_detection import Observation
+from stereo_seecolor.mapping.marker_detection import MarkerObservation
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
@@ -61,7 +61,7 @@ class PlacedSighting:
 
 
 def place(
-    observation: Observation, frame: SurveyFrame, geometry: RectifiedPair
+    observation: MarkerObservation, frame: SurveyFrame, geometry: RectifiedPair
 ) -> PlacedSighting | None:
     """Compute a marker's corners in three dimensions; None where too little of it has a measured
     range.

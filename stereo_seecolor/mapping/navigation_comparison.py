@@ -113,7 +113,7 @@ class Navigation:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class ComparedNavigation:
     """Navigation, the placement to go on with (turned by a mount that was forgotten), and the
     residuals of each frame (N,).
     """
@@ -133,7 +133,7 @@ def examine(
     edges: Sequence[Edge],
     trajectory: Trajectory,
     config: MappingConfig,
-) -> Verdict:
+) -> ComparedNavigation:
     """Hold given poses against measured edges; find the reading, or the mount's angle, that would
     fit where they do not.
     """
@@ -146,7 +146,7 @@ def examine(
         by_frame(motions.position_m, posed, count),
         by_frame(np.degrees(motions.attitude_rad), posed, count),
     )
-    verdict = Verdict(navigation, given, position_m, attitude_deg)
+    verdict = ComparedNavigation(navigation, given, position_m, attitude_deg)
     plain = misfit(T, posed)
     if not np.isfinite(plain):
         return verdict
@@ -186,7 +186,7 @@ def examine(
     )
 
 
-def _unfit(verdict: Verdict, advice: str) -> Verdict:
+def _unfit(verdict: ComparedNavigation, advice: str) -> ComparedNavigation:
     return replace(verdict, navigation=replace(verdict.navigation, fits=False, advice=advice))
 
 

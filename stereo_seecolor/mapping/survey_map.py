@@ -23,7 +23,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.files.ply import write_tum
-from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
+from stereo_seecolor.mapping.frame_index import FrameIndex, PointSampling, Progress, silent
 from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
 from stereo_seecolor.mapping.navigation_comparison import Navigation
@@ -40,7 +40,7 @@ from stereo_seecolor.mapping.surface.tiles import TileStore, Tiling, cut
 from stereo_seecolor.mapping.survey import Component, Survey
 from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit
 from stereo_seecolor.mapping.track.fiducials import read_known
-from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = (
@@ -169,7 +169,7 @@ def build_map(
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
 
 
-def _in_crs(placed: Placed, config: MappingConfig) -> Placed:
+def _in_crs(placed: PlacedSurvey, config: MappingConfig) -> PlacedSurvey:
     """The placement in the coordinates of mapping.crs, as far as the place on Earth is known."""
     if config.crs == "local":
         return replace(placed, origin=None)
@@ -185,7 +185,7 @@ def _in_crs(placed: Placed, config: MappingConfig) -> Placed:
 
 def _summary(
     survey: Survey,
-    placed: Placed,
+    placed: PlacedSurvey,
     lost: Mapping[int, Unplaced],
     built: Sequence[tuple[list[Path], int]],
     seconds: float,
@@ -218,7 +218,7 @@ def _index(
 
     Voxels are made for points whose weight in a single view is enough for a surface.
     """
-    sampling = Sampling(
+    sampling = PointSampling(
         spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT))
     )
     index = FrameIndex.build(frames, geometry, sampling, workspace.progress, workspace.compute)
@@ -232,7 +232,7 @@ def _index(
 
 def _build_component(
     survey: Survey,
-    placed: Placed,
+    placed: PlacedSurvey,
     number: int,
     config: MappingConfig,
     folder: Path,
@@ -303,7 +303,7 @@ def write_track(path: Path, component: Component) -> Path:
     return path
 
 
-def write_poses(path: Path, component: Component, placed: Placed) -> Path:
+def write_poses(path: Path, component: Component, placed: PlacedSurvey) -> Path:
     """Write poses.csv: each frame's position, the residual of the pose that was given for it, and
     standard errors. Raises
     OutputError.

@@ -12,7 +12,7 @@ import numpy as np
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
+from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.range_code import height_std_m, height_tiles
@@ -71,13 +71,15 @@ class _MapFiles:
 
     made: FinishedMap
     std_m: float
-    terrain: Terrain | None
+    terrain: TerrainImages | None
     raw: RawMosaic | None
     squares: Squares | None
 
     @classmethod
     def of(cls, facts: DiveFacts, made: FinishedMap, with_raw: bool) -> "_MapFiles":
-        terrain = Terrain.open(made.folder / TERRAIN) if (made.folder / TERRAIN).is_file() else None
+        terrain = (
+            TerrainImages.open(made.folder / TERRAIN) if (made.folder / TERRAIN).is_file() else None
+        )
         raw = (
             RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
         )

@@ -75,7 +75,7 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
 
 
 @dataclass(frozen=True)
-class Terrain:
+class TerrainImages:
     """dem.tif for the page. about: its size and place, and between which heights its colors lie
     (low_m, high_m).
     """
@@ -84,7 +84,7 @@ class Terrain:
     about: dict[str, Any]
 
     @classmethod
-    def open(cls, path: Path) -> "Terrain | None":
+    def open(cls, path: Path) -> "TerrainImages | None":
         """None where the library that reads it is missing."""
         try:
             import rasterio  # noqa: F401

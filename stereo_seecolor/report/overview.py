@@ -20,7 +20,7 @@ from stereo_seecolor.config.file import flat
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.calibration_std import calibration_std
-from stereo_seecolor.report.map_images import Terrain
+from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.range_code import height_std_m
 from stereo_seecolor.report.squares import FILE, Squares, squares_of
 from stereo_seecolor.report.texts import digits, duration, length, phrase
@@ -119,7 +119,7 @@ class DiveFacts(RowFacts):
         if made is None or pixel_m is None or not made.area_m2:
             return None
         paths = made.folder / FILE, made.folder / TERRAIN
-        terrain = Terrain.open(paths[1]) if all(path.is_file() for path in paths) else None
+        terrain = TerrainImages.open(paths[1]) if all(path.is_file() for path in paths) else None
         if terrain is None:
             return None
         width, height = self.run.geometry.image_size if self.run.geometry else (0, 0)

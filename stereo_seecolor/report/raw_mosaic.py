@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.report.map_images import Box, Terrain
+from stereo_seecolor.report.map_images import Box, TerrainImages
 from stereo_seecolor.report.map_mesh import Piece, packed_colors
 from stereo_seecolor.run_folder.layout import page_path
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -44,10 +44,10 @@ class RawMosaic:
     """
 
     rgba: NDArray[np.uint8]
-    terrain: Terrain
+    terrain: TerrainImages
 
     @classmethod
-    def paint(cls, posed: PosedRun, terrain: Terrain) -> "RawMosaic | None":
+    def paint(cls, posed: PosedRun, terrain: TerrainImages) -> "RawMosaic | None":
         """Paint the map; None where the page has no frame's image before correction."""
         views = _Views(posed)
         if not views.names:
@@ -101,7 +101,7 @@ def painted_from(posed: PosedRun) -> list[str]:
     ]
 
 
-def _points(terrain: Terrain, box: Box, offset_m: Floats) -> Floats:
+def _points(terrain: TerrainImages, box: Box, offset_m: Floats) -> Floats:
     """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is
     unknown.
     """

@@ -248,7 +248,7 @@ files of a pair.
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedPasses:
     """The expected passes of a run. seconds: of one core for each pair, by pass in their order.
     planned: whether ``plan`` measured them on this dive.
     """
@@ -256,14 +256,14 @@ class Expected:
     seconds: dict[str, float]
     planned: bool = False
 
-    def of(self, *passes: str) -> "Expected":
+    def of(self, *passes: str) -> "ExpectedPasses":
         """Select these passes."""
-        return Expected(
+        return ExpectedPasses(
             {name: self.seconds[name] for name in passes if name in self.seconds}, self.planned
         )
 
 
-USUAL = Expected({"ranges": 0.19, "light": 0.07, "waters": 0.01, "colors": 0.14})
+USUAL = ExpectedPasses({"ranges": 0.19, "light": 0.07, "waters": 0.01, "colors": 0.14})
 """Of pairs of 1280x1024 (docs/fleets.md). Larger pairs take longer, but about the same shares,
 which are all that is used of it.
 """
@@ -286,7 +286,7 @@ class Progress:
     updated_s: float
     new: int
     earlier: list[tuple[str, int, float]]
-    expected: Expected
+    expected: ExpectedPasses
     failures: list[tuple[str, int, str]] = field(default_factory=list)
 
     @property
@@ -338,13 +338,13 @@ class ProgressFile:
     """A listener that hears of every pair of a pass, and writes the progress every few seconds."""
 
     def __init__(self, root: Path) -> None:
-        self._root, self._expected = root, Expected({})
+        self._root, self._expected = root, ExpectedPasses({})
         self._failed: list[FrameRow] = []
         self._earlier: list[tuple[str, int, float]] = []
         self._stage, self._total, self._done, self._new = "", 0, Counter[str](), 0
         self._began_s = self._written_s = 0.0
 
-    def expect(self, passes: Expected) -> None:
+    def expect(self, passes: ExpectedPasses) -> None:
         """Set the passes to come, unless more are expected already."""
         if not passes.seconds.keys() <= self._expected.seconds.keys():
             self._expected = passes

@@ -20,7 +20,7 @@ from calibration_boards import (
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.aprilgrid import AprilGrid, Corners, marker
 from calibration.boards.printing import print_target
-from calibration.boards.targets import Charuco, Chessboard, View, detect_view, parse_target
+from calibration.boards.targets import Charuco, Chessboard, TargetView, detect_view, parse_target
 from calibration.calibrate import calibrate
 from calibration.field_checks.matches import to_gray
 from calibration.formats import load_rig
@@ -73,7 +73,7 @@ def test_bad_views_are_dropped_with_the_reason() -> None:
     views[9] = replace(
         blurred, left=Corners(blurred.left.ids, blurred.left.pixels + rng.normal(0, 3, (54, 2)))
     )
-    views.append(View("nothing", SIZE, None, None))
+    views.append(TargetView("nothing", SIZE, None, None))
     views.append(replace(views[0], name="small", image_size=(640, 480)))
     found, report = calibrate(views, BOARD)
     reasons = {view.name: view.reason for view in report.views if view.reason}
@@ -141,7 +141,7 @@ def test_empty_regions_are_named() -> None:
 
 def test_too_few_views_say_so() -> None:
     with pytest.raises(CalibrationError, match="0 of 2 pairs, at least 3 are needed"):
-        calibrate([View("a", SIZE, None, None), View("b", SIZE, None, None)], BOARD)
+        calibrate([TargetView("a", SIZE, None, None), TargetView("b", SIZE, None, None)], BOARD)
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
@@ -387,7 +387,7 @@ def test_target_that_cannot_be_meant(text: str, message: str) -> None:
 def test_real_chessboards(real_data: Path) -> None:
     board = parse_target("chessboard:9x6:24.23mm")
 
-    def detect(number: int) -> View:
+    def detect(number: int) -> TargetView:
         left, right = (
             cv2.imread(str(real_data / "chessboard" / f"{side}{number}.jpg"))
             for side in ("left", "right")

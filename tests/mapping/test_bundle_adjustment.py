@@ -24,7 +24,7 @@ from stereo_seecolor.mapping.track.bundle_adjustment import (
     refined,
 )
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.frame_blocks import Observations, Relation, observations
+from stereo_seecolor.mapping.track.frame_blocks import Relation, TrackObservations, observations
 from stereo_seecolor.mapping.track.loops import Prior, solve
 from stereo_seecolor.mapping.track.relative_pose import Edge, Observed, RelativePose, fit_pose
 
@@ -150,7 +150,7 @@ def test_a_track_is_truer_than_by_the_pose_graph_and_as_far_off_as_it_says() -> 
 
 
 def test_without_sightings_nothing_moves() -> None:
-    nothing = Observations(
+    nothing = TrackObservations(
         np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3)))
     )
     T = line(STATED, frames=3).T
@@ -262,5 +262,5 @@ def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
 def test_points_seen_once_do_not_exist() -> None:
     scene = line(STATED, frames=4)
     found = observations(scene.features, scene.relations, MOST)
-    assert isinstance(found, Observations)
+    assert isinstance(found, TrackObservations)
     assert found.views.min() >= 2

@@ -16,7 +16,7 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.mapping import limits
-from stereo_seecolor.mapping.frame_index import SAMPLING, FrameIndex, Sampling
+from stereo_seecolor.mapping.frame_index import SAMPLING, FrameIndex, PointSampling
 from stereo_seecolor.mapping.kept_frames import Unplaced
 from stereo_seecolor.mapping.limits import with_voxel
 from stereo_seecolor.mapping.raster.mosaic import with_mosaic_cell
@@ -221,12 +221,12 @@ def test_ranges_too_uncertain_for_the_voxels_take_no_memory(tmp_path: Path) -> N
     certain = replace(oblique, range_std_m=near.range_std_m)
     reach_m = []
     for frame in (oblique, certain):
-        index = FrameIndex.build([frame], PAIR, Sampling(0.08, max_std_m=0.09))
+        index = FrameIndex.build([frame], PAIR, PointSampling(0.08, max_std_m=0.09))
         reach_m.append(float(index.points_m[0][index.certain[0], 2].max()))
     assert reach_m == pytest.approx([1.5, 20.0], rel=1e-3)
     noisy = replace(near, range_std_m=np.full_like(near.range_std_m, 5.0))
     assert (
-        FrameIndex.build([noisy], PAIR, Sampling(0.08, max_std_m=0.09)).certain[0].all()
+        FrameIndex.build([noisy], PAIR, PointSampling(0.08, max_std_m=0.09)).certain[0].all()
     )  # all alike: none is left out
     build_map([oblique], PAIR, tmp_path, CONFIG, track(1))
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 2].min() > -0.1
@@ -305,7 +305,7 @@ def test_voxels_follow_the_surface_seen_not_the_air_in_front_of_it() -> None:
             ]  # type: ignore[arg-type]
         for frame in frames:
             frame.range_m[~(frame.range_m < 20)] = np.nan
-        sampling = Sampling(spacing_m=0.2, max_std_m=0.05 / np.sqrt(MIN_WEIGHT))
+        sampling = PointSampling(spacing_m=0.2, max_std_m=0.05 / np.sqrt(MIN_WEIGHT))
         survey = Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair, sampling))
         component = Component.of(
             survey, Placement(reef.trajectory.T_world_camera, np.zeros(2, np.int64)), 0

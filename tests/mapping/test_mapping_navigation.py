@@ -28,7 +28,7 @@ from stereo_seecolor.mapping.navigation_interpretations import (
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 
@@ -51,7 +51,7 @@ def survey(reef: ReefFrames) -> Survey:
 @pytest.fixture
 def placed(
     survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Placed]:
+) -> Callable[..., PlacedSurvey]:
     """Places the survey by poses that were changed; the track is followed once for all tests."""
     if not hasattr(reef, "track"):
         reef.track = odometry.follow(survey)  # type: ignore[attr-defined]
@@ -73,7 +73,7 @@ def placed(
         config: MappingConfig | None = None,
         later_s: float = 0.0,
         step_m: float = 0.0,
-    ) -> Placed:
+    ) -> PlacedSurvey:
         true = reef.trajectory
         names = ("",) * len(true.names)
         T = change(true.T_world_camera.copy())
@@ -121,13 +121,13 @@ def turned(degrees: float) -> Callable[[Poses], Poses]:
     return lambda T: T @ pose(rotation_from_vector(np.radians([degrees, 0, 0])), np.zeros(3))
 
 
-def off_m(found: Placed, reef: ReefFrames) -> float:
+def off_m(found: PlacedSurvey, reef: ReefFrames) -> float:
     T = found.placement.T_world_camera
     return trajectory_error(T[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]).rms_m
 
 
 @pytest.mark.slow
-def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+def test_true_poses_fit_and_stay(placed: Callable[..., PlacedSurvey], reef: ReefFrames) -> None:
     found = placed(lambda T: T)
     assert found.navigation is not None
     assert found.navigation.fits
@@ -145,7 +145,7 @@ def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames
 
 @pytest.mark.slow
 def test_exact_poses_are_taken_as_they_are_without_a_track(
-    placed: Callable[..., Placed], reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(odometry, "follow", lambda _: pytest.fail("the track was followed"))
     found = placed(lambda T: T, MappingConfig(voxel_m=0.03))
@@ -170,7 +170,7 @@ def test_a_line_that_lies_off_by_two_voxels_is_not_exact(
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noise_is_measured_and_averaged_out(
-    placed: Callable[..., Placed], reef: ReefFrames, seed: int
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames, seed: int
 ) -> None:
     found = placed(lambda T: noisy(T, seed))
     navigation = found.navigation
@@ -189,7 +189,7 @@ def test_noise_is_measured_and_averaged_out(
 @pytest.mark.slow
 @pytest.mark.parametrize("step_m", [0.3, 1.1, 11.0])
 def test_rounded_positions_are_weighed_as_such_and_kept(
-    placed: Callable[..., Placed], reef: ReefFrames, step_m: float
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames, step_m: float
 ) -> None:
     """Steps between the frames are shorter than that: each seems to be somewhere else."""
     found = placed(rounded(step_m), step_m=step_m)
@@ -228,7 +228,10 @@ def test_rounded_positions_are_weighed_as_such_and_kept(
     ],
 )
 def test_poses_read_wrongly_are_named_and_left_out(
-    placed: Callable[..., Placed], reef: ReefFrames, change: Callable[[Poses], Poses], advice: str
+    placed: Callable[..., PlacedSurvey],
+    reef: ReefFrames,
+    change: Callable[[Poses], Poses],
+    advice: str,
 ) -> None:
     found = placed(change)
     assert found.navigation is not None
@@ -240,7 +243,7 @@ def test_poses_read_wrongly_are_named_and_left_out(
 
 @pytest.mark.slow
 def test_headings_in_radians_are_named_and_left_out(
-    placed: Callable[..., Placed], reef: ReefFrames
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames
 ) -> None:
     """The second line of the survey runs the other way; its headings differ by 3 instead of 180
     degrees.
@@ -263,7 +266,7 @@ def test_headings_in_radians_are_named_and_left_out(
 @pytest.mark.slow
 @pytest.mark.parametrize("later_s", [1.0, -0.5])
 def test_clocks_apart_are_named_with_the_difference(
-    placed: Callable[..., Placed], later_s: float
+    placed: Callable[..., PlacedSurvey], later_s: float
 ) -> None:
     found = placed(lambda T: T, later_s=later_s)
     assert found.navigation is not None
@@ -285,7 +288,10 @@ def one_attitude(T: Poses) -> Poses:
     ],
 )
 def test_poses_that_stay_while_the_pictures_move_are_named(
-    placed: Callable[..., Placed], reef: ReefFrames, change: Callable[[Poses], Poses], said: str
+    placed: Callable[..., PlacedSurvey],
+    reef: ReefFrames,
+    change: Callable[[Poses], Poses],
+    said: str,
 ) -> None:
     found = placed(change)
     assert found.navigation and not found.navigation.fits and said in found.navigation.advice
@@ -294,7 +300,7 @@ def test_poses_that_stay_while_the_pictures_move_are_named(
 
 @pytest.mark.slow
 def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(
-    placed: Callable[..., Placed], reef: ReefFrames
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames
 ) -> None:
     for change in (turned(14.0), lambda T: turned(14.0)(noisy(T))):
         found = placed(change)
@@ -326,7 +332,7 @@ def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
 
 @pytest.mark.slow
 def test_positions_of_another_point_of_the_vehicle_are_said_and_moved(
-    placed: Callable[..., Placed], reef: ReefFrames
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames
 ) -> None:
     found = placed(lambda T: T @ pose(np.eye(3), np.array([0.5, 0.0, 0.0])))
     assert (
@@ -343,7 +349,7 @@ def test_positions_of_another_point_of_the_vehicle_are_said_and_moved(
 
 @pytest.mark.slow
 def test_poses_of_another_dive_are_not_used(
-    placed: Callable[..., Placed], reef: ReefFrames
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames
 ) -> None:
     rng = np.random.default_rng(0)
     found = placed(
@@ -359,7 +365,7 @@ def test_poses_of_another_dive_are_not_used(
 
 @pytest.mark.slow
 def test_given_poses_are_the_maps_but_measured(
-    placed: Callable[..., Placed], reef: ReefFrames
+    placed: Callable[..., PlacedSurvey], reef: ReefFrames
 ) -> None:
     found = placed(noisy, MappingConfig(poses="given"))
     assert found.origin == ORIGIN
@@ -373,7 +379,7 @@ def test_given_poses_are_the_maps_but_measured(
 
 
 @pytest.mark.slow
-def test_a_standard_error_of_the_configuration_is_used(placed: Callable[..., Placed]) -> None:
+def test_a_standard_error_of_the_configuration_is_used(placed: Callable[..., PlacedSurvey]) -> None:
     navigation = placed(noisy, MappingConfig(prior_position_std_m=0.3)).navigation
     assert navigation is not None
     assert navigation.position_std_m == 0.3
@@ -381,7 +387,7 @@ def test_a_standard_error_of_the_configuration_is_used(placed: Callable[..., Pla
 
 @pytest.mark.slow
 def test_without_gtsam_poses_are_taken_as_given_and_it_is_said(
-    placed: Callable[..., Placed], monkeypatch: pytest.MonkeyPatch, reef: ReefFrames
+    placed: Callable[..., PlacedSurvey], monkeypatch: pytest.MonkeyPatch, reef: ReefFrames
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "gtsam", None)
     found = placed(noisy)

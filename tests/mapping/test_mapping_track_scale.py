@@ -20,7 +20,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import local_contrast, smooth_depth
-from stereo_seecolor.mapping.track.image_errors import Pair, find_image_errors
+from stereo_seecolor.mapping.track.image_errors import FramePair, find_image_errors
 from stereo_seecolor.mapping.track.relative_pose import Observed, fit_pose, move
 from stereo_seecolor.records import SurveyFrame
 
@@ -137,7 +137,7 @@ def test_a_pose_fits_exact_points_in_spite_of_outliers() -> None:
 
 def views(
     corner_px: float, disparity_px: float, cubic_px: float = 0.0, pairs: int = 12
-) -> list[Pair]:
+) -> list[FramePair]:
     """Pairs whose points are off by a radial term, by a square and a cubic one of the disparity,
     and by noise.
     """
@@ -158,7 +158,7 @@ def views(
         turn = rng.normal(0, 0.03, 3)
         T = pose(rotation_from_vector(turn), rng.uniform(-0.3, 0.3, 3) * [1, 1, 0.2])
         b = points(seed=number)
-        found.append(Pair(T, seen(move(T, b).points), seen(b)))
+        found.append(FramePair(T, seen(move(T, b).points), seen(b)))
     return found
 
 

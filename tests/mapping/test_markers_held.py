@@ -24,7 +24,7 @@ from stereo_seecolor.mapping.survey_map import check
 from stereo_seecolor.mapping.track.bundle_adjustment import first_fit
 from stereo_seecolor.mapping.track.bundle_problem import KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.fiducials import Marks
-from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 OFF = 1.012
@@ -43,7 +43,7 @@ def survey(frames: list[SurveyFrame]) -> Survey:
     return Survey(frames, RIG, FrameIndex.build(frames, RIG))
 
 
-def held(survey: Survey, trajectory: Trajectory | None = None, **markers: object) -> Placed:
+def held(survey: Survey, trajectory: Trajectory | None = None, **markers: object) -> PlacedSurvey:
     return place_survey(survey, MappingConfig(markers=MarkersConfig(**markers)), trajectory)  # type: ignore[arg-type]
 
 

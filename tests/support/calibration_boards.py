@@ -11,7 +11,7 @@ import numpy as np
 from calibration import Camera, StereoRig
 from calibration.aprilgrid import AprilGrid, Corners
 from calibration.boards.printing import print_target
-from calibration.boards.targets import Chessboard, View, parse_target
+from calibration.boards.targets import Chessboard, TargetView, parse_target
 from calibration.refraction import CameraInWater, cameras_in_water
 
 SIZE = (1280, 960)
@@ -91,9 +91,9 @@ def poses(
 
 def projected_views(
     rig: StereoRig, target: Chessboard, views: int, noise_px: float, rng: np.random.Generator
-) -> list[View]:
+) -> list[TargetView]:
     """Corners of views that both cameras see whole, with Gaussian noise."""
-    found: list[View] = []
+    found: list[TargetView] = []
     slope = 0.9 if rig.left.model == "fisheye" else 0.45
     while len(found) < views:
         (T,) = poses(target, 1, rng, slope=slope)
@@ -109,7 +109,7 @@ def projected_views(
                 else None
             )
         if corners[0] is not None and corners[1] is not None:
-            found.append(View(f"view{len(found)}", SIZE, corners[0], corners[1]))
+            found.append(TargetView(f"view{len(found)}", SIZE, corners[0], corners[1]))
     return found
 
 

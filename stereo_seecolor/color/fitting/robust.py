@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.robust_solver import NOISE, Problem, minimize
+from stereo_seecolor.color.fitting.robust_solver import NOISE, FitProblem, minimize
 from stereo_seecolor.color.fitting.scene_colors import deviations, sea_floor, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -96,7 +96,7 @@ def _begin(
     settings: RobustConfig,
     start: Water | None = None,
     shared: Water | None = None,
-) -> tuple[Problem, Vector]:
+) -> tuple[FitProblem, Vector]:
     """What is minimized, and from where. shared: the water of other frames, at any exposure."""
     scale = scale_of(seen)
     light = seen.light / scale
@@ -116,7 +116,7 @@ def _begin(
         x[12:WATER] += (brightest - x[12:WATER]).mean()
     begin_content(x, seen.range_m, light)
     trust = seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all())
-    return Problem(seen.range_m, light, seen.clipped, trust, mean, precision), x
+    return FitProblem(seen.range_m, light, seen.clipped, trust, mean, precision), x
 
 
 def scale_of(seen: RangeQuantiles) -> float:
@@ -126,7 +126,7 @@ def scale_of(seen: RangeQuantiles) -> float:
 
 def _water(
     seen: RangeQuantiles,
-    problem: Problem,
+    problem: FitProblem,
     x: Vector,
     curvature: NDArray[np.float64],
     config: ColorConfig,

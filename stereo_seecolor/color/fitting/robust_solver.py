@@ -80,7 +80,7 @@ class Noise:
 NOISE = Noise()
 
 
-class Problem(NamedTuple):
+class FitProblem(NamedTuple):
     """range_m (G,): meters. light (3, G, P): quantiles over the brightest. clipped (3, G, P). trust
     (G,): weight of each range, 0..1. mean (n,), precision (n, n): of the Gaussian prior.
     """
@@ -125,7 +125,7 @@ class Batch:
     precision: Tensor
 
     @classmethod
-    def of(cls, problems: Sequence[Problem]) -> Self:
+    def of(cls, problems: Sequence[FitProblem]) -> Self:
         """Several problems, padded to most ranges by ranges without trust, which move nothing."""
         groups = max(len(problem.range_m) for problem in problems)
         parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
@@ -221,7 +221,7 @@ class Batch:
 
 
 def minimize(
-    problems: Sequence[Problem], start: Sequence[Array], enough: float = 0.0
+    problems: Sequence[FitProblem], start: Sequence[Array], enough: float = 0.0
 ) -> tuple[list[Array], list[Array], Array]:
     """Parameters, Gauss-Newton matrices and costs at the minimum of each problem from its start.
 
@@ -291,7 +291,7 @@ def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
     return excess, slopes * (excess > 0)[..., None]
 
 
-def _padded(problem: Problem, groups: int) -> tuple[NDArray[np.generic], ...]:
+def _padded(problem: FitProblem, groups: int) -> tuple[NDArray[np.generic], ...]:
     """A problem's arrays with ``groups`` ranges; added ones have no trust and their own prior."""
     more, size = groups - len(problem.range_m), len(problem.mean)
     precision = np.eye(size + more)

@@ -47,7 +47,7 @@ LIGHT_CHOICE_SETTINGS = ChoiceSettings()
 
 
 @dataclass(frozen=True)
-class Spread:
+class ViewDifferences:
     """Differences between views of patches left out of the fit, natural logarithm.
 
     between_views: robust standard deviation of the difference of two views.
@@ -68,8 +68,8 @@ class Choice:
 
     use: LightTerms
     solution: Solution
-    before: Spread
-    after: Spread
+    before: ViewDifferences
+    after: ViewDifferences
     judging: int
     error: float
 
@@ -105,7 +105,7 @@ def choose(
     )
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
-    def left(candidate: Candidate) -> Spread:
+    def left(candidate: Candidate) -> ViewDifferences:
         return spread_left(
             judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior)
         )
@@ -145,7 +145,9 @@ def choose(
     return Choice(use, solution, before, after, judging, error)
 
 
-def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
+def spread_left(
+    windows: Sequence[Window], values: Sequence[Array], solution: Solution
+) -> ViewDifferences:
     """Spread of differences of each view of a patch from the one before, solution removed."""
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
@@ -156,19 +158,19 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
         pairs.append(window.frame[again] * frames + window.frame[again + 1])
     difference, pair = np.concatenate(differences), np.concatenate(pairs)
     if not len(difference):
-        return Spread(0.0, 0.0, 0.0)
+        return ViewDifferences(0.0, 0.0, 0.0)
     number = np.unique(pair, return_counts=True)[1]
     of_pairs = np.split(difference[np.argsort(pair, kind="stable")], np.cumsum(number)[:-1])
     squares = [float((np.median(several, axis=0) ** 2).mean()) for several in of_pairs]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
     between_views = deviation_about_zero(size)
     between_frames = float(np.sqrt(np.average(squares, weights=number)))
-    return Spread(
+    return ViewDifferences(
         between_views, between_frames, between_views * float(np.sqrt(len(number) / len(difference)))
     )
 
 
-def _worth(new: Spread, old: Spread, chance: float) -> bool:
+def _worth(new: ViewDifferences, old: ViewDifferences, chance: float) -> bool:
     """chance: factor by which the spread between views may grow without being worse."""
     lowered = old.between_views - new.between_views
     evener = lowered > max(

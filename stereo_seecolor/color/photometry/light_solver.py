@@ -148,7 +148,7 @@ def solve(
     of_frame = (1 + SHADING if use.shading else 1) if use.gains else 0
     known, outputs = prior.of(columns, frames, of_frame), values[0].shape[1]
     parts = [
-        _Part.of(window, columns, of_frame, value)
+        _WindowSums.of(window, columns, of_frame, value)
         for window, value in zip(windows, values, strict=True)
     ]
     found, matrix, squares, variance = _robust_fit(parts, known, prior, outputs)
@@ -174,7 +174,7 @@ def solve(
 
 
 def _robust_fit(
-    parts: "Sequence[_Part]", known: Gaussian, prior: LightPrior, outputs: int
+    parts: "Sequence[_WindowSums]", known: Gaussian, prior: LightPrior, outputs: int
 ) -> tuple[Array, Array, float, float]:
     """Solve in rounds, each with Cauchy weights from the residuals of the one before.
 
@@ -216,7 +216,7 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _WindowSums:
     """both (N, n + Q): the n columns that are not 0 in a window, and the values. at (n,): numbers
     of these columns. patch (N,): of each observation. first: of each patch.
     """
@@ -227,7 +227,9 @@ class _Part:
     first: NDArray[np.int64]
 
     @classmethod
-    def of(cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array) -> "_Part":
+    def of(
+        cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array
+    ) -> "_WindowSums":
         """The equations of a window. columns: terms in use. of_frame: unknowns of a frame."""
         design = np.concatenate([window.terms, window.trend], axis=1)[:, columns]
         seen_by, index = np.unique(window.frame, return_inverse=True)

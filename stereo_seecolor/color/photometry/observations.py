@@ -80,12 +80,14 @@ def find_observations(
     """Observations of patches that several frames see; frames are read twice, one at a time."""
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
     points_m = np.concatenate(
-        [View.of(frame, geometry, None).patches_m(number) for frame in frames]
+        [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]
     )
-    return observations_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
+    return observations_of(
+        points_m, (PhotometricView.of(frame, geometry, encoding) for frame in frames)
+    )
 
 
-def observations_of(points_m: Vector, views: "Iterable[View]") -> Observations:
+def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Observations:
     """Observations of (P, 3) patches by these views, numbered in order; each seen twice or more."""
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):
@@ -105,7 +107,7 @@ def observations_of(points_m: Vector, views: "Iterable[View]") -> Observations:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PhotometricView:
     """smooth_range_m: (H, W) range, NaN at edges. sums: (H + 1, W + 1, 4) integral image of linear
     R, G, B and of clipped pixels.
     """
@@ -116,7 +118,9 @@ class View:
     sums: Vector
 
     @classmethod
-    def of(cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding | None) -> "View":
+    def of(
+        cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding | None
+    ) -> "PhotometricView":
         """The view of a frame. encoding: of its image; None where only its ranges are needed."""
         sums = np.zeros((2, 2, 4))
         if encoding is not None:

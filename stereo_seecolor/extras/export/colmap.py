@@ -36,7 +36,7 @@ else something stands before.
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class ObservedPoints:
     """Points of the map and their observations.
 
     position: (P, 3) meters, map coordinates. color: (P, 3) uint8. of_frame: for each frame the
@@ -49,7 +49,7 @@ class Observations:
     of_frame: tuple[tuple[NDArray[np.int64], NDArray[np.float64]], ...]
 
 
-def observe(posed: PosedRun) -> Observations:
+def observe(posed: PosedRun) -> ObservedPoints:
     """Points of the cloud that at least two frames see. Raises InputError if a frame's range map is
     gone or damaged.
     """
@@ -66,7 +66,7 @@ def observe(posed: PosedRun) -> Observations:
     of_frame = tuple(
         (renumbered[numbers[kept[numbers]]], pixels[kept[numbers]]) for numbers, pixels in seen
     )
-    return Observations(position[kept], color[kept], of_frame)
+    return ObservedPoints(position[kept], color[kept], of_frame)
 
 
 def _seen(
@@ -124,7 +124,7 @@ def _camera_text(posed: PosedRun) -> str:
     )
 
 
-def _images_text(posed: PosedRun, names: Sequence[str], observations: Observations) -> str:
+def _images_text(posed: PosedRun, names: Sequence[str], observations: ObservedPoints) -> str:
     lines = [
         "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
         "# POINTS2D[] as (X, Y, POINT3D_ID)",
@@ -138,7 +138,7 @@ def _images_text(posed: PosedRun, names: Sequence[str], observations: Observatio
     return "\n".join(lines) + "\n"
 
 
-def _points_text(observations: Observations, tracks: Sequence[PointTrack]) -> str:
+def _points_text(observations: ObservedPoints, tracks: Sequence[PointTrack]) -> str:
     lines = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     for number, (position, color, track) in enumerate(
         zip(observations.position, observations.color, tracks, strict=True), 1
@@ -150,7 +150,7 @@ def _points_text(observations: Observations, tracks: Sequence[PointTrack]) -> st
     return "\n".join(lines) + "\n"
 
 
-def _tracks(observations: Observations) -> list[PointTrack]:
+def _tracks(observations: ObservedPoints) -> list[PointTrack]:
     """One for each point."""
     tracks: list[PointTrack] = [[] for _ in observations.position]
     for number, (points, _) in enumerate(observations.of_frame, 1):
@@ -167,7 +167,7 @@ def _camera_binary(posed: PosedRun) -> bytes:
 
 
 def _images_binary(
-    posed: PosedRun, names: Sequence[str], observations: Observations
+    posed: PosedRun, names: Sequence[str], observations: ObservedPoints
 ) -> Iterator[bytes]:
     yield struct.pack("<Q", len(names))
     rows = zip(names, posed.T_camera_map, observations.of_frame, strict=True)
@@ -179,7 +179,7 @@ def _images_binary(
         yield struct.pack("<Q", len(seen)) + seen.tobytes()
 
 
-def _points_binary(observations: Observations, tracks: Sequence[PointTrack]) -> Iterator[bytes]:
+def _points_binary(observations: ObservedPoints, tracks: Sequence[PointTrack]) -> Iterator[bytes]:
     yield struct.pack("<Q", len(observations.position))
     rows = zip(observations.position.tolist(), observations.color.tolist(), tracks, strict=True)
     for number, (position, color, track) in enumerate(rows, 1):

@@ -13,7 +13,11 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.glb import Glb, unit
 from stereo_seecolor.extras.export.texture.painting import PageMesh, level, pack, page_mesh, paint
-from stereo_seecolor.extras.export.texture.simplify import Surface, neighbors, read_surface
+from stereo_seecolor.extras.export.texture.simplify import (
+    SimplifiedSurface,
+    neighbors,
+    read_surface,
+)
 from stereo_seecolor.extras.export.texture.views import (
     Charts,
     Views,
@@ -31,7 +35,7 @@ class Textured:
     """group (F,): pages hold triangles of one group each."""
 
     views: Views
-    surface: Surface
+    surface: SimplifiedSurface
     charts: Charts
     group: NDArray[np.int64]
 
@@ -67,7 +71,7 @@ class Textured:
         )
 
 
-def open_surface(posed: PosedRun) -> Surface:
+def open_surface(posed: PosedRun) -> SimplifiedSurface:
     """The run's mesh, with as few triangles as the bound allows. Raises InputError if it is
     empty.
     """
@@ -77,7 +81,9 @@ def open_surface(posed: PosedRun) -> Surface:
     return surface
 
 
-def textured(posed: PosedRun, surface: Surface, group: NDArray[np.int64] | None = None) -> Textured:
+def textured(
+    posed: PosedRun, surface: SimplifiedSurface, group: NDArray[np.int64] | None = None
+) -> Textured:
     """Choose views, cut charts and level their seams. group (F,): zeros if None. Raises InputError
     as Views.image.
     """

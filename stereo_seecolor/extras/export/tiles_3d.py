@@ -19,7 +19,7 @@ from stereo_seecolor.earth import (
     geocentric_from_geodetic,
 )
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.extras.export.texture.simplify import Surface, longest_edge_m
+from stereo_seecolor.extras.export.texture.simplify import SimplifiedSurface, longest_edge_m
 from stereo_seecolor.extras.export.textured import open_surface, textured, write_group
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.raster.georeference import crs_name
@@ -84,7 +84,7 @@ def write(posed: PosedRun, folder: Path) -> str:
     return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {summary}"
 
 
-def _finest_level(posed: PosedRun, surface: Surface) -> int:
+def _finest_level(posed: PosedRun, surface: SimplifiedSurface) -> int:
     """How often the map is cut in four, by its triangles and by the pixels of its surface."""
     area_m2 = (
         np.linalg.norm(
@@ -100,7 +100,7 @@ def _finest_level(posed: PosedRun, surface: Surface) -> int:
 
 
 def _cells(
-    surface: Surface, low: NDArray[np.float64], side_m: float, level: int
+    surface: SimplifiedSurface, low: NDArray[np.float64], side_m: float, level: int
 ) -> NDArray[np.int64]:
     """(F,) the cell of each triangle on a grid of 2**level a side: row times that plus column."""
     center = surface.position[surface.triangles].mean(axis=1)

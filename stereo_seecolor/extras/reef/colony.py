@@ -29,7 +29,7 @@ was taken.
 
 
 @dataclass(frozen=True)
-class Measured:
+class ColonySize:
     """Square meters, meters and liters.
 
     planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
@@ -59,8 +59,8 @@ class Colony:
 
     name: str
     label: str
-    measured: Measured
-    standard_error: Measured
+    measured: ColonySize
+    standard_error: ColonySize
     unseen: float
     views: float
     counted: float = 1.0
@@ -102,7 +102,9 @@ def measure_outlines(
         fraction = float(known.sum() / masks[i].sum())
         areas, relative = _areas(outlines[i], ground, masks[i], fraction)
         mesh_m2 = mesh_area_m2(mesh, terrain, masks[i]) / fraction
-        measured = Measured(*areas, mesh_m2, float(value[0]), float(value[1]), areas[2] / areas[0])
+        measured = ColonySize(
+            *areas, mesh_m2, float(value[0]), float(value[1]), areas[2] / areas[0]
+        )
         views = float(errors.views[known].mean())
         rim = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
         unseen = np.array([0.0, _unseen_volume_l(terrain, masks[i], windows[i])])
@@ -114,7 +116,7 @@ def measure_outlines(
             volume_l,
             relative * measured.rugosity,
         )
-        own = Measured(0.0, 0.0, *(float(each) for each in of_surface))
+        own = ColonySize(0.0, 0.0, *(float(each) for each in of_surface))
         counted = float((1 / holders[masks[i]]).mean())
         colonies[i] = Colony(
             outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.picking import Pick, Placed, Surface
+from stereo_seecolor.extras.reef.picking import FrameSurface, Pick, PickedPoint
 from stereo_seecolor.report.calibration_std import LIMITS
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def range_of(pick: Pick) -> Measured:
     return Measured(pick.range_m, float(np.sqrt(ray @ pick.covariance @ ray)), 1)
 
 
-def straight_length(picks: Sequence[Placed]) -> Measured:
+def straight_length(picks: Sequence[PickedPoint]) -> Measured:
     """Length of the straight lines through points; each inner point moves both lines that it
     joins.
     """
@@ -56,7 +56,7 @@ def straight_length(picks: Sequence[Placed]) -> Measured:
     return Measured(length_m, float(np.sqrt(variance)), 1)
 
 
-def along_surface(surface: Surface, picks: Sequence[Pick]) -> list[Pick]:
+def along_surface(surface: FrameSurface, picks: Sequence[Pick]) -> list[Pick]:
     """Points of the surface along the lines between picked ones, far enough apart that noise does
     not lengthen the way.
     """
@@ -74,13 +74,13 @@ def along_surface(surface: Surface, picks: Sequence[Pick]) -> list[Pick]:
     return line
 
 
-def _step_px(surface: Surface, a: Pick, b: Pick) -> float:
+def _step_px(surface: FrameSurface, a: Pick, b: Pick) -> float:
     noise_m = max(a.range_std_m, b.range_std_m)
     pixel_m = max(min(a.point_m[2], b.point_m[2]) / surface.geometry.focal_px, 1e-9)
     return max(float(LIMITS.least_step_px), LIMITS.step_stds * noise_m / float(pixel_m))
 
 
-def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, Array]:
+def profile(line: Sequence[PickedPoint], above: Array | None = None) -> tuple[Array, Array]:
     """Compute distance along the straight line from the first to the last point, and height above
     it: (N,) each, meters.
 
@@ -97,7 +97,7 @@ def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, 
     return offsets @ along, offsets @ up
 
 
-def planar_area(picks: Sequence[Placed]) -> Measured:
+def planar_area(picks: Sequence[PickedPoint]) -> Measured:
     """Area of the polygon through points, seen along its mean normal (Newell's sum of cross
     products).
     """
@@ -117,7 +117,7 @@ def planar_area(picks: Sequence[Placed]) -> Measured:
     return Measured(area_m2, float(np.sqrt(variance)), 2)
 
 
-def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, float]:
+def surface_area(surface: FrameSurface, picks: Sequence[Pick]) -> tuple[Measured, float]:
     """Area of the surface inside the outline of points, and the fraction of it that is known; what
     is not, counts as the rest.
 
@@ -138,7 +138,9 @@ def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, flo
     return Measured(area_m2, area_m2 * float(relative), 2), nodes.known
 
 
-def known_area(surface: Surface, places: Sequence[tuple[float, float]]) -> tuple[Measured, float]:
+def known_area(
+    surface: FrameSurface, places: Sequence[tuple[float, float]]
+) -> tuple[Measured, float]:
     """Area of the part of an outline in which the surface is known, and the fraction that it is;
     for corners that are not known.
     """
@@ -175,7 +177,7 @@ class _Nodes:
     relative_std: float
 
 
-def _nodes(surface: Surface, outline: Array) -> _Nodes:
+def _nodes(surface: FrameSurface, outline: Array) -> _Nodes:
     g, step = surface.geometry, LIMITS.area_step_px
     low, high = np.ceil(outline.min(axis=0) / step) * step, outline.max(axis=0)
     total, relative = 0, 0.0

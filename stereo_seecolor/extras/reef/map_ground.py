@@ -14,7 +14,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     polygon_area,
     unseen_std,
 )
-from stereo_seecolor.extras.reef.picking import Placed
+from stereo_seecolor.extras.reef.picking import PickedPoint
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ TERRAIN = TerrainLimits()
 
 
 @dataclass(frozen=True, eq=False)
-class Spot(Placed):
+class Spot(PickedPoint):
     """A point of the map, x east, y north, z up. slope: rise to the east and to the north."""
 
     slope: tuple[float, float]

@@ -23,11 +23,11 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     surface_area,
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
-from stereo_seecolor.extras.reef.picking import STEP_PX, Pick, Surface
+from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
 from stereo_seecolor.files import text_documents
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.report.calibration_std import calibration_std
-from stereo_seecolor.report.map_images import Terrain
+from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.range_code import height_std_m, std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import MAP, TERRAIN
@@ -102,7 +102,7 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     """
     run = open_run(out)
     wanted = read_wanted(points)
-    surfaces: dict[str, Surface] = {}
+    surfaces: dict[str, FrameSurface] = {}
     ground = ground_of(run) if any(not each.frame for each in wanted) else None
     results, calibration = [], calibration_std(run).total
     for each in wanted:
@@ -117,7 +117,7 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     return results
 
 
-def surface_of(run: FinishedRun, name: str) -> Surface:
+def surface_of(run: FinishedRun, name: str) -> FrameSurface:
     """The surface that a frame of a run shows. Raises InputError if the run knows no camera, or not
     the frame.
     """
@@ -132,7 +132,7 @@ def surface_of(run: FinishedRun, name: str) -> Surface:
         std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
     else:
         std_m = estimated_range_std_m(range_m, run.geometry)
-    return Surface(
+    return FrameSurface(
         run.geometry, range_m, std_from_codes(std_codes(std_m))
     )  # as the page holds them
 
@@ -147,7 +147,7 @@ def ground_of(run: FinishedRun) -> Ground:
             f"{run.root}: holds no terrain ({MAP}/{TERRAIN}): make it with stereo-seecolor fuse "
             "and the geo extra"
         )
-    terrain = Terrain.open(path)
+    terrain = TerrainImages.open(path)
     if terrain is None:  # pragma: no cover: where the geo extra is missing
         raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'")
     about = terrain.about
@@ -225,7 +225,7 @@ def _partly_known(
     )
 
 
-def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
+def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measurement:
     """Measure one thing in a frame. calibration: relative standard error of a length by the
     calibration.
     """
@@ -410,7 +410,7 @@ def _label(label: str) -> tuple[str, str, str, str, str]:
 
 
 def _numbers_length_table(
-    surface: Surface, places: tuple[tuple[float, float], ...], length_m: float, std_m: float
+    surface: FrameSurface, places: tuple[tuple[float, float], ...], length_m: float, std_m: float
 ) -> tuple[str, ...]:
     """The columns of NUMBERS for a length between the first and the last place. length_m, std_m:
     with its standard error.

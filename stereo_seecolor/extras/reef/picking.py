@@ -20,7 +20,7 @@ STEP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class PickedPoint:
     """A point (3,) with its covariance (3, 3) by range and click, without calibration; meters, in
     any axes.
     """
@@ -30,7 +30,7 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False)
-class Pick(Placed):
+class Pick(PickedPoint):
     """A point of the surface, in the rectified left camera's axes.
 
     x_px, y_px: where it was clicked. range_std_m: standard error of its range. slope: (2,) change
@@ -49,7 +49,7 @@ class Pick(Placed):
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class FrameSurface:
     """The surface that a frame shows. range_m: (H, W), measured pixels only. std_blocks_m: standard
     errors of blocks of 4x4 pixels.
     """

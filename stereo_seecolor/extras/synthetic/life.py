@@ -20,7 +20,7 @@ CORALLINE: Color = (0.36, 0.15, 0.20)
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class BottomWindow:
     """A window of the bottom around a thing: u_m, v_m are meters from its center; slices cut the
     window from the grids.
     """
@@ -83,7 +83,7 @@ class Bottom:
             texture,
         )
 
-    def patch(self, x_m: float, y_m: float, radius_m: float) -> Patch:
+    def patch(self, x_m: float, y_m: float, radius_m: float) -> BottomWindow:
         """The window within ``radius_m`` of a point, cut off at the edge of the bottom."""
         ny, nx = self.height_m.shape
         column, row, reach = (
@@ -98,7 +98,7 @@ class Bottom:
             (np.arange(columns.start, columns.stop) - column) * self.cell_m,
             indexing="ij",
         )
-        return Patch(rows, columns, u.astype(np.float32), v.astype(np.float32))
+        return BottomWindow(rows, columns, u.astype(np.float32), v.astype(np.float32))
 
     def ground_m(self, x_m: float, y_m: float) -> float:
         """Height at a point, nearest grid point."""
@@ -107,7 +107,7 @@ class Bottom:
         return float(self.height_m[row, column])
 
     def raise_to(
-        self, patch: Patch, top_m: NDArray[np.floating], albedo: Grid, texture: float
+        self, patch: BottomWindow, top_m: NDArray[np.floating], albedo: Grid, texture: float
     ) -> None:
         """Put a thing there: wherever its top stands above what is there, height, color and grain
         become its own.
@@ -118,7 +118,7 @@ class Bottom:
         self.albedo[window] = np.where(above[..., None], albedo, self.albedo[window])
         self.texture[window] = np.where(above, np.float32(texture), self.texture[window])
 
-    def paint(self, patch: Patch, fraction: Grid, albedo: Color) -> None:
+    def paint(self, patch: BottomWindow, fraction: Grid, albedo: Color) -> None:
         """Cover what is there with a color, ``fraction`` in [0, 1] of it."""
         window = patch.rows, patch.columns
         self.albedo[window] = _mix(self.albedo[window], fraction, albedo)

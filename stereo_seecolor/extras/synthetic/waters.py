@@ -257,7 +257,7 @@ def phytoplankton(chlorophyll: float) -> MeasuredWatersSpectrum:
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredWater:
+class SpectralWater:
     """A water, the daylight in it and a camera; what the camera sees, without any model of a
     channel's light over range.
 
@@ -314,7 +314,7 @@ def draw_contents(kind: Kind, rng: np.random.Generator) -> Contents:
     )
 
 
-def draw_water(contents: Contents, rng: np.random.Generator) -> MeasuredWater:
+def draw_water(contents: Contents, rng: np.random.Generator) -> SpectralWater:
     """Daylight at some depth and sun, seen by some camera; at most 12 m deep, or where a twentieth
     of the best light is left.
 
@@ -329,7 +329,7 @@ def draw_water(contents: Contents, rng: np.random.Generator) -> MeasuredWater:
     bands = camera_bands(rng)
     veil = light * contents.backscattering / beam
     veil *= _between(0.03, 0.3, rng) * (bands @ light).max() / (bands @ veil).max()
-    return MeasuredWater(bands, light, beam, veil)
+    return SpectralWater(bands, light, beam, veil)
 
 
 def camera_bands(rng: np.random.Generator) -> NDArray[np.float64]:

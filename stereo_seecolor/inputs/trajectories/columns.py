@@ -69,7 +69,7 @@ CLOCK_PARTS = (("secs", "nsecs"), ("sec", "nanosec"), ("secs", "nanosecs"), ("se
 
 
 @dataclass(frozen=True)
-class Named:
+class ColumnRole:
     """A column's role, and the rank of its owner."""
 
     role: str
@@ -89,20 +89,20 @@ def unit(name: str) -> float:
     return next((_UNITS[word] for word in reversed(said[1:]) if word in _UNITS), 1.0)
 
 
-def named(name: str) -> Named | None:
+def named(name: str) -> ColumnRole | None:
     """What a column is; None where its words are not all known."""
     said = words(name)
     bare = [word for word in said if word not in _UNITS or said == [word]]
     owners = [rank for rank, own in enumerate(_OWNERS) for word in bare if word in own]
     for phrase_role, phrases in _PHRASES.items():
         if any(set(bare) - _owner_words() == phrase - _owner_words() for phrase in phrases):
-            return Named(phrase_role, max(owners, default=0))
+            return ColumnRole(phrase_role, max(owners, default=0))
     roles = [_ROLE_OF[word] for word in bare if word in _ROLE_OF and word not in ("utc", "epoch")]
     roles = roles or [_ROLE_OF[word] for word in bare if word in _ROLE_OF]
     for role in dict.fromkeys(roles):
         beside = {*_BESIDE.get(role, "").split(), *_owner_words(), *_WORDS[role].split()}
         if all(word in beside for word in bare):
-            return Named(role, max(owners, default=0))
+            return ColumnRole(role, max(owners, default=0))
     return None
 
 

@@ -43,7 +43,7 @@ def drop(store: TileStore, tiling: Tiling) -> None:
     written.
     """
     on_cores = Threads(cores())
-    parts = on_cores.each(lambda tile: _Parts.of(store.load(tile), tiling), tiling.tiles)
+    parts = on_cores.each(lambda tile: _TileParts.of(store.load(tile), tiling), tiling.tiles)
 
     def remove(found: tuple[Tile, NDArray[np.bool_]]) -> None:
         tile, kept = found
@@ -56,7 +56,7 @@ def drop(store: TileStore, tiling: Tiling) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class _TileParts:
     """The connected parts of a tile. areas_m2: (P,). border: points that a neighboring tile may
     hold, and the part of each.
     """
@@ -65,7 +65,7 @@ class _Parts:
     border: list[tuple[bytes, int]]
 
     @classmethod
-    def of(cls, surface: Surface, tiling: Tiling) -> "_Parts":
+    def of(cls, surface: Surface, tiling: Tiling) -> "_TileParts":
         part = surface.parts
         count = int(part.max(initial=-1)) + 1
         areas_m2 = np.bincount(
@@ -75,7 +75,7 @@ class _Parts:
         return cls(areas_m2, [(surface.points_m[i].tobytes(), int(part[i])) for i in on_border])
 
 
-def _kept(tiles: Iterable[_Parts]) -> list[NDArray[np.bool_]]:
+def _kept(tiles: Iterable[_TileParts]) -> list[NDArray[np.bool_]]:
     """For each tile, which of its connected parts are large enough to keep, with their continuation
     in other tiles.
     """

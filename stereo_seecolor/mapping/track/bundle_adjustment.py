@@ -22,7 +22,7 @@ from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import loops
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, Known, KnownPlace, State
 from stereo_seecolor.mapping.track.fiducials import PLACES, SETTINGS, Marks
-from stereo_seecolor.mapping.track.frame_blocks import Observations, observations
+from stereo_seecolor.mapping.track.frame_blocks import TrackObservations, observations
 from stereo_seecolor.mapping.track.loops import Prior
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -74,7 +74,7 @@ class Adjusted:
 
 def adjust(
     T_world_camera: Array,
-    observations: Observations,
+    observations: TrackObservations,
     priors: Sequence[Prior] = (),
     known: Sequence[Known] = (),
 ) -> Adjusted:

@@ -21,7 +21,7 @@ from stereo_seecolor.mapping.track.bundle_kernels import (
     point_steps,
     robust_cost,
 )
-from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout, Observations
+from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout, TrackObservations
 from stereo_seecolor.mapping.track.loops import CAUCHY, Prior
 from stereo_seecolor.mapping.track.relative_pose import cross
 
@@ -133,7 +133,7 @@ class BundleProblem:
 
     @classmethod
     def of(
-        cls, observations: Observations, priors: Sequence[Prior], known: Sequence[Known]
+        cls, observations: TrackObservations, priors: Sequence[Prior], known: Sequence[Known]
     ) -> "BundleProblem":
         """Set up the problem from observations with their stated errors."""
         order = np.argsort(observations.point, kind="stable")

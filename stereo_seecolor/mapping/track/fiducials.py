@@ -32,7 +32,7 @@ from stereo_seecolor.mapping.marker_placing import (
 from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.bundle_problem import Known, KnownLength, KnownPlace
-from stereo_seecolor.mapping.track.frame_blocks import Observations
+from stereo_seecolor.mapping.track.frame_blocks import TrackObservations
 from stereo_seecolor.mapping.track.relative_pose import Observed
 from stereo_seecolor.records import GeoOrigin, SurveyFrame
 
@@ -127,8 +127,8 @@ class Marks:
         return checks | ({EDGES: size} if size else {}) | ({PLACES: spread} if spread else {})
 
     def joined(
-        self, observations: Observations, frames: set[int]
-    ) -> tuple[Observations, list[Known]]:
+        self, observations: TrackObservations, frames: set[int]
+    ) -> tuple[TrackObservations, list[Known]]:
         """Observations, by frame, and those of the markers' corners in some frames; and what is
         known
         of these.
@@ -160,7 +160,7 @@ class Marks:
                 np.column_stack([points[:, :2], np.ones(len(points))]) / points[:, 2:],
             ]
         )
-        joined = Observations(
+        joined = TrackObservations(
             frame=np.concatenate(
                 [observations.frame, np.repeat([frame for frame, _, _ in seen], 4)]
             ),

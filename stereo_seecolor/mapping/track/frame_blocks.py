@@ -150,7 +150,7 @@ Relation = tuple[tuple[int, int], RelativePose]
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class TrackObservations:
     """n observations of m points. frame: (n,) position on the track, point: (n,) number from 0 to m
     -
     1, seen: (n,) as it was seen.
@@ -168,7 +168,7 @@ class Observations:
 
 def observations(
     features: Sequence[Features], relations: Sequence[Relation], most: int
-) -> Observations:
+) -> TrackObservations:
     """Join the inliers of all relations to points; at most ``most`` points of each relation are
     kept, those seen most often.
 
@@ -197,7 +197,7 @@ def observations(
     ] = True
     kept = np.flatnonzero(chosen[label])
     frame, feature = nodes[kept] // stride, nodes[kept] % stride
-    return Observations(
+    return TrackObservations(
         frame, np.unique(label[kept], return_inverse=True)[1], _observed(features, frame, feature)
     )
 

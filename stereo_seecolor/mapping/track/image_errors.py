@@ -52,7 +52,7 @@ SETTINGS = ImageErrorSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class FramePair:
     """Two frames' views of the same n points, and T_a_b (4, 4), p_a = T_a_b p_b."""
 
     T_a_b: Array
@@ -75,7 +75,7 @@ class ImageErrors:
         return replace(features, points=features.points - field @ self.values)
 
 
-def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageErrors | None:
+def find_image_errors(pairs: Sequence[FramePair], geometry: RectifiedPair) -> ImageErrors | None:
     """The errors that explain best what all pairs have in common; None where pairs left out of the
     fit do not confirm them.
     """
@@ -88,7 +88,7 @@ def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageEr
     return None
 
 
-def _confirmed(pairs: Sequence[Pair], geometry: RectifiedPair, terms: int) -> bool:
+def _confirmed(pairs: Sequence[FramePair], geometry: RectifiedPair, terms: int) -> bool:
     """True where errors that are fitted to one half of the pairs explain the other half better than
     none, both ways.
     """
@@ -104,7 +104,7 @@ def _confirmed(pairs: Sequence[Pair], geometry: RectifiedPair, terms: int) -> bo
 
 
 def _solve(
-    pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: bool
+    pairs: Sequence[FramePair], geometry: RectifiedPair, values: Array, free: bool
 ) -> tuple[Array, float]:
     """Gauss-Newton over the values, if they are free, and each pair's pose; the values, and the
     robust cost of a point.
@@ -137,7 +137,7 @@ def _solve(
 
 
 @dataclass(frozen=True, eq=False)
-class _Normal:
+class _ImageErrorNormal:
     """Normal equations of a pair's pose (6) and of the values that all pairs share; its robust
     cost.
     """
@@ -150,7 +150,9 @@ class _Normal:
     cost: float
 
 
-def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) -> _Normal:
+def _normal(
+    pair: FramePair, fields: tuple[Array, Array], T: Array, values: Array
+) -> _ImageErrorNormal:
     field_a, field_b = fields
     moved = move(T, pair.b.points - field_b @ values)
     residual, weight = (
@@ -163,7 +165,9 @@ def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) ->
     weighted, both = weight @ slope, slope.shape[2]
     H = slope.reshape(-1, both).T @ weighted.reshape(-1, both)
     g = weighted.reshape(-1, both).T @ residual.ravel()
-    return _Normal(H[:6, :6], H[:6, 6:], H[6:, 6:], g[:6], g[6:], float(np.log1p(ratio).sum()))
+    return _ImageErrorNormal(
+        H[:6, :6], H[:6, 6:], H[6:, 6:], g[:6], g[6:], float(np.log1p(ratio).sum())
+    )
 
 
 def _weights(moved: Moved, a: Observed, b: Observed) -> Array:
@@ -195,6 +199,6 @@ def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:
     return found[:, :, :terms]
 
 
-def _thinned(pair: Pair) -> Pair:
+def _thinned(pair: FramePair) -> FramePair:
     every = slice(None, None, -(-len(pair.a.points) // SETTINGS.max_points))
-    return Pair(pair.T_a_b, pair.a.chosen(every), pair.b.chosen(every))
+    return FramePair(pair.T_a_b, pair.a.chosen(every), pair.b.chosen(every))

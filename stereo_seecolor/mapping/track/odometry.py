@@ -17,7 +17,7 @@ from stereo_seecolor.mapping.track.components import agreeing, chain
 from stereo_seecolor.mapping.track.features import Features, FeatureStore
 from stereo_seecolor.mapping.track.image_errors import find_image_errors
 from stereo_seecolor.mapping.track.loops import by_appearance
-from stereo_seecolor.mapping.track.relative_pose import Edge, Expected, RelativePose
+from stereo_seecolor.mapping.track.relative_pose import Edge, ExpectedPose, RelativePose
 from stereo_seecolor.mapping.track.track_work import (
     CorrectedFeatures,
     Detection,
@@ -49,12 +49,12 @@ class Guess:
     T: Array
     components: NDArray[np.int64]
 
-    def expected(self, frames: NDArray[np.int64], sure: bool) -> Expected | None:
+    def expected(self, frames: NDArray[np.int64], sure: bool) -> ExpectedPose | None:
         """The relative pose of two frames; None for frames of two components."""
         i, j = frames
         if self.components[i] < 0 or self.components[i] != self.components[j]:
             return None
-        return Expected(inverse(self.T[i]) @ self.T[j], sure)
+        return ExpectedPose(inverse(self.T[i]) @ self.T[j], sure)
 
 
 @dataclass(eq=False)
@@ -87,7 +87,7 @@ class Track:
         return their edges. what: for the progress.
 
         guess: where the frames are thought to be, so that features are looked for there first;
-        sure: as ``Expected``.
+        sure: as ``ExpectedPose``.
         """
         new = [ends for ends in pairs if ends not in self.found]
         expected = [

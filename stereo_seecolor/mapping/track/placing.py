@@ -11,8 +11,8 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.navigation_comparison import (
     ALIKE,
     MAX_TURN_RAD,
+    ComparedNavigation,
     Navigation,
-    Verdict,
     attitudes_equal,
     examine,
     priors,
@@ -41,7 +41,7 @@ fit from frame to frame.
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class PlacedSurvey:
     """A survey's placement.
 
     navigation: the outcome of given poses, None without any. position_residual_m,
@@ -76,7 +76,9 @@ class _Used:
     markers: MarkersFit | None = None
 
 
-def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
+def place_survey(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> PlacedSurvey:
     """Place the frames.
 
     Without a trajectory by the pictures alone. With one, its poses are measured against the
@@ -96,8 +98,8 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
 
 
 def _on_earth(
-    placed: Placed, survey: Survey, config: MappingConfig, trajectory: Trajectory | None
-) -> Placed:
+    placed: PlacedSurvey, survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> PlacedSurvey:
     """Move a placement without a place on Earth to the fixes beside its poses."""
     if trajectory is None or trajectory.absolute is None:
         return placed
@@ -110,7 +112,7 @@ def _on_earth(
     )
 
 
-def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
+def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> PlacedSurvey:
     if trajectory is None or trajectory.fixes:
         return _placed_by_pictures(survey, config, trajectory)
     given = place(survey.index, trajectory, config)
@@ -120,7 +122,7 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
 
 def _placed_by_pictures(
     survey: Survey, config: MappingConfig, trajectory: Trajectory | None
-) -> Placed:
+) -> PlacedSurvey:
     """Place the frames by the pictures alone; positions without attitudes, if there are any, move
     the track as a whole.
     """
@@ -128,8 +130,10 @@ def _placed_by_pictures(
     track = odometry.follow(survey)
     own, markers = _upright(track, _own(track, config), config)
     if trajectory is None or (markers and markers.control):
-        return Placed(own, None, unknown, unknown, markers.origin if markers else None, markers)
-    return Placed(
+        return PlacedSurvey(
+            own, None, unknown, unknown, markers.origin if markers else None, markers
+        )
+    return PlacedSurvey(
         at_fixes(own, survey.index, trajectory, config),
         None,
         unknown,
@@ -141,7 +145,7 @@ def _placed_by_pictures(
 
 def _placed_exactly(
     survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
-) -> Placed | None:
+) -> PlacedSurvey | None:
     """Take the given poses as they are if a few places of the dive show that they are as exact as
     the map; None if not.
     """
@@ -155,7 +159,7 @@ def _placed_exactly(
     verdict = examine(given, survey, spots.edges, trajectory, config)
     if verdict.navigation.advice:
         return None
-    return Placed(
+    return PlacedSurvey(
         exact,
         verdict.navigation,
         verdict.position_residual_m,
@@ -166,7 +170,7 @@ def _placed_exactly(
 
 def _placed_by_poses(
     survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
-) -> Placed:
+) -> PlacedSurvey:
     """Compare the given poses with the whole track, and take them as they are, together with the
     pictures, or not at all.
     """
@@ -189,7 +193,7 @@ def _placed_by_poses(
     placement = used.placement.with_warnings(advice) if advice else used.placement
     origin = trajectory.origin if used.in_their_world else None
     residuals = verdict.position_residual_m, verdict.attitude_residual_deg
-    return Placed(placement, used.navigation, *residuals, origin, used.markers)
+    return PlacedSurvey(placement, used.navigation, *residuals, origin, used.markers)
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
@@ -197,7 +201,10 @@ def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Place
 
 
 def _fitted(
-    track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig
+    track: odometry.Track,
+    verdict: ComparedNavigation,
+    trajectory: Trajectory,
+    config: MappingConfig,
 ) -> _Used:
     """Place the frames by pictures and poses together, or by pictures alone where the poses
     contradict them or are upside down.
@@ -226,7 +233,7 @@ def _fitted(
     return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
 
 
-def _checked_up(verdict: Verdict, survey: Survey, trajectory: Trajectory) -> Navigation:
+def _checked_up(verdict: ComparedNavigation, survey: Survey, trajectory: Trajectory) -> Navigation:
     """The navigation, which does not fit if its poses are upside down."""
     if not verdict.navigation.fits:
         return verdict.navigation

@@ -270,7 +270,7 @@ class RelativePose:
         )
 
 
-class Expected(NamedTuple):
+class ExpectedPose(NamedTuple):
     """T_a_b (4, 4), roughly. sure: frames that show little in common by it are not compared as if
     nothing were known.
     """
@@ -292,7 +292,7 @@ def _scaled_covariance(covariance: Array, scale: float) -> Array:
 
 
 def relative_pose(
-    a: Features, b: Features, geometry: RectifiedPair, expected: Expected | None = None
+    a: Features, b: Features, geometry: RectifiedPair, expected: ExpectedPose | None = None
 ) -> RelativePose | None:
     """The pose of frame b in frame a, or None where the two do not certainly see the same.
 

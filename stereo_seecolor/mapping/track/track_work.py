@@ -9,9 +9,9 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
 from stereo_seecolor.mapping.track.features import Features, FeatureStore, detect
-from stereo_seecolor.mapping.track.image_errors import ImageErrors, Pair
+from stereo_seecolor.mapping.track.image_errors import FramePair, ImageErrors
 from stereo_seecolor.mapping.track.relative_pose import (
-    Expected,
+    ExpectedPose,
     Observed,
     RelativePose,
     fit_pose,
@@ -56,7 +56,7 @@ class Relating:
     features: Sequence[Features]
     geometry: RectifiedPair
 
-    def __call__(self, pair: tuple[Ends, Expected | None]) -> RelativePose | None:
+    def __call__(self, pair: tuple[Ends, ExpectedPose | None]) -> RelativePose | None:
         """As ``relative_pose``."""
         (a, b), expected = pair
         return relative_pose(self.features[a], self.features[b], self.geometry, expected)
@@ -104,7 +104,7 @@ class ScaledFeatures(Lazy[Features]):
         return self._features[number].scaled(self._scale)
 
 
-class SeenPairs(Lazy[Pair]):
+class SeenPairs(Lazy[FramePair]):
     """The points that both frames see, for each pair of a track that was measured."""
 
     def __init__(
@@ -115,15 +115,15 @@ class SeenPairs(Lazy[Pair]):
     def __len__(self) -> int:
         return len(self._known)
 
-    def item(self, number: int) -> Pair:
+    def item(self, number: int) -> FramePair:
         """The pair of a number."""
         return seen(self._features, *self._known[number])
 
 
-def seen(features: Sequence[Features], ends: Ends, relation: RelativePose) -> Pair:
+def seen(features: Sequence[Features], ends: Ends, relation: RelativePose) -> FramePair:
     """The points of two frames that agree with their relative pose."""
     a, b = features[ends[0]], features[ends[1]]
-    return Pair(
+    return FramePair(
         relation.T_a_b,
         Observed(a.points[relation.index_a], a.std[relation.index_a]),
         Observed(b.points[relation.index_b], b.std[relation.index_b]),

@@ -26,7 +26,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
-from stereo_seecolor.extras.reef.picking import Pick, Surface
+from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.report.calibration_std import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -35,16 +35,16 @@ GEOMETRY = RectifiedPair(400.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
 REEF = Path(__file__).resolve().parents[3] / "data_samples/reef"
 
 
-def plane(slope: float = 0.0, depth_m: float = 2.0, std_m: float = 1e-4) -> Surface:
+def plane(slope: float = 0.0, depth_m: float = 2.0, std_m: float = 1e-4) -> FrameSurface:
     """z = depth + slope x, seen by the camera."""
     x = (np.arange(320) - 160.0) / 400.0
     range_m = (depth_m / (1 - slope * x))[None, :] * GEOMETRY.ray_length
-    return Surface(
+    return FrameSurface(
         GEOMETRY, range_m.astype(np.float32), std_blocks(np.full((240, 320), std_m, np.float32))
     )
 
 
-def picked(surface: Surface, *places: tuple[float, float]) -> list[Pick]:
+def picked(surface: FrameSurface, *places: tuple[float, float]) -> list[Pick]:
     found = [surface.pick(*place) for place in places]
     assert None not in found
     return [pick for pick in found if pick is not None]
@@ -83,7 +83,8 @@ def test_a_bulge_is_longer_along_the_surface_and_rises_in_its_profile() -> None:
     bulge_m = 0.2 * np.exp(-((x - 160) ** 2 + (y - 120) ** 2) / (2 * 30**2))
     range_m = ((2 - bulge_m) * GEOMETRY.ray_length).astype(np.float32)
     line = along_surface(
-        Surface(GEOMETRY, range_m, surface.std_blocks_m), picked(surface, (60, 120), (260, 120))
+        FrameSurface(GEOMETRY, range_m, surface.std_blocks_m),
+        picked(surface, (60, 120), (260, 120)),
     )
     along_m, height_m = profile(line)
     assert straight_length(line).value > 1.03 * 1.0
@@ -119,7 +120,7 @@ def test_stated_errors_are_those_of_repeated_clicks(kind: str) -> None:
 def test_at_a_silhouette_the_object_is_measured_and_not_what_is_behind(offset_px: int) -> None:
     x = np.arange(320)
     depth_m = np.where(x < 160, 1.0, 2.0)[None, :] * np.ones((240, 1))
-    surface = Surface(
+    surface = FrameSurface(
         GEOMETRY,
         (depth_m * GEOMETRY.ray_length).astype(np.float32),
         np.full((60, 80), 1e-3, np.float32),
@@ -289,7 +290,7 @@ def test_of_an_outline_half_off_the_surface_the_known_part_is_measured() -> None
     pair = RectifiedPair(500.0, 160.0, 160.0, 120.0, 0.1, (320, 240))
     range_m = (2 * pair.ray_length).astype(np.float32)
     range_m[:, 160:] = np.nan
-    surface = Surface(pair, range_m, np.full((60, 80), 0.004, np.float32))
+    surface = FrameSurface(pair, range_m, np.full((60, 80), 0.004, np.float32))
     corners = ((100, 80), (220, 80), (220, 160), (100, 160))
     (wanted,) = [Wanted("a", "0", "area", "", corners)]
     found = measured(surface, wanted, 0.0)
@@ -310,7 +311,7 @@ def test_an_unknown_part_of_an_outline_is_in_its_standard_error() -> None:
         holed = range_m.copy()
         holed[:, unknown] = np.nan
         found = measured(
-            Surface(pair, holed, np.full((60, 80), 0.004, np.float32)),
+            FrameSurface(pair, holed, np.full((60, 80), 0.004, np.float32)),
             Wanted("a", "0", "area", "", corners),
             0.0,
         )
@@ -328,7 +329,7 @@ def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
     depth_m = np.full((240, 320), 3.0)
     depth_m[100:140, 100:200] = 1.5
     depth_m[100:140, 196:200] = np.nan
-    surface = Surface(
+    surface = FrameSurface(
         pair, (depth_m * pair.ray_length).astype(np.float32), np.full((60, 80), 0.004, np.float32)
     )
     within, edge, far = (

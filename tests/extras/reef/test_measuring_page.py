@@ -10,7 +10,7 @@ import pytest
 from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself, surface_area
 from stereo_seecolor.extras.reef.map_ground import Ground
-from stereo_seecolor.extras.reef.picking import Surface
+from stereo_seecolor.extras.reef.picking import FrameSurface
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 PLACES = [(30.0, 20.0), (120.0, 24.0), (110.0, 100.0), (36.0, 96.0)]
@@ -46,13 +46,13 @@ console.log(JSON.stringify({
 """  # noqa: E501
 
 
-def seen() -> Surface:
+def seen() -> FrameSurface:
     """A bottom with a hole, and something near on its left half."""
     depth_m = np.full((128, 160), 2.0)
     depth_m[60:70, :50] = 1.2
     depth_m[70:90, 60:90] = np.nan
     range_m = (depth_m * PAIR.ray_length).astype(np.float32)
-    return Surface(PAIR, range_m, np.full((32, 40), 0.004, np.float32))
+    return FrameSurface(PAIR, range_m, np.full((32, 40), 0.004, np.float32))
 
 
 def reef() -> Ground:

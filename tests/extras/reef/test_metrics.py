@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.reef.colony import Colony, Measured, measure_outlines
+from stereo_seecolor.extras.reef.colony import Colony, ColonySize, measure_outlines
 from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline, read_outlines
@@ -338,11 +338,11 @@ def test_outlines_that_overlap_count_what_they_share_once() -> None:
 
 def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:
     nothing = float("nan")
-    error = Measured(0, 0, std_m2, nothing, nothing, nothing, nothing)
+    error = ColonySize(0, 0, std_m2, nothing, nothing, nothing, nothing)
     return Colony(
         "",
         label,
-        Measured(planar_m2, planar_m2, surface_m2, nothing, nothing, nothing, nothing),
+        ColonySize(planar_m2, planar_m2, surface_m2, nothing, nothing, nothing, nothing),
         error,
         0,
         3,

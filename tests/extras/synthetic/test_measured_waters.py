@@ -9,7 +9,7 @@ from stereo_seecolor.extras.synthetic.waters import (
     WAVELENGTH_NM,
     Contents,
     Kind,
-    MeasuredWater,
+    SpectralWater,
     camera_bands,
     draw_contents,
     draw_water,
@@ -58,7 +58,7 @@ def test_one_wavelength_follows_beer_and_lambert() -> None:
     bands = np.zeros((3, WAVELENGTH_NM.size))
     bands[[0, 1, 2], [20, 15, 5]] = 1.0
     beam = Contents(1.0, 0.1).absorption
-    water = MeasuredWater(
+    water = SpectralWater(
         bands, np.full(WAVELENGTH_NM.size, 0.5), beam, np.full(WAVELENGTH_NM.size, 0.1)
     )
     range_m = np.array([[0.0, 1.0], [2.5, 7.0]])

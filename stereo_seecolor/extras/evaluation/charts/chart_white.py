@@ -55,7 +55,7 @@ SETTINGS = WhiteSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class ChartPatch:
     """A patch of a target. light (3,): linear, with the water removed, NaN where too little of the
     patch was seen. haze (3,): the backscatter that was subtracted, divided by attenuation as the
     light. range_m: median.
@@ -87,7 +87,7 @@ class SeenWhite:
     range_m: float
     white: Array
     error: float
-    patches: tuple[Patch, ...] = ()
+    patches: tuple[ChartPatch, ...] = ()
     type: ChartType | None = None
 
 
@@ -119,7 +119,9 @@ def seen_whites(
         )
 
 
-def _white_of_grays(patches: Sequence[Patch], target: Target) -> tuple[list[Array], list[float]]:
+def _white_of_grays(
+    patches: Sequence[ChartPatch], target: Target
+) -> tuple[list[Array], list[float]]:
     """The color of white (3,), as logarithms of mean 0, by each usable gray patch of a target, and
     its range.
     """
@@ -156,18 +158,18 @@ def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:
 
 def _patch(
     decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water
-) -> Patch:
+) -> ChartPatch:
     """A patch from its (N, 3) pixels at (N,) ranges. decoded: linear light of each value."""
     light = np.stack([decoded[pixels[:, c]] for c in range(3)], axis=1)
     bright = np.asarray((light >= SETTINGS.brightest).any(axis=-1))
     clipped = bool(bright.sum() > MOST_CLIPPED * bright.size)
     good = np.isfinite(range_m) & ~bright
     if clipped or good.sum() < SETTINGS.least_pixels:
-        return Patch(np.full(3, np.nan), np.full(3, np.nan), np.nan, clipped)
+        return ChartPatch(np.full(3, np.nan), np.full(3, np.nan), np.nan, clipped)
     z_m = np.median(range_m[good]).astype(np.float64)
     backscatter, attenuation = water.backscatter(z_m), water.attenuation(z_m)
     direct = light[good].mean(axis=0, dtype=np.float64) - backscatter
-    return Patch(direct / attenuation, backscatter / attenuation, float(z_m), clipped)
+    return ChartPatch(direct / attenuation, backscatter / attenuation, float(z_m), clipped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +238,7 @@ class ChartWhite:
         return with_white(water, np.exp(self.white), error)
 
 
-def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPatches | None:
+def _patches(patches: Sequence[ChartPatch], type: ChartType, water: Water) -> SeenPatches | None:
     """Patches of a chart relative to its own brightness, which its grays give; None where no gray
     can be used.
     """

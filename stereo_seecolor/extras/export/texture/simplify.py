@@ -359,7 +359,7 @@ image as a whole.
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class SimplifiedSurface:
     """position (V, 3) float64 meters, map coordinates; normal (V, 3) float32, color (V, 3) uint8;
     triangles (F, 3) int32.
 
@@ -377,12 +377,12 @@ class Surface:
     rms_m: float
     original: int
 
-    def simplified(self, bound_m: float, longest_m: float) -> "Surface":
+    def simplified(self, bound_m: float, longest_m: float) -> "SimplifiedSurface":
         """Simplify further: ``bound_m`` further away at most, no new edge longer than
         ``longest_m``.
         """
         found = simplify(self.position, self.triangles, bound_m, longest_m)
-        return Surface(
+        return SimplifiedSurface(
             self.position[found.kept],
             self.normal[found.kept],
             self.color[found.kept],
@@ -394,7 +394,7 @@ class Surface:
         )
 
 
-def read_surface(posed: PosedRun) -> Surface:
+def read_surface(posed: PosedRun) -> SimplifiedSurface:
     """The run's mesh, simplified within half a voxel."""
     longest_m = longest_edge_m(posed)
     path = posed.map_folder / MESH
@@ -404,7 +404,7 @@ def read_surface(posed: PosedRun) -> Surface:
         np.array(vertices["normal"]),
         np.array(vertices["color"]),
     )
-    return Surface(*arrays, triangles, 0.0, 0.0, 0.0, len(triangles)).simplified(
+    return SimplifiedSurface(*arrays, triangles, 0.0, 0.0, 0.0, len(triangles)).simplified(
         BOUND_VOXELS * posed.voxel_m, longest_m
     )
 

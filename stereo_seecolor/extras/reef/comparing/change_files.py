@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.comparing.color_change import Patch
+from stereo_seecolor.extras.reef.comparing.color_change import ChangedPatch
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.text_documents import csv_text
@@ -116,7 +116,7 @@ def _outline(image: Picture, change: SiteChange, heights_too: bool) -> None:
         )
 
 
-def _mask(change: SiteChange, patch: Patch) -> Picture:
+def _mask(change: SiteChange, patch: ChangedPatch) -> Picture:
     return np.asarray((change.masks[patch.number - 1]).astype(np.uint8))
 
 
@@ -134,7 +134,7 @@ def write_change(folder: Path, change: SiteChange, place: Georeference) -> None:
     write_atomic(
         folder / "change.json", (json.dumps(description(change), indent=2) + "\n").encode()
     )
-    names = [field.name for field in fields(Patch)]
+    names = [field.name for field in fields(ChangedPatch)]
     write_atomic(
         folder / "patches.csv",
         csv_text(names, (vars(patch).values() for patch in change.patches)).encode(),

@@ -139,7 +139,7 @@ PATCHES_SETTINGS = PatchSettings()
 
 
 @dataclass(frozen=True)
-class Patch:
+class ChangedPatch:
     """A patch of changed ground.
 
     number: in height_change.tif. x_m, y_m: of its middle, in the first survey's world. area_cm2: in

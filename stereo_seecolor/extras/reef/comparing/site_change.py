@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing import m3c2
 from stereo_seecolor.extras.reef.comparing.color_change import (
+    ChangedPatch,
     ColorChange,
     Kind,
     Mask,
-    Patch,
     color_change,
     color_patches,
     height_patches,
@@ -49,7 +49,7 @@ class SiteChange:
     difference: Difference
     color: ColorChange
     surface: SurfaceDistances
-    patches: tuple[Patch, ...]
+    patches: tuple[ChangedPatch, ...]
     masks: tuple[Mask, ...]
     labels: NDArray[np.int32]
     growth_l: tuple[float, float]
@@ -168,7 +168,7 @@ def _patch(
     color: ColorChange,
     grid: Grid,
     offset_m: NDArray[np.float64],
-) -> Patch:
+) -> ChangedPatch:
     kind, mask = region
     rows, columns = np.nonzero(mask)
     dz = found.dz_m[mask & np.isfinite(found.dz_m)]
@@ -178,7 +178,7 @@ def _patch(
         else (float("nan"), float("nan"))
     )
     lightness, chroma = np.nanmean(color.change[mask], axis=0)
-    return Patch(
+    return ChangedPatch(
         number=number,
         kind=kind,
         x_m=float(grid.west_m + (columns.mean() + 0.5) * grid.cell_m + offset_m[0]),
@@ -201,7 +201,7 @@ def _labels(grid: Grid, masks: list[tuple[Kind, Mask]]) -> NDArray[np.int32]:
     return labels
 
 
-def _total(patches: tuple[Patch, ...], kind: Kind) -> tuple[float, float]:
+def _total(patches: tuple[ChangedPatch, ...], kind: Kind) -> tuple[float, float]:
     own = [patch for patch in patches if patch.kind == kind]
     return sum(patch.volume_l for patch in own), float(
         np.sqrt(sum(patch.volume_std_l**2 for patch in own))

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from stereo_seecolor.extras.streams.bags.source import (
     PLAIN,
+    ByteSource,
     Channel,
     Chunk,
     Cut,
     MemorySource,
     Message,
     Place,
-    Source,
     decompress,
 )
 
@@ -52,7 +52,7 @@ class _Declared:
     channels: dict[int, Channel] = field(default_factory=dict)
 
 
-def walk_mcap(source: Source, problems: list[str]) -> Iterator[Message]:
+def walk_mcap(source: ByteSource, problems: list[str]) -> Iterator[Message]:
     """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
     with it is added to
     ``problems``.
@@ -78,7 +78,9 @@ def walk_mcap(source: Source, problems: list[str]) -> Iterator[Message]:
         )
 
 
-def _of_chunk_mcap(source: Source, record: _McapRecord, declared: _Declared) -> Iterator[Message]:
+def _of_chunk_mcap(
+    source: ByteSource, record: _McapRecord, declared: _Declared
+) -> Iterator[Message]:
     _, _, plain_size, _ = _CHUNK_HEAD.unpack(source.bytes_at(record.start, _CHUNK_HEAD.size))
     compression, start = _text(source, record.start + _CHUNK_HEAD.size)
     (size,) = struct.unpack("<Q", source.bytes_at(start, 8))
@@ -93,7 +95,7 @@ def _of_chunk_mcap(source: Source, record: _McapRecord, declared: _Declared) -> 
         yield from _found_mcap(plain, inner, declared, chunk)
 
 
-def _records_mcap(source: Source, start: int, end: int | None = None) -> Iterator[_McapRecord]:
+def _records_mcap(source: ByteSource, start: int, end: int | None = None) -> Iterator[_McapRecord]:
     """Every record from ``start``; a chunk that the file's end cuts is still given."""
     end = source.size if end is None else end
     while start < end and source.bytes_at(start, min(8, end - start)) != MCAP_MAGIC:
@@ -108,7 +110,7 @@ def _records_mcap(source: Source, start: int, end: int | None = None) -> Iterato
 
 
 def _found_mcap(
-    source: Source, record: _McapRecord, declared: _Declared, chunk: Chunk | None
+    source: ByteSource, record: _McapRecord, declared: _Declared, chunk: Chunk | None
 ) -> Iterator[Message]:
     start = record.start
     if record.kind == _SCHEMA:
@@ -132,11 +134,11 @@ def _found_mcap(
             )
 
 
-def _short(source: Source, start: int) -> int:
+def _short(source: ByteSource, start: int) -> int:
     return int.from_bytes(source.bytes_at(start, 2), "little")
 
 
-def _text(source: Source, start: int) -> tuple[str, int]:
+def _text(source: ByteSource, start: int) -> tuple[str, int]:
     """A string, and where the next field begins."""
     size = int.from_bytes(source.bytes_at(start, 4), "little")
     if size > MAX_DECLARATION_BYTES:
@@ -164,7 +166,7 @@ class _Ros1Record(NamedTuple):
     size: int
 
 
-def walk_ros1(source: Source, problems: list[str]) -> Iterator[Message]:
+def walk_ros1(source: ByteSource, problems: list[str]) -> Iterator[Message]:
     """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
     with it is added to
     ``problems``.
@@ -187,7 +189,7 @@ def walk_ros1(source: Source, problems: list[str]) -> Iterator[Message]:
 
 
 def _of_chunk_ros1(
-    source: Source, record: _Ros1Record, channels: dict[bytes, Channel]
+    source: ByteSource, record: _Ros1Record, channels: dict[bytes, Channel]
 ) -> Iterator[Message]:
     compression = record.fields.get(b"compression", b"").decode(errors="replace")
     available = min(record.size, source.size - record.start)
@@ -201,7 +203,7 @@ def _of_chunk_ros1(
         yield from _found_ros1(plain, inner, channels, chunk)
 
 
-def _records_ros1(source: Source, start: int, end: int | None = None) -> Iterator[_Ros1Record]:
+def _records_ros1(source: ByteSource, start: int, end: int | None = None) -> Iterator[_Ros1Record]:
     """Every record from ``start``; a chunk that the file's end cuts is still given."""
     end = source.size if end is None else end
     while start < end:
@@ -220,7 +222,7 @@ def _records_ros1(source: Source, start: int, end: int | None = None) -> Iterato
 
 
 def _found_ros1(
-    source: Source, record: _Ros1Record, channels: dict[bytes, Channel], chunk: Chunk | None
+    source: ByteSource, record: _Ros1Record, channels: dict[bytes, Channel], chunk: Chunk | None
 ) -> Iterator[Message]:
     kind, connection = record.fields.get(b"op", b""), record.fields.get(b"conn", b"")
     if kind == _CONNECTION:

@@ -59,7 +59,7 @@ class Message(NamedTuple):
     head: Callable[[int], bytes]
 
 
-class Source(Protocol):
+class ByteSource(Protocol):
     """A sequence of bytes, read by offset."""
 
     @property

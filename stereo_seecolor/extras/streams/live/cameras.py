@@ -51,7 +51,7 @@ def is_address(text: str) -> bool:
     return text.isdecimal() or text.startswith("/dev/video") or "://" in text or " ! " in text
 
 
-class Camera:
+class LiveCamera:
     """The images of one address. sides: one stream of whole images, or two of their left and right
     halves.
     """
@@ -102,11 +102,11 @@ def cameras(left: str, right: str) -> Iterator[tuple[ImageStream, ImageStream]]:
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", FFMPEG_QUIET)
     if left == right:
-        both = Camera(left, sides=2)
+        both = LiveCamera(left, sides=2)
         with in_background(both.run, both.stop):
             yield both.sides[0], both.sides[1]
         return
-    first, second = Camera(left), Camera(right)
+    first, second = LiveCamera(left), LiveCamera(right)
     with in_background(first.run, first.stop), in_background(second.run, second.stop):
         yield first.sides[0], second.sides[0]
 
