@@ -1,7 +1,9 @@
 """Two cameras without a wire: videos of one moving scene, each on its own clock."""
 
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import av
 import cv2
@@ -11,6 +13,7 @@ WIDTH, HEIGHT, TICKS = 256, 192, 90_000
 RATE_HZ = 30
 
 
+@cache
 def texture(seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     coarse = cv2.resize(
@@ -37,7 +40,7 @@ def write_pair(
     folder: Path,
     offset_s: float,
     drift: float = 0.0,
-    seconds: float = 10.0,
+    seconds: float = 6.0,
     *,
     moves: bool = True,
     sound: bool = False,
@@ -53,31 +56,45 @@ def write_pair(
     numbers of frames.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    scene = texture()
     files = []
-    for code, side, clock in zip(
-        time_codes, ("left", "right"), ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)), strict=True
+    for code, side, clock, sound_s in zip(
+        time_codes,
+        ("left", "right"),
+        ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)),
+        (0.0, offset_s if sound_offset_s is None else sound_offset_s),
+        strict=True,
     ):
-        own_s = np.arange(round(seconds * rate_hz)) / rate_hz
-        true_s = (own_s - clock[0]) / (1 + clock[1])
-        sound_s = sound_offset_s if sound_offset_s is not None and side == "right" else clock[0]
-        noise = hum(own_s[-1], sound_s, clock[1]) if sound else None
-        shifts = speed * swell(true_s) if moves else np.zeros((len(true_s), 2))
-        place = shifts + np.array([clock[2], 0.0])
-        files.append(
-            _write(
-                folder / f"{side}{suffix}",
-                scene,
-                own_s,
-                place,
-                noise,
-                true_s,
+        files.append(folder / f"{side}{suffix}")
+        files[-1].write_bytes(
+            _encoded(
+                clock,
+                seconds,
+                speed if moves else 0.0,
+                sound_s if sound else None,
                 flash_s,
+                rate_hz,
                 blurred,
                 code,
+                suffix,
             )
         )
     return files[0], files[1]
+
+
+@cache
+def _encoded(clock, seconds, speed, sound_s, flash_s, rate_hz, blurred, time_code, suffix) -> bytes:
+    """A video; the left ones of many pairs are the same. clock: offset, drift, and how many pixels
+    to the side the camera is.
+    """
+    own_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    true_s = (own_s - clock[0]) / (1 + clock[1])
+    noise = None if sound_s is None else hum(own_s[-1], sound_s, clock[1])
+    place = speed * swell(true_s) + np.array([clock[2], 0.0])
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"video{suffix}"
+        return _write(
+            path, texture(), own_s, place, noise, true_s, flash_s, blurred, time_code
+        ).read_bytes()
 
 
 def hum(seconds: float, offset_s: float, drift: float) -> np.ndarray:
@@ -103,6 +120,7 @@ def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s, blurred, ti
         video.codec_context.time_base = Fraction(1, TICKS)
         video.metadata.update({"timecode": time_code} if time_code else {})
         audio = container.add_stream("aac", rate=8000, layout="mono") if noise is not None else None
+        planes = np.full((HEIGHT * 3 // 2, WIDTH), 128, np.uint8)  # a gray picture has no color
         for number, (time_s, (x_px, y_px), moment_s) in enumerate(
             zip(own_s, shifts, true_s, strict=True)
         ):
@@ -114,10 +132,8 @@ def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s, blurred, ti
                 image = cv2.blur(image, (9, 1))  # the rig jerked sideways
             if flash_s is not None and flash_s <= moment_s < flash_s + 0.1:
                 image = image + 80
-            gray = np.clip(image, 0, 255).astype(np.uint8)
-            frame = av.VideoFrame.from_ndarray(
-                np.repeat(gray[..., None], 3, axis=2), format="rgb24"
-            )
+            planes[:HEIGHT] = np.round(16 + np.clip(image, 0, 255) * (219 / 255))
+            frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
             frame.pts, frame.time_base = round(time_s * TICKS), video.codec_context.time_base
             container.mux(video.encode(frame))
         container.mux(video.encode())

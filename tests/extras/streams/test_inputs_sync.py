@@ -1,5 +1,7 @@
 """Two videos without a wire: offset and drift against known truth, and refusals."""
 
+import hashlib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +13,33 @@ from calibration import Camera, StereoRig
 from calibration.formats import write_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.extras.streams.videos import choice as choice_of_frames
+from stereo_seecolor.extras.streams.videos import synchronization
 from stereo_seecolor.extras.streams.videos.choice import choose_frames
 from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
-from stereo_seecolor.extras.streams.videos.motion import row_lag, video_signals
+from stereo_seecolor.extras.streams.videos.motion import VideoSignals, row_lag, video_signals
 from stereo_seecolor.extras.streams.videos.pairs import Videos
 from stereo_seecolor.extras.streams.videos.synchronization import paired, sync
+
+KNOWN_SIGNALS: dict[str, VideoSignals] = {}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def signals_once() -> Iterator[None]:
+    """The signals of a video are found once, however many tests have a copy of it."""
+
+    def known_signals(path: Path) -> VideoSignals:
+        if not path.is_file():
+            return video_signals(path)
+        content = hashlib.sha256(path.read_bytes()).hexdigest()
+        if content not in KNOWN_SIGNALS:
+            KNOWN_SIGNALS[content] = video_signals(path)
+        return KNOWN_SIGNALS[content]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (synchronization, choice_of_frames):
+            patch.setattr(module, "video_signals", known_signals)
+        yield
 
 
 def error_s(found, offset_s: float, drift: float) -> float:
@@ -44,7 +68,7 @@ def test_drift_is_found_in_a_longer_video(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_sound_alone_is_enough(tmp_path: Path) -> None:
-    found = sync(*write_pair(tmp_path, 0.3217, moves=False, sound=True))
+    found = sync(*write_pair(tmp_path, 0.3217, seconds=10, moves=False, sound=True))
     assert [item.kind for item in found.evidence] == ["sound"]
     assert abs(error_s(found, 0.3217, 0.0)) < min(0.001, 3 * found.std_s)
 
@@ -79,19 +103,17 @@ def test_time_codes_alone_are_enough(
 
 @pytest.mark.slow
 def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None:
-    left, right = write_pair(tmp_path, 0.2, seconds=6, time_codes=("10:00:07:00", "10:00:00:00"))
+    left, right = write_pair(tmp_path, 0.2, time_codes=("10:00:07:00", "10:00:00:00"))
     found = sync(left, right)
     assert [item.kind for item in found.evidence] == ["motion"]
     assert "time codes say +7.000 s, so they were not set alike, and are not used" in found.text
-    _, alike = write_pair(
-        tmp_path / "alike", 0.2, seconds=6, time_codes=("10:00:07:00", "10:00:06:24")
-    )
+    _, alike = write_pair(tmp_path / "alike", 0.2, time_codes=("10:00:07:00", "10:00:06:24"))
     assert [item.kind for item in sync(left, alike).evidence] == ["motion", "time code"]
 
 
 @pytest.mark.slow
 def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
-    left, right = write_pair(tmp_path, -0.4, sound=True, flash_s=4.0)
+    left, right = write_pair(tmp_path, -0.4, seconds=10, sound=True, flash_s=4.0)
     code, printed, said = cli("sync", left, right)
     assert code == 0, said
     for word in (
@@ -113,7 +135,7 @@ def test_a_static_scene_is_refused(tmp_path: Path, cli) -> None:
 
 @pytest.mark.slow
 def test_evidence_that_disagrees_is_refused(tmp_path: Path) -> None:
-    videos = write_pair(tmp_path, 0.3, sound=True, sound_offset_s=0.9)
+    videos = write_pair(tmp_path, 0.3, seconds=10, sound=True, sound_offset_s=0.9)
     with pytest.raises(
         InputError, match=r"motion says that the right clock is \+0.3.* sound says \+0.9"
     ):
@@ -160,7 +182,7 @@ def test_damaged_videos_are_one_line_or_read_as_far_as_they_go(tmp_path: Path) -
 
 @pytest.mark.slow
 def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
-    videos = write_pair(tmp_path, 10 / RATE_HZ, seconds=6)
+    videos = write_pair(tmp_path, 10 / RATE_HZ)
     choice = choose_frames(*videos, InputConfig())
     assert {b - a for a, b in zip(choice.left, choice.right, strict=True)} == {10}
     dive = Videos(*videos)
@@ -193,7 +215,7 @@ def test_rows_tell_the_offset_to_a_fraction_of_a_frame(tmp_path: Path, offset_s:
     together.
     """
     videos = write_pair(tmp_path, offset_s)
-    signals = video_signals(videos[0]), video_signals(videos[1])
+    signals = tuple(map(synchronization.video_signals, videos))
     coarse = Lag(offset_s + 0.25 / RATE_HZ, 0.01)
     found = row_lag(videos, rig(), signals, coarse, paired(signals, coarse).pairs)
     assert found is not None
@@ -202,7 +224,7 @@ def test_rows_tell_the_offset_to_a_fraction_of_a_frame(tmp_path: Path, offset_s:
 
 @pytest.mark.slow
 def test_a_calibration_is_used_as_evidence(tmp_path: Path, cli) -> None:
-    left, right = write_pair(tmp_path, 0.31, seconds=6)
+    left, right = write_pair(tmp_path, 0.31)
     sizeless = tmp_path / "cam.npz"  # it stores no size, as some of MATLAB's
     np.savez(
         sizeless,
@@ -230,7 +252,7 @@ def test_a_calibration_is_used_as_evidence(tmp_path: Path, cli) -> None:
 @pytest.mark.slow
 def test_a_picture_that_does_not_move_up_or_down_tells_nothing_by_rows(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.0, seconds=4, moves=False)
-    signals = video_signals(videos[0]), video_signals(videos[1])
+    signals = tuple(map(synchronization.video_signals, videos))
     lag = Lag(0.0, 0.01)
     assert row_lag(videos, rig(), signals, lag, paired(signals, lag).pairs) is None
 
@@ -303,6 +325,7 @@ def test_without_evidence_frames_of_the_same_number_are_pairs(
     assert choice.left == choice.right == tuple(range(0, 120, 7))
     assert choice.notes[0].startswith("frames of the same number are taken for pairs: ")
     monkeypatch.setitem(sys.modules, "av", None)
+    KNOWN_SIGNALS.clear()  # else nothing is decoded
     for missing in (sync, lambda left, right: choose_frames(left, right, InputConfig())):
         with pytest.raises(DeviceError, match=r"library that is missing.*'\.\[video\]'"):
             missing(*videos)
