@@ -98,7 +98,11 @@ def on_processor(
 
     Returns the corrected pixels, and the fraction of those of known range at full scale.
     """
-    out = Shown(np.zeros_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_))
+    out = Shown(
+        np.zeros(image.shape, image.dtype),
+        np.empty(bits.size, np.bool_),
+        np.zeros(bits.size, np.bool_),
+    )
     fine, met = np.empty(bits.size, np.uint32), list[tuple[int, int, int]]()
 
     def count(a: int, b: int) -> None:
