@@ -18,8 +18,14 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
+from stereo_seecolor.mapping import navigation_deviations
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation_deviations import Motions, depth_difference_m, spot_check
+from stereo_seecolor.mapping.navigation_deviations import (
+    QUICK,
+    Motions,
+    depth_difference_m,
+    spot_check,
+)
 from stereo_seecolor.mapping.navigation_interpretations import (
     constant_turn,
     is_rather_inverted,
@@ -28,11 +34,14 @@ from stereo_seecolor.mapping.navigation_interpretations import (
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.track.features import Features, detect
+from stereo_seecolor.mapping.track.loops import by_appearance
 from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 
 Poses = NDArray[np.float64]
+Seen = tuple[odometry.Track, dict[str, Features], list[tuple[int, int]]]
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 ORIGIN = GeoOrigin(-23.5, 152.0)
 
@@ -48,14 +57,22 @@ def survey(reef: ReefFrames) -> Survey:
     return Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))
 
 
+@pytest.fixture(scope="module")
+def seen(survey: Survey, reef: ReefFrames) -> Seen:
+    """The track, the features that given poses are checked by, and the frames that look alike."""
+    track = odometry.follow(survey)
+    features = {frame.name: detect(frame, reef.pair, QUICK) for frame in survey.frames}
+    return track, features, by_appearance(track.features, survey.compute)
+
+
 @pytest.fixture
 def placed(
-    survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
+    survey: Survey, reef: ReefFrames, seen: Seen, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., PlacedSurvey]:
-    """Places the survey by poses that were changed; the track is followed once for all tests."""
-    if not hasattr(reef, "track"):
-        reef.track = odometry.follow(survey)  # type: ignore[attr-defined]
-    known: odometry.Track = reef.track  # type: ignore[attr-defined]
+    """Places the survey by poses that were changed; what the pictures alone tell is found once for
+    all tests.
+    """
+    known, features, alike = seen
     monkeypatch.setattr(
         odometry,
         "follow",
@@ -67,6 +84,8 @@ def placed(
             found=dict(known.found),
         ),
     )
+    monkeypatch.setattr(navigation_deviations, "detect", lambda frame, *_: features[frame.name])
+    monkeypatch.setattr(odometry, "by_appearance", lambda *_: list(alike))
 
     def run(
         change: Callable[[Poses], Poses],
