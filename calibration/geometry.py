@@ -89,12 +89,10 @@ class RectifiedPair:
         Returns:
             (H, W) bool; False where the range is unknown.
         """
-        matched = self.turned(-self.quarter_turns)
-        disparity = np.float32(self.focal_px * self.baseline_m) / (range_m / self.ray_length)
-        disparity += np.float32(matched.cx_left_px - matched.cx_right_px)
-        last = matched.image_size[0] - 1
-        right_x = np.arange(last + 1, dtype=np.float32) - np.rot90(disparity, -self.quarter_turns)
-        return np.rot90((right_x < 0) | (right_x > last), self.quarter_turns)
+        disparity = self.disparity_from_depth(self.depth_from_range(range_m))
+        along = np.rot90(disparity, -self.quarter_turns)  # as matched: disparity runs along x
+        right_x = np.arange(along.shape[1], dtype=np.float32) - along
+        return np.rot90((right_x < 0) | (right_x > along.shape[1] - 1), self.quarter_turns)
 
     @cached_property
     def ray_length(self) -> Map:

@@ -206,7 +206,7 @@ def _around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
 # nearly all that was measured, red falls below the lesser of the other two by no more than there,
 # and green by no more than in half of it. Small holes are left as they are: their ranges lie
 # between measured ones, and what is rare in an image, as a red sponge, stays red. So is the strip
-# that the right camera does not see, since nothing was tried there: of a reef it shows reef.
+# that the right camera does not see: it cannot be matched, whatever it shows.
 
 RED, GREEN = 0, 1
 
@@ -283,11 +283,15 @@ def seen_by_both(carried: Mask, outside: Mask) -> Mask:
     carried: (H, W) where the range was carried over. outside: (H, W) where the right image does not
     reach (``RectifiedPair.outside_right``).
     """
-    _, labels = cv2.connectedComponents(_wide(carried).view(np.uint8))
-    inside = np.bincount(labels[~outside], minlength=int(labels.max()) + 1)
-    strip = inside < np.bincount(labels.ravel()) / 2
-    strip[0] = False
-    return np.asarray(carried & ~strip[labels])
+    wide = _wide(carried)
+    _, labels = cv2.connectedComponents(wide.view(np.uint8))
+    area, number = labels[wide], int(labels.max()) + 1
+    most_outside = 2 * np.bincount(area[outside[wide]], minlength=number) > np.bincount(
+        area, minlength=number
+    )
+    kept = carried.copy()
+    kept[wide] = ~most_outside[area]
+    return kept
 
 
 def _others(c: int) -> list[int]:
