@@ -129,12 +129,9 @@ def choose(
     chance = 1 + LIGHT_CHOICE_SETTINGS.robust_error * float(
         np.sqrt(nothing.prior.correlated / max(judging, 1))
     )
-    tried = [
-        (candidate, left(candidate))
-        for candidate in others
-        if judging >= LIGHT_CHOICE_SETTINGS.least_patches and evident(candidate)
-    ]
-    worth = [(candidate, spread) for candidate, spread in tried if _worth(spread, before, chance)]
+    enough = judging >= LIGHT_CHOICE_SETTINGS.least_patches
+    tried = [(candidate, left(candidate)) for candidate in others if enough]
+    worth = [one for one in tried if _worth(one[1], before, chance) and evident(one[0])]
     most = chance * min((spread.between_views for _, spread in worth), default=0.0)
     good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [
         (nothing, before)
