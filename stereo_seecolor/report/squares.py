@@ -5,6 +5,7 @@ without reading its ranges again: the standard error of a typical range, and how
 seen.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,8 +79,7 @@ def squares_of(
     chosen = [names.index(name) for name in ROUGHNESS]
 
     def measured(heights: Array) -> Array:
-        parts = (averaged(heights[window], cells) for window in windows)
-        found = np.array([roughness(part, cells * cell_m) for part in parts])
+        found = _roughness(heights, windows, cells, cell_m)
         return np.column_stack([found[:, :2] ** 2 - 1, found[:, 2], found[:, 3] ** 2]).ravel()
 
     def derived(squared: Array) -> Array:
@@ -106,6 +106,20 @@ def squares_of(
         std[:, chosen] = np.hypot(*stds).reshape(len(values), -1)
     site = float(values[-1, 2 + chosen[0]]), float(std[-1, chosen[0]])
     return Squares(cells * cell_m, names, values[:-1], std[:-1], *site)
+
+
+def _roughness(
+    heights: Array, windows: Sequence[tuple[slice, slice]], cells: int, cell_m: float
+) -> Array:
+    """(N, 4) the ROUGHNESS of squares, from means over ``cells`` x ``cells``; those of one size
+    together, since the terrain's border cuts some.
+    """
+    found, parts = np.empty((len(windows), len(ROUGHNESS))), [heights[one] for one in windows]
+    for shape in {part.shape for part in parts}:
+        same = [number for number, part in enumerate(parts) if part.shape == shape]
+        several = np.array([parts[number] for number in same])
+        found[same] = roughness(averaged(several, cells), cells * cell_m)
+    return found
 
 
 def _smoothing(squares: int) -> Smoothing:

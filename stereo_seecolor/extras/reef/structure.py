@@ -63,7 +63,7 @@ def rdh(height_m: NDArray[np.floating], cell_m: float) -> Rdh:
     edges, ranges = height_ranges(heights, cell_m)
     return Rdh(
         rugosity_hvar=rugosity_hvar(edges, ranges),
-        rugosity_area=surface_rugosity(heights, cell_m),
+        rugosity_area=float(surface_rugosity(heights, cell_m)),
         fractal_dimension=dimension(edges, ranges),
         height_range_m=float(np.nanmax(heights) - np.nanmin(heights))
         if np.isfinite(heights).any()

@@ -154,16 +154,17 @@ def _noises(std_m: Array, correlation_cells: float, count: int) -> Iterator[Arra
 
 
 def averaged(heights: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
-    """Means of blocks of cells x cells of heights (H, W), NaN where less than half of one is
+    """Means of blocks of cells x cells of heights (..., H, W), NaN where less than half of one is
     known.
     """
     if cells == 1:
         return heights
-    rows, columns = (n // cells for n in heights.shape)
-    blocks = heights[: rows * cells, : columns * cells].reshape(rows, cells, columns, cells)
+    rows, columns = (n // cells for n in heights.shape[-2:])
+    whole = heights[..., : rows * cells, : columns * cells]
+    blocks = whole.reshape(*heights.shape[:-2], rows, cells, columns, cells)
     known = np.isfinite(blocks)
-    count = known.sum(axis=(1, 3))
-    total = np.where(known, blocks, 0).sum(axis=(1, 3))
+    count = known.sum(axis=(-3, -1))
+    total = np.where(known, blocks, 0).sum(axis=(-3, -1))
     return np.where(count >= 0.5 * cells**2, total / np.maximum(count, 1), np.nan)
 
 

@@ -19,6 +19,7 @@ height_range_m: highest less lowest cell, after the plane was taken out.
 
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +68,13 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
     documentation.
     """
     heights = np.asarray(height_m, np.float64)
-    if not _is_seen(heights):
-        return ReefMetrics(_coverage(heights), *([float("nan")] * 7))
-    east, north, residual = _plane(heights, cell_m)
-    surface, linear, ruggedness, range_m = _roughness(heights, residual, cell_m)
+    coverage = float(_coverage(heights))
+    if coverage < MIN_COVERAGE or min(heights.shape) < 3:
+        return ReefMetrics(coverage, *([float("nan")] * 7))
+    east, north, _ = _plane(heights, cell_m)
+    surface, linear, ruggedness, range_m = map(float, roughness(heights, cell_m))
     return ReefMetrics(
-        coverage=_coverage(heights),
+        coverage=coverage,
         surface_rugosity=surface,
         linear_rugosity=linear,
         slope_deg=float(np.degrees(np.arctan(np.hypot(east, north)))),
@@ -87,31 +89,41 @@ ROUGHNESS = ("surface_rugosity", "linear_rugosity", "vector_ruggedness", "height
 """What ``roughness`` measures: the metrics that errors of heights raise."""
 
 
-def roughness(heights: Heights, cell_m: float) -> tuple[float, float, float, float]:
-    """The metrics ROUGHNESS of a terrain model (H, W); NaN where too little was seen."""
-    if not _is_seen(heights):
-        return (float("nan"),) * 4
-    return _roughness(heights, _plane(heights, cell_m)[2], cell_m)
-
-
-def _roughness(
-    heights: Heights, residual: Heights, cell_m: float
-) -> tuple[float, float, float, float]:
-    """residual: the heights without their plane."""
-    return (
-        surface_rugosity(heights, cell_m),
-        _linear_rugosity(heights, cell_m),
-        vector_ruggedness(heights, cell_m),
-        float(np.nanmax(residual) - np.nanmin(residual)),
+def roughness(heights: Heights, cell_m: float) -> Heights:
+    """(..., 4) the metrics ROUGHNESS of squares of terrain (..., H, W); NaN where too little was
+    seen.
+    """
+    if min(heights.shape[-2:]) < 3:
+        return np.full((*heights.shape[:-2], len(ROUGHNESS)), np.nan)
+    residual = _plane(heights, cell_m)[2]
+    known = np.isfinite(residual)
+    highest, lowest = (
+        extreme(np.where(known, residual, empty), axis=(-2, -1))
+        for extreme, empty in ((np.max, -np.inf), (np.min, np.inf))
     )
+    found = np.stack(
+        [
+            surface_rugosity(heights, cell_m),
+            _linear_rugosity(heights, cell_m),
+            vector_ruggedness(heights, cell_m),
+            highest - lowest,
+        ],
+        axis=-1,
+    )
+    seen = _coverage(heights) >= MIN_COVERAGE
+    return np.where(seen[..., None], found, np.nan)
 
 
-def _coverage(heights: Heights) -> float:
-    return float(np.isfinite(heights).mean()) if heights.size else 0.0
+def _coverage(heights: Heights) -> Any:
+    """(...) fraction of the cells (..., H, W) that are known."""
+    return np.isfinite(heights).sum(axis=(-2, -1)) / max(heights.shape[-2] * heights.shape[-1], 1)
 
 
-def _is_seen(heights: Heights) -> bool:
-    return _coverage(heights) >= MIN_COVERAGE and min(heights.shape) >= 3
+def _mean_known(values: Heights) -> Any:
+    """(...) mean of the known ones of (..., H, W); NaN where none is."""
+    known = np.isfinite(values)
+    total, number = np.where(known, values, 0).sum(axis=(-2, -1)), known.sum(axis=(-2, -1))
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
 
 
 def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> BlockRaster:
@@ -158,48 +170,54 @@ def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
     return site
 
 
-def _plane(heights: Heights, cell_m: float) -> tuple[float, float, Heights]:
-    """Rise to the east and to the north of the fitted plane, and what is left without it."""
+def _plane(heights: Heights, cell_m: float) -> tuple[Any, Any, Heights]:
+    """Rise to the east and to the north of the fitted plane (...), and what is left of the heights
+    (..., H, W) without it.
+    """
     known = np.isfinite(heights)
-    rows, columns = np.nonzero(known)
-    basis = np.stack([columns * cell_m, -rows * cell_m, np.ones(len(rows))], axis=-1)
-    solution = np.linalg.lstsq(basis, heights[known], rcond=None)[0]
-    residual = np.full_like(heights, np.nan)
-    residual[known] = heights[known] - basis @ solution
-    return float(solution[0]), float(solution[1]), residual
+    rows, columns = np.mgrid[: heights.shape[-2], : heights.shape[-1]] * cell_m
+    away = [
+        np.where(known, values - _mean_known(np.where(known, values, np.nan))[..., None, None], 0)
+        for values in (columns, -rows, heights)
+    ]
+    product = np.array([[(a * b).sum(axis=(-2, -1)) for a in away] for b in away[:2]])
+    normal = np.moveaxis(product, (0, 1), (-2, -1))
+    rise = (np.linalg.pinv(normal[..., :2], hermitian=True) @ normal[..., 2:])[..., 0]
+    east, north = rise[..., 0], rise[..., 1]
+    plane = east[..., None, None] * away[0] + north[..., None, None] * away[1]
+    return east, north, np.where(known, away[2] - plane, np.nan)
 
 
-def surface_rugosity(heights: Heights, cell_m: float) -> float:
-    """Area of the surface over its planar area; NaN where no four neighboring cells are known.
+def surface_rugosity(heights: Heights, cell_m: float) -> Any:
+    """(...) area of surfaces (..., H, W) over their planar area; NaN where no four neighboring
+    cells are known.
 
     Between each four neighbors lie two triangles; both ways to halve the square are averaged.
     """
-    a, b, c, d = heights[:-1, :-1], heights[:-1, 1:], heights[1:, :-1], heights[1:, 1:]
+    upper, lower = heights[..., :-1, :], heights[..., 1:, :]
+    a, b, c, d = upper[..., :-1], upper[..., 1:], lower[..., :-1], lower[..., 1:]
     area = np.zeros(a.shape)
     for right, down in ((b - a, c - a), (d - c, d - b), (b - a, d - b), (d - c, c - a)):
         area += 0.25 * cell_m * np.sqrt(cell_m**2 + right**2 + down**2)
-    return float(np.nanmean(area) / cell_m**2) if np.isfinite(area).any() else float("nan")
+    return _mean_known(area) / cell_m**2
 
 
-def _linear_rugosity(heights: Heights, cell_m: float) -> float:
-    steps = [np.hypot(np.diff(heights, axis=axis), cell_m) / cell_m for axis in (0, 1)]
-    return float(np.mean([np.nanmean(s) for s in steps]))
+def _linear_rugosity(heights: Heights, cell_m: float) -> Any:
+    steps = [np.hypot(np.diff(heights, axis=axis), cell_m) / cell_m for axis in (-2, -1)]
+    return (_mean_known(steps[0]) + _mean_known(steps[1])) / 2
 
 
-def vector_ruggedness(heights: Heights, cell_m: float) -> float:
-    """1 - length of the mean unit normal (Sappington et al. 2007); NaN where no cell has all its
-    neighbors.
+def vector_ruggedness(heights: Heights, cell_m: float) -> Any:
+    """(...) 1 - length of the mean unit normal of (..., H, W) (Sappington et al. 2007); NaN where
+    no cell has all its neighbors.
     """
-    west, east = heights[:, :-2], heights[:, 2:]
-    rise_x = ((east - west)[:-2] + 2 * (east - west)[1:-1] + (east - west)[2:]) / (8 * cell_m)
-    north, south = heights[:-2], heights[2:]
-    rise_y = ((north - south)[:, :-2] + 2 * (north - south)[:, 1:-1] + (north - south)[:, 2:]) / (
-        8 * cell_m
-    )
-    normals = np.stack([-rise_x, -rise_y, np.ones_like(rise_x)], axis=-1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    known = np.isfinite(normals).all(axis=-1)
-    return float(1 - np.linalg.norm(normals[known].mean(axis=0))) if known.any() else float("nan")
+    across = heights[..., 2:] - heights[..., :-2]
+    down = heights[..., :-2, :] - heights[..., 2:, :]
+    rise_x = (across[..., :-2, :] + 2 * across[..., 1:-1, :] + across[..., 2:, :]) / (8 * cell_m)
+    rise_y = (down[..., :-2] + 2 * down[..., 1:-1] + down[..., 2:]) / (8 * cell_m)
+    length = np.sqrt(1 + rise_x**2 + rise_y**2)
+    mean = [_mean_known(part / length) for part in (-rise_x, -rise_y, np.ones_like(rise_x))]
+    return 1 - np.sqrt(sum(np.square(part) for part in mean))
 
 
 def _fractal_dimension(heights: Heights, cell_m: float) -> float:
