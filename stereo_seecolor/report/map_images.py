@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.rasters import open_raster
 
 TILE_PX = 512
@@ -28,24 +29,29 @@ Read = Callable[[Box, tuple[int, int]], NDArray[Any]]
 
 
 def pyramid(width: int, height: int, read: Read) -> Iterator[tuple[str, bytes]]:
-    """(LEVEL/COLUMN_ROW.webp, content) of all tiles; each level is half as fine as the next, and
-    level 0 would be a pixel.
+    """(LEVEL/COLUMN_ROW.webp, content) of all tiles, made on all cores; each level is half as fine
+    as the next, and level 0 would be a pixel.
 
     read: (left, top, width, height) of the image and a size (width, height) -> (h, w, 4) RGBA of
-    that size.
+    that size; from any thread.
     """
-    finest = levels(width, height) - 1
-    for level in range(min(FIRST_LEVEL, finest), finest + 1):
+
+    def tile(place: tuple[int, int, int]) -> tuple[str, bytes]:
+        level, row, column = place
         scale = 1 << (finest - level)
-        for row in range(-(-height // (TILE_PX * scale))):
-            for column in range(-(-width // (TILE_PX * scale))):
-                left, top = column * TILE_PX * scale, row * TILE_PX * scale
-                across, down = (
-                    min(TILE_PX * scale, width - left),
-                    min(TILE_PX * scale, height - top),
-                )
-                size = -(-across // scale), -(-down // scale)
-                yield f"{level}/{column}_{row}.webp", _webp(read((left, top, across, down), size))
+        left, top = column * TILE_PX * scale, row * TILE_PX * scale
+        across, down = min(TILE_PX * scale, width - left), min(TILE_PX * scale, height - top)
+        size = -(-across // scale), -(-down // scale)
+        return f"{level}/{column}_{row}.webp", _webp(read((left, top, across, down), size))
+
+    finest = levels(width, height) - 1
+    places = (
+        (level, row, column)
+        for level in range(min(FIRST_LEVEL, finest), finest + 1)
+        for row in range(-(-height // (TILE_PX << (finest - level))))
+        for column in range(-(-width // (TILE_PX << (finest - level))))
+    )
+    return Threads(cores()).each(tile, places)
 
 
 def levels(width: int, height: int) -> int:
