@@ -58,6 +58,14 @@ RENAMED = {
     "color.input_noise": "it is fixed at 1.5 of 255; color.output_noise sets where gains stop",
     "mapping.loop_closure": "places seen before are always recognized where GTSAM is installed",
     "mapping.bundle_adjustment": "poses are adjusted wherever GTSAM is installed",
+    **dict.fromkeys(
+        (f"mapping.mount.{key}" for key in ("surge_m", "sway_m", "heave_m")),
+        "it is now mapping.mount.xyz_m=[surge, sway, heave]",
+    ),
+    **dict.fromkeys(
+        (f"mapping.mount.{key}" for key in ("roll_deg", "pitch_deg", "yaw_deg")),
+        "it is now mapping.mount.rpy_deg=[roll, pitch, yaw]",
+    ),
     "mapping.max_gap_s": "poses are always interpolated across gaps of at most 5 s",
     **dict.fromkeys(
         ("mapping.prior_depth_std_m", "mapping.prior_attitude_std_deg"),
@@ -108,7 +116,7 @@ def load_config(path: str | Path | None = None, overrides: Sequence[str] = ()) -
     Args:
         path: A YAML file, or the run.json of an earlier run, whose settings are taken.
         overrides: ``section.key=value``, the value as YAML. A mapping sets the keys that it names
-            and leaves the others: ``mapping.mount={surge_m: 0.4, yaw_deg: 90}``.
+            and leaves the others: ``mapping.markers={edge_m: 0.1, family: 25h9}``.
 
     Returns:
         All settings.

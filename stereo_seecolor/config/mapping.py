@@ -1,10 +1,14 @@
 """The settings of mapping."""
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, Strict, model_validator
 
 from stereo_seecolor.config.stage import FilePath, StageConfig
+
+
+Triple = Annotated[tuple[float, float, float], Strict(False)]
+"""Three numbers, also given as a list."""
 
 
 class MountConfig(StageConfig):
@@ -16,16 +20,15 @@ class MountConfig(StageConfig):
     Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right towards the bow.
     """
 
-    surge_m: float = Field(
-        default=0.0, description="Camera forward of the vehicle's reference point, meters."
+    xyz_m: Triple = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Camera forward of the vehicle's reference point, to starboard of it and below "
+        "it, meters.",
     )
-    sway_m: float = Field(default=0.0, description="Camera to starboard of it, meters.")
-    heave_m: float = Field(default=0.0, description="Camera below it, meters.")
-    roll_deg: float = Field(default=0.0, description="Turn about the vehicle's x axis, degrees.")
-    pitch_deg: float = Field(default=0.0, description="Turn about the vehicle's y axis, degrees.")
-    yaw_deg: float = Field(
-        default=90.0,
-        description="Turn about the vehicle's z axis; 90: the top of the image is the bow.",
+    rpy_deg: Triple = Field(
+        default=(0.0, 0.0, 90.0),
+        description="Roll, pitch and yaw: turns about x, y and z, degrees; a yaw of 90: the top of "
+        "the image is the bow.",
     )
 
 

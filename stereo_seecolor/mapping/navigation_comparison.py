@@ -298,8 +298,7 @@ def _lever_advice(arm_m: Array) -> str:
         f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera "
         f"({right:+.2f} right, {down:+.2f} down, "
         f"{forward:+.2f} forward), which was taken into account: where they are a vehicle's, set "
-        "surge_m, sway_m and heave_m of "
-        "mapping.mount"
+        "mapping.mount.xyz_m"
     )
 
 

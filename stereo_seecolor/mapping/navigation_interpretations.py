@@ -298,9 +298,9 @@ def constant_turn(motions: Motions) -> Turn:
 
 def mount_with(turn: Turn, mount: MountConfig) -> str:
     """The settings of the mount that would take the turn in: Rz(yaw) Ry(pitch) Rx(roll) R."""
-    now = Rotation.from_euler("ZYX", [mount.yaw_deg, mount.pitch_deg, mount.roll_deg], degrees=True)
-    yaw, pitch, roll = (now * Rotation.from_matrix(turn.R)).as_euler("ZYX", degrees=True)
-    return f"mapping.mount={{roll_deg: {roll:.1f}, pitch_deg: {pitch:.1f}, yaw_deg: {yaw:.1f}}}"
+    now = Rotation.from_euler("xyz", mount.rpy_deg, degrees=True)
+    roll, pitch, yaw = (now * Rotation.from_matrix(turn.R)).as_euler("xyz", degrees=True)
+    return f"mapping.mount.rpy_deg=[{roll:.1f},{pitch:.1f},{yaw:.1f}]"
 
 
 # The lever arm between the camera and the point whose positions are given: it shows where the

@@ -96,13 +96,19 @@ def test_dumped_configuration_loads_again() -> None:
         ("mapping.loop_closure=false", r"places seen before are always recognized"),
         ("mapping.mount=5", r"mapping\.mount: "),
         (
-            "mapping.mount={surge: 1}",
-            r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'",
+            "mapping.mount={xyz: [1, 0, 0]}",
+            r"there is no setting 'mapping\.mount\.xyz'; did you mean 'mapping\.mount\.xyz_m'",
         ),
         (
-            "mapping.mount.surge=1",
-            r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'",
+            "mapping.mount.xyz=[1,0,0]",
+            r"there is no setting 'mapping\.mount\.xyz'; did you mean 'mapping\.mount\.xyz_m'",
         ),
+        ("mapping.mount.sway_m=1", r"it is now mapping\.mount\.xyz_m=\[surge, sway, heave\]$"),
+        (
+            "mapping.mount={yaw_deg: 0}",
+            r"it is now mapping\.mount\.rpy_deg=\[roll, pitch, yaw\]$",
+        ),
+        ("mapping.mount.rpy_deg=[1, 2]", r"^--set: mapping\.mount\.rpy_deg: "),
         ("mapping.voxel_m.x=1", r"there is no setting 'mapping\.voxel_m\.x'"),
         ("color.lock=2020-13-45", "the value cannot be read"),
     ],
@@ -164,20 +170,20 @@ def undescribed(model: type[BaseModel], where: str = "") -> list[str]:
 
 def test_every_setting_is_described() -> None:
     assert undescribed(RunConfig) == []
-    assert {"color.lock", "mapping.mount.yaw_deg"} <= set(known_keys())
+    assert {"color.lock", "mapping.mount.rpy_deg"} <= set(known_keys())
 
 
 def test_a_mapping_sets_the_keys_it_names() -> None:
     config = load_config(
         None,
         [
-            "mapping.mount.roll_deg=3",
-            "mapping.mount={surge_m: 0.4, yaw_deg: 45}",
+            "mapping.mount.rpy_deg=[3, 0, 45]",
+            "mapping.mount={xyz_m: [0.4, 0, 0]}",
             "color={lock: survey}",
         ],
     )
     mount = config.mapping.mount
-    assert (mount.roll_deg, mount.surge_m, mount.yaw_deg, mount.sway_m) == (3, 0.4, 45, 0)
+    assert (mount.rpy_deg, mount.xyz_m) == ((3, 0, 45), (0.4, 0, 0))
     assert config.color.lock == "survey"
 
 
@@ -216,7 +222,7 @@ def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -
 
 def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text(
-        "color:\n  lock: survey\nmapping: {mount: {yaw_deg: 0}, voxel_m: 0.02}\n"
+        "color:\n  lock: survey\nmapping: {mount: {rpy_deg: [0, 0, 0]}, voxel_m: 0.02}\n"
     )
     settings = {s.key: s for s in load_settings(tmp_path / "run.yaml", ["mapping.voxel_m=0.05"])}
     assert settings.keys() == set(known_keys())
@@ -225,7 +231,7 @@ def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:
     }
     assert found == {
         "color.lock": ("survey", "auto", str(tmp_path / "run.yaml")),
-        "mapping.mount.yaw_deg": (0, 90, str(tmp_path / "run.yaml")),
+        "mapping.mount.rpy_deg": ((0, 0, 0), (0, 0, 90), str(tmp_path / "run.yaml")),
         "mapping.voxel_m": (0.05, 0.01, "--set"),
     }
     assert all(setting.description for setting in settings.values())
@@ -247,7 +253,8 @@ def test_a_named_pipe_is_no_configuration(tmp_path: Path) -> None:
 
 
 def test_nested_settings_can_be_overridden() -> None:
-    assert load_config(None, ["mapping.mount.yaw_deg=45"]).mapping.mount.yaw_deg == 45
+    mount = load_config(None, ["mapping.mount.rpy_deg=[0, 0, 45]"]).mapping.mount
+    assert mount.rpy_deg == (0, 0, 45)
 
 
 @given(st.text(max_size=60))

@@ -151,7 +151,7 @@ def test_poses_of_the_right_camera_are_left_out_of_a_file_of_both(tmp_path: Path
 def test_oplab_is_north_east_down_with_the_vehicles_heading(tmp_path: Path) -> None:
     rows = "a/1.png,10,20,5,0,0,0,2,100,50,-10\na/2.png,10,21,5,0,0,90,None,101,50,-10\n"
     trajectory = read_trajectory(
-        write(tmp_path, OPLAB + rows, "auv_ekf_LC.csv"), MountConfig(surge_m=1.0)
+        write(tmp_path, OPLAB + rows, "auv_ekf_LC.csv"), MountConfig(xyz_m=(1, 0, 0))
     )
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [20, 10, -5])
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, :3], NORTH_UP, atol=1e-12)
@@ -165,7 +165,7 @@ def test_oplab_is_north_east_down_with_the_vehicles_heading(tmp_path: Path) -> N
 
 def test_oplab_mount_turns_the_camera(tmp_path: Path) -> None:
     path = write(tmp_path, "#" + OPLAB + "1.png,0,0,5,0,0,0,2,100,50,-10\n")
-    trajectory = read_trajectory(path, MountConfig(yaw_deg=0))
+    trajectory = read_trajectory(path, MountConfig(rpy_deg=(0, 0, 0)))
     # no yaw: the image's right is the bow, north
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 0], [0, 1, 0], atol=1e-12)
 

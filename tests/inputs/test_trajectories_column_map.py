@@ -55,7 +55,7 @@ def test_latitudes_that_cannot_be_are_refused(tmp_path: Path) -> None:
 def test_places_alone_are_fixes(tmp_path: Path) -> None:
     path = write(tmp_path, NAV, "nav.csv")
     fixes = read_trajectory(
-        spec(path, "time=Stamp,lat=Lat (deg),lon=Lon (deg)"), MountConfig(surge_m=2.0)
+        spec(path, "time=Stamp,lat=Lat (deg),lon=Lon (deg)"), MountConfig(xyz_m=(2, 0, 0))
     )
     assert fixes.fixes and fixes.origin is not None
     np.testing.assert_allclose(fixes.T_world_camera[:, :3, 3], np.zeros((2, 3)), atol=1e-9)
@@ -67,7 +67,7 @@ def test_meters_north_and_east_heights_and_the_mount(tmp_path: Path) -> None:
         tmp_path, '"north";"east";"height";"psi";"theta";"name"\n2;1;-3;0;10;"a;b.png"\n', "nav.txt"
     )
     columns = "north=north,east=east,up=height,heading=psi,pitch=theta,name=NAME"
-    trajectory = read_trajectory(spec(path, columns), MountConfig(surge_m=1.0))
+    trajectory = read_trajectory(spec(path, columns), MountConfig(xyz_m=(1, 0, 0)))
     angle = np.radians(10)
     # bow up by 10 degrees: a camera 1 m forward is cos 10 further north and sin 10 higher, and
     # looks backward a little

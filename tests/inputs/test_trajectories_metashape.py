@@ -135,7 +135,9 @@ HEADER = "#Label,X/Longitude,Y/Latitude,Z/Altitude,Yaw,Pitch,Roll,Error_(m),X_es
 def test_reference_takes_what_was_estimated(tmp_path: Path) -> None:
     rows = "a.jpg,152,-23.5,-5,9,9,9,0.1,152.0,-23.5,-6,0,0,0\nb.jpg,,,,,,,,152.0,-23.5,-6,90,0,0\nc.jpg,,,,,,,,,,,,,\n"  # noqa: E501
     text = f"# CoordinateSystem: {GEOGRAPHIC}\n{HEADER}{rows}# Total Error,1,2\n"
-    trajectory = read_trajectory(write(tmp_path, text, "reference.txt"), MountConfig(roll_deg=30))
+    trajectory = read_trajectory(
+        write(tmp_path, text, "reference.txt"), MountConfig(rpy_deg=(30, 0, 90))
+    )
     assert trajectory.names == ("a.jpg", "b.jpg", "c.jpg")
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [0, 0, -6], atol=1e-9)
     np.testing.assert_allclose(

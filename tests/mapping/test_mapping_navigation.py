@@ -329,7 +329,7 @@ def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(
             "the camera is turned by 14." in found.navigation.advice
             or "by 13." in found.navigation.advice
         )
-        assert "mapping.mount={roll_deg: -1" in found.navigation.advice
+        assert "mapping.mount.rpy_deg=[-1" in found.navigation.advice
         assert off_m(found, reef) < 0.005
         down = found.placement.T_world_camera[:, 2, 2] - reef.trajectory.T_world_camera[:, 2, 2]
         assert np.abs(down).mean() < 0.03

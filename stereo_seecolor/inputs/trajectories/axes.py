@@ -36,12 +36,12 @@ def poses_from_ned(
 
 def mount_rotation(mount: MountConfig) -> NDArray[np.float64]:
     """The rotation from camera axes to vehicle axes: (3, 3)."""
-    return rotation_from_euler(*np.radians([mount.roll_deg, mount.pitch_deg, mount.yaw_deg]))
+    return rotation_from_euler(*np.radians(mount.rpy_deg))
 
 
 def mount_offset_m(mount: MountConfig) -> NDArray[np.float64]:
     """The position of the camera in vehicle axes: (3,)."""
-    return np.array([mount.surge_m, mount.sway_m, mount.heave_m])
+    return np.array(mount.xyz_m)
 
 
 # The camera's poses in the map from the vehicle's.

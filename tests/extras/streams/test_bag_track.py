@@ -86,7 +86,7 @@ def test_odometry_and_static_transforms_place_the_left_camera(suffix, tmp_path) 
 
 def test_without_transforms_the_settings_say_where_the_camera_sits(tmp_path) -> None:
     bag = write_bag(tmp_path / "b.bag", [*images(), odometry(".bag", 1)])
-    found = read_trajectory(bag, MountConfig(surge_m=0.4, sway_m=0.3, heave_m=0.1))
+    found = read_trajectory(bag, MountConfig(xyz_m=(0.4, 0.3, 0.1)))
     np.testing.assert_allclose(
         found.T_world_camera[0, :3, 3], np.array([1, 2, -10]) + TURN.apply((0.4, -0.3, -0.1))
     )
@@ -167,7 +167,7 @@ def test_fixes_attitude_and_pressure_place_the_left_camera(suffix, tmp_path) -> 
         *(pressure(ms, 2 + ms / 1000) for ms in range(-100, 3200, 100)),
     ]
     sent += [*(fix(suffix, i) for i in range(4)), fix(suffix, 4, status=-1), *images()]
-    found = read_trajectory(write_bag(tmp_path / f"b{suffix}", sent), MountConfig(surge_m=1.0))
+    found = read_trajectory(write_bag(tmp_path / f"b{suffix}", sent), MountConfig(xyz_m=(1, 0, 0)))
     assert (found.camera, found.up, len(found.names)) == ("raw", "z", 4)
     assert found.origin is not None
     assert (found.origin.latitude_deg, found.origin.longitude_deg) == pytest.approx((-23.5, 152.1))
