@@ -290,7 +290,7 @@ class Pipeline:
 
 class Stream:
     """Corrects the pairs of a stream with one water and one exposure, of the last
-    ``color.sliding_frames`` frames together, so that what is shown does not flicker.
+    frames together, 20 or ``color.lock``, so that what is shown does not flicker.
 
     Args:
         pipeline: Used by this stream alone.

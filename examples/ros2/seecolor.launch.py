@@ -13,7 +13,7 @@ PARAMETERS = {
     "calib": "cam.yaml",
     "namespace": "/seecolor",
     "budget_ms": "200",
-    "sliding_frames": "20",
+    "frames_of_a_water": "20",
 }
 
 
@@ -23,7 +23,7 @@ def generate_launch_description() -> LaunchDescription:
     command = ["stereo-seecolor", "live", "--left", ["ros2:", value["left"]]]
     command += ["--right", ["ros2:", value["right"]], "--calib", value["calib"]]
     command += ["--publish", value["namespace"], "--budget-ms", value["budget_ms"]]
-    command += ["--set", ["color.sliding_frames=", value["sliding_frames"]]]
+    command += ["--set", ["color.lock=", value["frames_of_a_water"]]]
     arguments = [
         DeclareLaunchArgument(name, default_value=given) for name, given in PARAMETERS.items()
     ]

@@ -7,6 +7,8 @@ from pydantic import Field, Strict, ValidationError, ValidatorFunctionWrapHandle
 from stereo_seecolor.config.stage import StageConfig
 
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
+STREAM_FRAMES = 20
+"""Frames that share a water in live, where no other number is set."""
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 """Three positive numbers, also given as a list."""
 
@@ -68,7 +70,7 @@ class PaperConfig(StageConfig):
         default=20,
         ge=1,
         description="Steps on a frame of a stream, from the water of the frame before: in live, "
-        "with lock sliding, and with lock "
+        "with a number as lock, and with lock "
         "frame where run finds that it shows the same spots. live takes fewer where --budget-ms "
         "leaves no time for them.",
     )
@@ -99,17 +101,31 @@ class ColorConfig(StageConfig):
 
     robust: RobustConfig = RobustConfig()
     paper: PaperConfig = PaperConfig()
-    lock: Literal["auto", "frame", "sliding", "survey"] = Field(
+    lock: Literal["auto", "frame", "survey"] | Annotated[int, Field(ge=1)] = Field(
         default="auto",
         description="auto: one water for all frames that share it; where they do not (several "
         "sites, a change of depth), one for "
         "each segment of the dive. correct, whose pictures may be unrelated, takes auto as frame. "
         "frame: each frame its own water. "
-        "sliding: the water of the last frames. survey: one water for all frames.",
+        "survey: one water for all frames. A number, such as 20: the water of so many last frames "
+        "together; live takes 20 where no number is set.",
     )
-    sliding_frames: int = Field(
-        default=20, ge=1, description="Frames that share a water where lock is sliding."
-    )
+
+    @property
+    def sliding_frames(self) -> int:
+        """Frames that share the water of a stream."""
+        return self.lock if isinstance(self.lock, int) else STREAM_FRAMES
+
+    @field_validator("lock", mode="wrap")
+    @classmethod
+    def _lock_in_one_line(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        if value == "sliding":
+            raise ValueError("it is now the number of frames that share a water, such as 20")
+        try:
+            return handler(value)
+        except ValidationError as error:
+            raise ValueError("must be auto, frame, survey, or a number of frames from 1") from error
+
     camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
         default="auto",
         description="auto: a gain for each frame, from spots that several frames of run show, "

@@ -49,6 +49,7 @@ RENAMED = {
         ),
         "it is fixed (docs/lab/theory.md)",
     ),
+    "color.sliding_frames": "it is now the number that color.lock takes: color.lock=20",
     "color.highlights": "highlights are always rolled off; output.image_format=tiff32 is linear",
     "output.compression": "files are always compressed fast; output.preset=lean deflates range "
     "maps",

@@ -247,8 +247,9 @@ def _methods_of_water(facts: DiveFacts) -> list[str]:
     through = np.median(
         [water.attenuation(np.array(1.0)) for water in facts.waters.values()], axis=0
     )
-    lock = phrase(f"methods.lock.{facts.run.config.color.lock}")
-    sentences = [phrase("methods.water", lock=lock, **_by_channel(through))]
+    lock = facts.run.config.color.lock
+    shared = phrase(f"methods.lock.{'sliding' if isinstance(lock, int) else lock}")
+    sentences = [phrase("methods.water", lock=shared, **_by_channel(through))]
     errors = facts.water.standard_errors.get("y") if facts.water else None
     if errors is not None and np.isfinite(errors).all():
         sentences.append(phrase("methods.water_errors", **_by_channel(errors)))

@@ -89,15 +89,15 @@ def test_python_m_completion_and_version() -> None:
 def test_the_settings_are_printed_as_a_file_that_gives_them_again(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "settings.yaml"
     file.write_text("mapping: {voxel_m: 0.02}\ncolor: {lock: survey}")
-    changes = ("--set", "color.lock=sliding", "--set", "mapping.mount={rpy_deg: [0, 0, 90]}")
+    changes = ("--set", "color.lock=20", "--set", "mapping.mount={rpy_deg: [0, 0, 90]}")
     _, printed, _ = cli("config", "--show", "--config", file, *changes)
     assert f"  voxel_m: 0.02  # {file}\n" in printed
-    assert "  lock: sliding  # --set\n" in printed
+    assert "  lock: 20  # --set\n" in printed
     assert "    rpy_deg: [0.0, 0.0, 90.0]  # --set\n" in printed
     assert "  fill: false  # default\n" in printed
     again = tmp_path / "again.yaml"
     again.write_text(printed)
     assert load_config(again) == load_config(
-        file, ["color.lock=sliding", "mapping.mount.rpy_deg=[0, 0, 90]"]
+        file, ["color.lock=20", "mapping.mount.rpy_deg=[0, 0, 90]"]
     )
     assert yaml.safe_load(cli("config")[1]) == RunConfig().model_dump(mode="json")

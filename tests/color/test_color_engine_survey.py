@@ -69,7 +69,7 @@ def test_each_frame_its_own_water_and_exposure():
 
 def test_sliding_lock_is_the_fit_to_the_last_frames():
     frames = [reef(seed) for seed in range(4)]
-    corrector, waters = waters_of(frames, lock="sliding", sliding_frames=2)
+    corrector, waters = waters_of(frames, lock=2)
     last_two = measure(
         np.vstack([frames[2][0], frames[3][0]]), np.vstack([frames[2][1], frames[3][1]])
     )
@@ -111,7 +111,7 @@ def test_a_camera_that_exposes_by_itself_is_followed():
     assert np.ptp(brightness) < 0.06 * np.mean(brightness)
 
 
-@pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
+@pytest.mark.parametrize("lock", ["auto", "frame", 20, "survey"])
 def test_frames_without_a_known_range_get_another_s_water(lock):
     image, range_m = reef(0)
     nothing = np.full_like(range_m, np.nan)
@@ -129,7 +129,7 @@ def test_black_frames_get_the_survey_s_water():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
+@pytest.mark.parametrize("lock", ["auto", "frame", 20, "survey"])
 def test_a_dive_without_light_says_so_in_every_frame(lock):
     image, range_m = reef(0)
     _, waters = waters_of([(image * 0, range_m)] * 2, lock=lock)
@@ -139,7 +139,7 @@ def test_a_dive_without_light_says_so_in_every_frame(lock):
     )
 
 
-@pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
+@pytest.mark.parametrize("lock", ["auto", "frame", 20, "survey"])
 def test_a_dive_without_a_known_range_is_refused(lock):
     image, range_m = reef(0)
     with pytest.raises(ColorError, match="none of the 2 frames has a pixel with a known range"):

@@ -110,7 +110,7 @@ def test_frames_that_were_added_up_before_give_the_water_of_the_same_frames(lock
 
 @pytest.mark.parametrize(
     "changes",
-    [{"lock": "frame"}, {"lock": "sliding"}, {"lock": "survey", "camera_exposure": "brightness"}],
+    [{"lock": "frame"}, {"lock": 20}, {"lock": "survey", "camera_exposure": "brightness"}],
 )
 def test_frames_of_a_fit_that_goes_from_one_to_the_next_are_not_added_up_before(changes):
     fitter = Corrector(ColorConfig(input_encoding="as-is", **changes)).survey_fitter()

@@ -37,7 +37,7 @@ def test_dumped_configuration_loads_again() -> None:
         ("colour.lock=survey", r"did you mean 'color\.lock'"),
         ("lock", r"write it as section\.key=value"),
         ("color.lock", r"write it as section\.key=value"),
-        ("color.lock=dive", r"--set: color\.lock: input should be .*got 'dive'"),
+        ("color.lock=dive", r"--set: color\.lock: must be auto, frame, survey, .*got 'dive'"),
         ("matching.max_range_m=-1", r"matching\.max_range_m: .*greater than 0"),
         ("color.lock=[", "the value cannot be read"),
         (
@@ -79,6 +79,9 @@ def test_dumped_configuration_loads_again() -> None:
             "color.method=paper-adam",
             r"^--set: color\.method: it is now paper, which trains by Adam",
         ),
+        ("color.lock=sliding", r"color\.lock: it is now the number of frames that share a water"),
+        ("color.lock=0", r"color\.lock: must be auto, frame, survey, or a number of frames from 1"),
+        ("color.sliding_frames=9", r"it is now the number that color\.lock takes: color\.lock=20$"),
         ("color.first_steps=3", r"it is now color\.paper\.iterations$"),
         (
             "color.paper_adam.next_steps=3",

@@ -91,4 +91,4 @@ def test_the_launch_file_starts_live_with_its_parameters(monkeypatch: pytest.Mon
     assert dict(arguments) == made["PARAMETERS"]
     flat = ["".join(part) if isinstance(part, list) else part for part in command]
     assert flat[:4] == ["stereo-seecolor", "live", "--left", "ros2:<left>"]
-    assert "color.sliding_frames=<sliding_frames>" in flat
+    assert "color.lock=<frames_of_a_water>" in flat

@@ -71,7 +71,7 @@ class FrameFitter(Fitter):
 
 
 class SlidingFitter(Fitter):
-    """``color.lock: sliding``: each frame's water and exposure fit the last few frames."""
+    """``color.lock: N``: each frame's water and exposure fit the last few frames."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit

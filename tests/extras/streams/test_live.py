@@ -109,7 +109,7 @@ def test_live_gives_what_a_sliding_run_gives(incoming, cli, tmp_path) -> None:
         images[pair.name] = processor.process(pair).result.correction.image
         source.take(pair)
     sides = ("--left", folder / "L", "--right", folder / "R", "--calib", dive.root / "cam.yaml")
-    assert cli("run", *sides, "--out", tmp_path / "out", "--set", "color.lock=sliding")[0] == 0
+    assert cli("run", *sides, "--out", tmp_path / "out", "--set", "color.lock=20")[0] == 0
     for name, image in images.items():
         stored = cv2.imread(str(tmp_path / f"out/corrected/{name}.png"))[..., ::-1]
         assert np.abs(stored.astype(int) - image).max() <= 1
@@ -206,9 +206,7 @@ def test_a_window_of_colors_is_flat_too(make_dive) -> None:
     pipeline = Pipeline(_rig(make_dive(1).root), RunConfig())
     image = np.random.default_rng(0).integers(0, 200, (40, 50, 3), np.uint8)
     range_m = np.random.default_rng(1).uniform(1, 2, (40, 50)).astype(np.float32)
-    fitter = SlidingFitter(
-        RunConfig().color.model_copy(update={"sliding_frames": 2}), pipeline.corrector.fit
-    )
+    fitter = SlidingFitter(RunConfig().color.model_copy(update={"lock": 2}), pipeline.corrector.fit)
     for _ in range(5):
         assert fitter.water(pipeline.corrector.measure(image, range_m)) is not None
     assert (len(fitter._window), fitter._waters) == (2, {})
