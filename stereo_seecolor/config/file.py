@@ -49,6 +49,8 @@ RENAMED = {
         ),
         "it is fixed (docs/lab/theory.md)",
     ),
+    "input.video_every": "it is now input.video_step",
+    "input.video_overlap": "it is now input.video_step, a number below 1",
     "color.sliding_frames": "it is now the number that color.lock takes: color.lock=20",
     "color.highlights": "highlights are always rolled off; output.image_format=tiff32 is linear",
     "output.compression": "files are always compressed fast; output.preset=lean deflates range "

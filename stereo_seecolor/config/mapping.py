@@ -6,7 +6,6 @@ from pydantic import Field, Strict, model_validator
 
 from stereo_seecolor.config.stage import FilePath, StageConfig
 
-
 Triple = Annotated[tuple[float, float, float], Strict(False)]
 """Three numbers, also given as a list."""
 

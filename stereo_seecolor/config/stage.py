@@ -134,14 +134,12 @@ class InputConfig(StageConfig):
         "range at which ranges are exact "
         "(1.5m).",
     )
-    video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
-    video_overlap: float | None = Field(
-        default=None,
+    video_step: float = Field(
+        default=1.0,
         gt=0,
-        lt=1,
-        description="Of a video, take a frame as soon as it shows less than this fraction of the "
-        "last one taken (0.7 suits "
-        "maps), instead of every nth.",
+        description="Of a video, which frames are taken. A whole number n: every nth. A number "
+        "below 1: a frame as soon as it shows less than this fraction of the last one taken (0.7 "
+        "suits maps).",
     )
     video_skip_blurred: bool = Field(
         default=False,
@@ -154,6 +152,23 @@ class InputConfig(StageConfig):
         "right one, seconds. Not set: "
         "measured.",
     )
+
+    @property
+    def video_overlap(self) -> float | None:
+        """The overlap by which frames of a video are taken; None where every nth is."""
+        return self.video_step if self.video_step < 1 else None
+
+    @property
+    def video_every(self) -> int:
+        """Every how many frames of a video one is taken, where not by overlap."""
+        return max(1, int(self.video_step))
+
+    @field_validator("video_step")
+    @classmethod
+    def _whole_or_below_1(cls, value: float) -> float:
+        if value > 1 and not value.is_integer():
+            raise ValueError("must be a whole number, or below 1")
+        return value
 
 
 # The settings of stereo matching.

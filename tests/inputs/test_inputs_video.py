@@ -73,7 +73,7 @@ def smooth_frames(count: int, seed: int = 0) -> list[np.ndarray]:
 
 def paired(left: Path, right: Path, every: int = 1) -> Pairing:
     videos = Videos(left, right)
-    return videos.pairing(videos.choice(InputConfig(video_every=every)))
+    return videos.pairing(videos.choice(InputConfig(video_step=every)))
 
 
 def near(path: Path, rgb: np.ndarray) -> bool:

@@ -186,7 +186,7 @@ def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     choice = choose_frames(*videos, InputConfig())
     assert {b - a for a, b in zip(choice.left, choice.right, strict=True)} == {10}
     dive = Videos(*videos)
-    pairing = dive.pairing(dive.choice(InputConfig(video_every=20)))
+    pairing = dive.pairing(dive.choice(InputConfig(video_step=20)))
     assert [pair.name for pair in pairing.pairs] == [
         f"{number:06d}" for number in range(0, 180, 20)
     ]
@@ -281,7 +281,7 @@ def test_pairs_that_motion_spoils_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_frames_are_chosen_by_their_overlap(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.0, seconds=8, speed=3.0)
-    choice = choose_frames(*videos, InputConfig(video_overlap=0.8))
+    choice = choose_frames(*videos, InputConfig(video_step=0.8))
     at = swell(np.arange(240) / RATE_HZ)[list(choice.left)] * 3.0
     x, y = np.abs(np.diff(at, axis=0)).T
     overlap = (1 - x / WIDTH) * (1 - y / HEIGHT)
@@ -290,13 +290,13 @@ def test_frames_are_chosen_by_their_overlap(tmp_path: Path) -> None:
     assert overlap.min() > 0.6  # it moves on by some frames only
     assert "overlap 80%" in choice.notes[-1]
     still = write_pair(tmp_path / "still", 0.0, seconds=4, moves=False)
-    assert choose_frames(*still, InputConfig(video_overlap=0.8)).left == (0,)
+    assert choose_frames(*still, InputConfig(video_step=0.8)).left == (0,)
 
 
 @pytest.mark.slow
 def test_blurred_frames_are_left_out_on_demand(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.0, seconds=4, moves=False, blurred=(20, 21, 50))
-    config = InputConfig(video_skip_blurred=True, video_every=10)
+    config = InputConfig(video_skip_blurred=True, video_step=10)
     choice = choose_frames(*videos, config)
     assert choice.left == choice.right == (0, 10, 22, 30, 40, 51, 60, 70, 80, 90, 100, 110)
     assert "3 of 120 pairs are blurred" in choice.notes[-1]
@@ -321,7 +321,7 @@ def test_without_evidence_frames_of_the_same_number_are_pairs(
     import sys
 
     videos = write_pair(tmp_path, 0.5, seconds=4, moves=False)
-    choice = choose_frames(*videos, InputConfig(video_every=7))
+    choice = choose_frames(*videos, InputConfig(video_step=7))
     assert choice.left == choice.right == tuple(range(0, 120, 7))
     assert choice.notes[0].startswith("frames of the same number are taken for pairs: ")
     monkeypatch.setitem(sys.modules, "av", None)

@@ -97,8 +97,7 @@ def video_pairing(
     with suppress(CalibrationError):  # said when the frames are opened
         rig = load_rig_of_images(calib, size_of_side(left, right))
     asked = (
-        images.video_every,
-        images.video_overlap,
+        images.video_step,
         images.video_skip_blurred,
         images.video_offset_s,
     )
