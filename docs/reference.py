@@ -111,8 +111,7 @@ not exist is refused, and the error suggests the nearest known one. A value out 
 
 A key of an earlier version is refused, and the error names the new one: `color.objective` and `color.solver` are now `color.method`
 (`objective=paper` and `method=paper-adam` are `method=paper`); `color.paper_adam` is `color.paper`;
-`color.white_point`, `attenuation` and
-`water_depth_m` are in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets how bright
+`color.white_point` is in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets how bright
 frames are shown.
 
 ## All stages

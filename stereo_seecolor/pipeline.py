@@ -109,9 +109,11 @@ class Pipeline:
         maps = (self.rectification.maps_left, self.rectification.maps_right)
         tables = (table.tobytes() for pair in maps if pair for table in pair)
         config = self.config
+        engine = config.matching.engine
         sections = (
             self.reader.settings,
             config.matching.model_dump(),
+            *([engine.read_bytes()] if isinstance(engine, Path) else []),
             config.output.preset,
         )
         return content_key(__version__, self.geometry, *tables, *sections)

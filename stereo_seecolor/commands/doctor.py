@@ -99,7 +99,10 @@ EXTRAS = (
         "no clusters of SLURM, PBS, LSF, SGE or HTCondor (--cluster)",
     ),
     Library(
-        "onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"
+        "onnxruntime",
+        "onnxruntime",
+        "onnx",
+        "no stereo network of your own (matching.engine=NET.onnx)",
     ),
     Library("rerun", "rerun-sdk", "viewer", "view --window opens Open3D's plainer window"),
 )

@@ -13,7 +13,6 @@ from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountCo
 from stereo_seecolor.config.stage import (
     InputConfig,
     MatchingConfig,
-    MeasuringConfig,
     OutputConfig,
     StageConfig,
 )
@@ -24,7 +23,6 @@ __all__ = [
     "MappingConfig",
     "MarkersConfig",
     "MatchingConfig",
-    "MeasuringConfig",
     "MountConfig",
     "OutputConfig",
     "PaperConfig",
@@ -41,7 +39,6 @@ class RunConfig(StageConfig):
     color: ColorConfig = ColorConfig()
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
-    measuring: MeasuringConfig = MeasuringConfig()
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
         description="Where engine sgm matches, and where pixels are counted and corrected; waters "

@@ -16,34 +16,20 @@ Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 class RobustConfig(StageConfig):
     """The default method: physics with a white point, fitted to quantiles of color over range."""
 
-    attenuation: Literal["varying", "constant"] = Field(
-        default="varying",
-        description="varying: attenuation may fall or rise with range, as wide bands and light "
-        "from above do. "
-        "constant: one coefficient a channel.",
-    )
-    white_point: Literal["scene", "gray", "none"] | Rgb = Field(
+    white_point: Literal["scene", "lamps", "gray", "none"] | Rgb = Field(
         default="scene",
         description="The color of the light that arrives at the reef. scene: fitted with the "
-        "water, for a reef whose colors are warm on average, as sand and rock are. gray: the "
-        "same, for colors that are gray on average. none: white, as in the paper's "
-        "model. Or R, G, B as known, from a white card for example, in linear light, each from "
-        "0.0001 to 10000; only their ratios "
-        "count.",
-    )
-    water_depth_m: float | None = Field(
-        default=None,
-        ge=0,
-        le=200,
-        description="How far below the surface the reef lies, meters, where known: the light that "
-        "arrives then follows from the "
-        "water. At most 200, the depth that daylight reaches.",
+        "water, for a reef whose colors are warm on average, as sand and rock are. lamps: the same "
+        "for lamps on the rig, whose light came through no water above; taken in place of scene "
+        "where light is found to fall off as that of lamps. gray: for colors that are gray on "
+        "average. none: white, as in the paper's model. Or R, G, B as known, from a white card for "
+        "example, in linear light, each from 0.0001 to 10000; only their ratios count.",
     )
 
     @property
     def fits_white(self) -> bool:
         """Whether the white point is fitted with the water."""
-        return self.white_point in ("scene", "gray")
+        return self.white_point in ("scene", "lamps", "gray")
 
     @field_validator("white_point", mode="wrap")
     @classmethod
@@ -52,7 +38,7 @@ class RobustConfig(StageConfig):
             return handler(value)
         except ValidationError as error:
             raise ValueError(
-                "must be scene, gray, none, or [R, G, B], each from 0.0001 to 10000"
+                "must be scene, lamps, gray, none, or [R, G, B], each from 0.0001 to 10000"
             ) from error
 
 
@@ -156,13 +142,6 @@ class ColorConfig(StageConfig):
         "water, in linear light, as a "
         "fraction of full scale. 0.18 is mid-gray. Light above it is compressed where the "
         "brightest would clip. Not for images read as as-is.",
-    )
-    output_noise: float = Field(
-        default=0.06,
-        gt=0,
-        description="A channel's gain stops where the noise of a pixel (1.5 of 255) would pass "
-        "this fraction of full scale (linear light): a third of mid-gray, the limit of detection. "
-        "What is missing comes from the other channels, and is marked.",
     )
     unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
         default="interpolate",

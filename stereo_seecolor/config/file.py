@@ -58,7 +58,21 @@ RENAMED = {
     "output.range_std": "standard errors of ranges are always written; output.preset=lean rounds "
     "them",
     "output.clouds": "it is now output.preset=no-clouds",
-    "color.input_noise": "it is fixed at 1.5 of 255; color.output_noise sets where gains stop",
+    **dict.fromkeys(
+        ("color.input_noise", "color.output_noise"),
+        "gains stop where noise of 1.5 of 255 would pass 0.06 of full scale",
+    ),
+    **dict.fromkeys(
+        ("color.robust.attenuation", "color.attenuation"),
+        "attenuation always varies with range",
+    ),
+    **dict.fromkeys(
+        ("color.robust.water_depth_m", "color.water_depth_m"),
+        "the light at the reef is fitted with the water (color.robust.white_point)",
+    ),
+    "matching.model": "it is now matching.engine=NET.onnx",
+    "measuring": "the error of lengths follows from the calibration's own standard errors; "
+    "mapping.markers.bars holds a map to bars of known length",
     "mapping.loop_closure": "places seen before are always recognized where GTSAM is installed",
     "mapping.bundle_adjustment": "poses are adjusted wherever GTSAM is installed",
     **dict.fromkeys(
@@ -70,6 +84,8 @@ RENAMED = {
         "it is now mapping.mount.rpy_deg=[roll, pitch, yaw]",
     ),
     "mapping.max_gap_s": "poses are always interpolated across gaps of at most 5 s",
+    "mapping.max_speed_m_s": "a step faster than 3 m/s and than three times the usual speed is a "
+    "jump",
     **dict.fromkeys(
         ("mapping.prior_depth_std_m", "mapping.prior_attitude_std_deg"),
         "it is always estimated from the dive",
@@ -107,7 +123,7 @@ class _Layer:
 
 
 ENGINES = {
-    "matching": ("matching_engines", ("sgm", "opencv", "onnx")),
+    "matching": ("matching_engines", ("sgm", "opencv", "an .onnx file")),
     "mapping": ("engines", ("tiles",)),
 }
 """Section -> the group in which packages add its engines, and the program's own."""
@@ -186,11 +202,11 @@ def _validated(layers: Sequence[_Layer]) -> RunConfig:
     return config
 
 
-def _check_engine(engine: str, group: str, own: Sequence[str], where: str) -> None:
+def _check_engine(engine: str | Path, group: str, own: Sequence[str], where: str) -> None:
     """Raise ConfigError for an engine that is neither the program's own nor added by a package; a
     run of another machine that had it can still be read.
     """
-    if engine not in own and engine not in added(group):
+    if not isinstance(engine, Path) and engine not in own and engine not in added(group):
         known = [*own, *sorted(added(group).keys() - set(own))]
         raise ConfigError(
             f"{where}: no installed package adds this engine; known are {', '.join(known)} (got "

@@ -96,11 +96,6 @@ class MappingConfig(StageConfig):
     )
     mount: MountConfig = MountConfig()
     markers: MarkersConfig = MarkersConfig()
-    max_speed_m_s: float = Field(
-        default=3.0,
-        gt=0,
-        description="A pose that would need more is a jump: the map breaks there.",
-    )
     poses: Literal["given", "prior"] = Field(
         default="prior",
         description="How a trajectory is used. prior: frames are placed by its poses and by the "

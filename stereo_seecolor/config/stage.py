@@ -1,4 +1,4 @@
-"""The base of the settings of every stage; and those of inputs, matching, measuring and output."""
+"""The base of the settings of every stage; and those of inputs, matching and output."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -15,22 +15,6 @@ class StageConfig(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-# The settings of lengths measured in a frame.
-
-
-class MeasuringConfig(StageConfig):
-    """What is known of the rig when lengths are measured."""
-
-    length_error: float | None = Field(
-        default=None,
-        ge=0,
-        lt=1,
-        description="Standard error of a length that comes from the calibration, as a fraction; a "
-        "bar of known length shows it. "
-        "Not set: what the calibration itself states, or else 0.005.",
-    )
 
 
 # The settings of what is written.
@@ -196,15 +180,11 @@ class MatchingConfig(StageConfig):
         default=False,
         description="Close the holes with what their neighbors suggest; such pixels are marked.",
     )
-    engine: str = Field(
+    engine: str | Path = Field(
         default="sgm",
         description="sgm: semi-global matching of the census. opencv: OpenCV's StereoSGBM, for "
-        "comparison. onnx: your own stereo "
-        "network, run by onnxruntime. Or one that another package adds (docs/extending.md).",
-    )
-    model: FilePath | None = Field(
-        default=None,
-        description="The network of engine onnx: an .onnx file (contract in docs/matching.md).",
+        "comparison. An .onnx file: your own stereo network, run by onnxruntime (contract in "
+        "docs/matching.md). Or one that another package adds (docs/extending.md).",
     )
 
     @field_validator("engine", mode="before")
@@ -212,7 +192,9 @@ class MatchingConfig(StageConfig):
     def _known_engine(cls, engine: Any) -> Any:
         if engine == "sgbm":
             raise ValueError("is now called 'sgm'; 'opencv' is OpenCV's StereoSGBM")
-        return engine
+        if engine == "onnx":
+            raise ValueError("name the network's file itself: matching.engine=NET.onnx")
+        return Path(engine) if str(engine).endswith(".onnx") else engine
 
     @model_validator(mode="after")
     def _near_before_far(self) -> Self:

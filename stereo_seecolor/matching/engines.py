@@ -13,7 +13,7 @@ from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, UNKNOWN, Matche
 from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.records import Image, Map, StereoFrame
 
-# A user's own stereo network in place of semi-global matching (``matching.engine: onnx``).
+# A user's own stereo network in place of semi-global matching (``matching.engine: NET.onnx``).
 
 LEFT_RIGHT_PX = 1.0
 """Largest difference between a disparity and that of the pixel of the right image that it meets, as
@@ -31,16 +31,12 @@ class Network:
 
     refined = True
 
-    def __init__(self, model: Path | None) -> None:
-        if model is None:
-            raise ConfigError(
-                "matching.engine: onnx needs matching.model, the path of the network's .onnx file"
-            )
+    def __init__(self, model: Path) -> None:
         try:
             import onnxruntime
         except ImportError as error:
             raise DeviceError(
-                "matching.engine: onnx needs onnxruntime: pip install 'stereo-seecolor[onnx]'"
+                f"matching.engine: {model} needs onnxruntime: pip install 'stereo-seecolor[onnx]'"
             ) from error
         try:
             self._session: Any = onnxruntime.InferenceSession(
@@ -48,14 +44,14 @@ class Network:
             )
         except Exception as error:  # onnxruntime's own exceptions share no public base
             raise ConfigError(
-                f"matching.model: {model} cannot be loaded: {' '.join(str(error).split())[:200]}"
+                f"matching.engine: {model} cannot be loaded: {' '.join(str(error).split())[:200]}"
             ) from error
         names = sorted(i.name for i in self._session.get_inputs())
         if names != ["left", "right"] or "disparity" not in [
             o.name for o in self._session.get_outputs()
         ]:
             raise ConfigError(
-                f"matching.model: {model} must take 'left' and 'right' and give 'disparity', it "
+                f"matching.engine: {model} must take 'left' and 'right' and give 'disparity', it "
                 f"takes {names}"
             )
 
@@ -82,7 +78,7 @@ class Network:
             )
         except Exception as error:
             raise MatchingError(
-                "the network of matching.model failed on this pair: "
+                "the network of matching.engine failed on this pair: "
                 f"{' '.join(str(error).split())[:200]}"
             ) from error
         disparity = np.asarray(found, dtype=np.float32).squeeze()

@@ -1,6 +1,7 @@
 """The matching stage: ``Matcher`` computes the range map of a rectified pair."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -73,17 +74,16 @@ class Matcher:
         self._engine = self._chosen_engine()
 
     def _chosen_engine(self) -> Engine:
-        if self._config.engine == "sgm":
+        engine = self._config.engine
+        if engine == "sgm":
             return SemiGlobalMatching(self._lowest, self._highest)
-        if self._config.engine in ("onnx", "opencv"):
+        if isinstance(engine, Path) or engine == "opencv":
             from stereo_seecolor.matching.engines import Network, OpenCvMatching
 
-            if self._config.engine == "onnx":
-                return Network(self._config.model)
+            if isinstance(engine, Path):
+                return Network(engine)
             return OpenCvMatching(self._lowest, self._highest)
-        added: Engine = load("matching_engines", self._config.engine)(
-            self._config, self._lowest, self._highest
-        )
+        added: Engine = load("matching_engines", engine)(self._config, self._lowest, self._highest)
         return added
 
     def match(self, frame: StereoFrame) -> RangeMap:
@@ -115,7 +115,7 @@ class Matcher:
             return RangeMap.unknown(
                 self._pair.image_size[::-1], f"{reason}: no range is known"
             ), 1.0
-        if self._config.engine == "onnx":
+        if isinstance(self._config.engine, Path):
             return self.range_map(self._engine.find(frame, pair), pair), 1.0
         repeating = core_pool().submit(
             diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale

@@ -17,12 +17,11 @@ from stereo_seecolor.run_folder.finished_run import FinishedRun
 class CalibrationStd:
     """Relative standard errors of a length by the calibration.
 
-    known_from: "setting": measuring.length_error; "file": the calibration, as stated_by says; or
-    "assumed". length: from that source. yaw: by the refined yaw, at range_m; None where the run
-    refined none, or the setting includes it.
+    known_from: "file": the calibration, as stated_by says; or "assumed". length: from that source.
+    yaw: by the refined yaw, at range_m; None where the run refined none.
     """
 
-    known_from: Literal["setting", "file", "assumed"]
+    known_from: Literal["file", "assumed"]
     length: float
     yaw: float | None
     range_m: float | None
@@ -38,8 +37,6 @@ def calibration_std(run: FinishedRun) -> CalibrationStd:
     """The standard errors of a run, at its median range; assumed ones where its rig cannot be
     read.
     """
-    if run.config.measuring.length_error is not None:
-        return CalibrationStd("setting", run.config.measuring.length_error, None, None)
     try:
         rig = run.rig
     except (InputError, CalibrationError, OSError):

@@ -9,13 +9,19 @@ import pytest
 from color_waters import clear_water
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.render import tone
 from stereo_seecolor.color.render.tone import MID_GRAY
 from stereo_seecolor.color.table.encoding import decode
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import LUMINANCE
 
-CONFIG = ColorConfig(output_noise=1e9)
-CLEAR = clear_water("srgb")
+CONFIG = ColorConfig()
+CLEAR, LIMIT = clear_water("srgb"), tone.OUTPUT_NOISE
+
+
+@pytest.fixture(autouse=True)
+def gain_without_limit(monkeypatch):
+    monkeypatch.setattr(tone, "OUTPUT_NOISE", 1e9)
 
 
 def encoded(light, depth=8):
@@ -77,7 +83,7 @@ def test_both_depths_show_the_same():
 @pytest.mark.parametrize("median", [0.08, 0.2, 0.4])
 def test_scenes_are_shown_at_one_median_luminance(median, wanted):
     image, range_m = scene(median)
-    found = Corrector(replace_config(median_luminance=wanted)).apply(image, range_m, CLEAR)
+    found = Corrector(ColorConfig(median_luminance=wanted)).apply(image, range_m, CLEAR)
     shown = np.median(linear(found.image) @ LUMINANCE)
     assert shown == pytest.approx(wanted, rel=0.02 if wanted < 0.18 else 0.12), (
         "at mid-gray some pixels are compressed"
@@ -93,13 +99,9 @@ def test_exposure_goes_at_most_five_times_beyond_where_the_brightest_clips():
     assert found.clipped_fraction <= 0.0005
 
 
-def replace_config(**settings):
-    return ColorConfig(output_noise=1e9, **settings)
-
-
 def test_values_as_they_are_have_no_roll_off():
     image, range_m = scene(0.01)
-    config = replace_config(input_encoding="as-is")
+    config = ColorConfig(input_encoding="as-is")
     assert Corrector(config).apply(image, range_m, clear_water("as-is")).highlights == 1
 
 
@@ -140,7 +142,8 @@ def test_clipped_texture_is_of_one_hue_and_what_is_not_clipped_stays(depth):
     assert (found[plain] == alone.image[0]).all()
 
 
-def test_where_noise_stops_a_channel_the_others_stand_in():
+def test_where_noise_stops_a_channel_the_others_stand_in(monkeypatch):
+    monkeypatch.setattr(tone, "OUTPUT_NOISE", LIMIT)
     range_m = np.tile(np.linspace(1, 12, 300, dtype=np.float32), (4, 1))
     water = replace(CLEAR, y=np.array([0.6, 0.08, 0.05]))
     light = 0.3 * water.attenuation(range_m)

@@ -230,7 +230,7 @@ def test_a_matching_engine_of_another_package_gives_the_ranges(
 
 @pytest.mark.parametrize(
     ("setting", "known"),
-    [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, onnx")],
+    [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, an .onnx file")],
     ids=["maps", "matching"],
 )
 def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(

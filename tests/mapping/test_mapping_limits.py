@@ -153,7 +153,7 @@ def test_a_survey_too_long_for_its_voxels_is_refused(tmp_path: Path) -> None:
         MappingError,
         match=r"reaches 30 km from its middle.*: set mapping.voxel_m to at least 0.029",
     ):
-        build(tmp_path, trajectory, max_speed_m_s=1e6)
+        build(tmp_path, trajectory)
 
 
 @pytest.mark.slow
@@ -166,9 +166,7 @@ def test_a_tile_without_a_surface_is_empty(tmp_path: Path) -> None:
         hidden[::16, ::16] = False
         frame.range_m[hidden] = np.nan
     trajectory = track(3, step_m=3.0)
-    summary = build_map(
-        frames, PAIR, tmp_path, CONFIG.model_copy(update={"max_speed_m_s": 10.0}), trajectory
-    )
+    summary = build_map(frames, PAIR, tmp_path, CONFIG, trajectory)
     assert summary.placed == 3
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 0].max() < 1
 

@@ -7,9 +7,11 @@ import onnx
 import pytest
 from matching_scenes import render
 
-from stereo_seecolor.config import MatchingConfig
+from calibration.formats import load_rig
+from stereo_seecolor.config import MatchingConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, MatchingError
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.pipeline import Pipeline
 
 SHIFTS = np.arange(16, 48)
 
@@ -70,8 +72,8 @@ def export(
     return path
 
 
-def config(model: Path | None) -> MatchingConfig:
-    return MatchingConfig(engine="onnx", model=model, min_range_m=0.8)
+def config(model: Path) -> MatchingConfig:
+    return MatchingConfig(engine=model, min_range_m=0.8)
 
 
 @pytest.mark.slow
@@ -85,9 +87,12 @@ def test_a_network_gives_the_ranges(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_model_is_needed() -> None:
-    with pytest.raises(ConfigError, match=r"needs matching\.model"):
-        Matcher(render((64, 48)).pair, config(None))
+def test_ranges_of_another_network_at_the_same_path_are_not_taken(tmp_path: Path) -> None:
+    rig, settings = load_rig(Path("data_samples/reef/cam.yaml")), set[str]()
+    for rows in (None, 480):
+        network = config(export(tmp_path / "net.onnx", rows=rows))
+        settings.add(Pipeline(rig, RunConfig(matching=network)).settings)
+    assert len(settings) == 2
 
 
 @pytest.mark.slow

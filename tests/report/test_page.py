@@ -114,16 +114,6 @@ def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_setting_says_how_well_lengths_are_known(
-    make_dive: Callable[..., Dive], tmp_path: Path
-) -> None:
-    go(make_dive(2), tmp_path / "out", "measuring.length_error=0.002")
-    report(tmp_path / "out")
-    assert data(tmp_path / "out")["calibration_std"] == 0.002
-    assert "set by measuring.length_error" in data(tmp_path / "out")["calibration"]
-
-
-@pytest.mark.slow
 def test_inputs_are_found_from_another_folder(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -128,9 +128,8 @@ def deviations(covariance: Matrix) -> Matrix:
 
 def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
     """What is known of the water's fifteen parameters, and what the configuration sets of them."""
-    mean, covariance = (part.copy() for part in water_prior(settings.water_depth_m))
-    if settings.attenuation == "constant":
-        mean, covariance = _set(mean, covariance, slice(3, 6), np.zeros(3), together=0.0)
+    depth_m = 0.0 if settings.white_point == "lamps" else None
+    mean, covariance = (part.copy() for part in water_prior(depth_m))
     if not settings.fits_white:
         known = settings.white_point
         white = np.log(known) if isinstance(known, tuple) else np.zeros(3)

@@ -373,9 +373,9 @@ def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
     """The settings with which the water is fitted: where lamps give most of the light, it has come
     through no water above the reef, and its white point is the lamps', not that of a depth.
     """
-    if light is None or light.fade < LAMPS_FADE or config.robust.water_depth_m is not None:
+    if light is None or light.fade < LAMPS_FADE or config.robust.white_point != "scene":
         return config
-    robust = config.robust.model_copy(update={"water_depth_m": 0.0})
+    robust = config.robust.model_copy(update={"white_point": "lamps"})
     return config.model_copy(update={"robust": robust})
 
 

@@ -28,7 +28,11 @@ MID_GRAY = 0.18
 
 INPUT_NOISE = 0.006
 """Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255; of linear images as
-if they were encoded in sRGB. ``color.output_noise`` over this sets where gains stop.
+if they were encoded in sRGB.
+"""
+OUTPUT_NOISE = 0.06
+"""Noise, fraction of full scale in linear light, at which a channel's gain stops: a third of
+mid-gray, the limit of detection.
 """
 FINE = 4
 FINE_BINS = FINE * RANGE_BINS
@@ -72,7 +76,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     wanted, subtracted = unexposed(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
     most = (
-        config.output_noise
+        OUTPUT_NOISE
         / exposure
         / amplified
         / _noise(wanted, subtracted, config, MID_GRAY / exposure)

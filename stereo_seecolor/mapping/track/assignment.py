@@ -232,8 +232,8 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
     for name, count in Counter(index.names).items():
         if count > 1:
             warnings.append(f"{count} pairs are called {name}")
-    drop_spikes(T, index, reasons, config)
-    components, breaks = break_up(T, index, config)
+    drop_spikes(T, index, reasons)
+    components, breaks = break_up(T, index)
     if not (components >= 0).any():
         first = next(iter(reasons.values()), "")
         fix = (

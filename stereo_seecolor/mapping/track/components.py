@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -94,18 +93,18 @@ def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> 
 
 MIN_JUMP_M = 2.0
 """Less is no jump, whatever the speed: positions of vehicles are no better."""
+MAX_SPEED, JUMP_SPEEDS = 3.0, 3.0
+"""Speed, m/s, and multiple of the usual speed that a step must both exceed to be a jump."""
 JUMP_STEPS = 10.0
 """Usual steps between frames that a step must exceed to be a jump, where times do not tell the
 speed.
 """
 
 
-def drop_spikes(
-    T: NDArray[np.float64], index: FrameIndex, reasons: dict[int, str], config: MappingConfig
-) -> None:
+def drop_spikes(T: NDArray[np.float64], index: FrameIndex, reasons: dict[int, str]) -> None:
     """Take out single poses that jump away and back."""
     placed = [int(i) for i in index.order if np.isfinite(T[i]).all()]
-    limit = _step_limit_m(T, index, placed, config)
+    limit = _step_limit_m(T, index, placed)
     for before, spike, after in zip(placed, placed[1:], placed[2:], strict=False):
         away = _distance_m(T, before, spike) > limit(before, spike) and _distance_m(
             T, spike, after
@@ -119,12 +118,10 @@ def drop_spikes(
             T[spike] = np.nan
 
 
-def break_up(
-    T: NDArray[np.float64], index: FrameIndex, config: MappingConfig
-) -> tuple[NDArray[np.int64], list[str]]:
+def break_up(T: NDArray[np.float64], index: FrameIndex) -> tuple[NDArray[np.int64], list[str]]:
     """Number the stretches between jumps; the one with most frames is component 0."""
     placed = [int(i) for i in index.order if np.isfinite(T[i]).all()]
-    limit = _step_limit_m(T, index, placed, config)
+    limit = _step_limit_m(T, index, placed)
     stretches: list[list[int]] = []
     warnings = []
     for k, i in enumerate(placed):
@@ -143,21 +140,20 @@ def break_up(
 
 
 def _step_limit_m(
-    T: NDArray[np.float64], index: FrameIndex, placed: list[int], config: MappingConfig
+    T: NDArray[np.float64], index: FrameIndex, placed: list[int]
 ) -> Callable[[int, int], float]:
     """How far two frames may lie apart: by the vehicle's speed where both have times, else by the
     usual step.
     """
-    steps = [_distance_m(T, a, b) for a, b in pairwise(placed)]
-    usual = max(MIN_JUMP_M, JUMP_STEPS * float(np.median(steps))) if steps else MIN_JUMP_M
+    steps = np.array([_distance_m(T, a, b) for a, b in pairwise(placed)])
+    usual = max(MIN_JUMP_M, JUMP_STEPS * float(np.median(steps))) if len(steps) else MIN_JUMP_M
+    elapsed = np.abs(np.diff(index.timestamps_s[placed]))
+    speeds = steps[elapsed > 0] / elapsed[elapsed > 0]
+    fastest = max(MAX_SPEED, JUMP_SPEEDS * float(np.median(speeds))) if len(speeds) else MAX_SPEED
 
     def limit(a: int, b: int) -> float:
         elapsed_s = index.timestamps_s[b] - index.timestamps_s[a]
-        return (
-            max(MIN_JUMP_M, config.max_speed_m_s * abs(elapsed_s))
-            if np.isfinite(elapsed_s)
-            else usual
-        )
+        return max(MIN_JUMP_M, fastest * abs(elapsed_s)) if np.isfinite(elapsed_s) else usual
 
     return limit
 
