@@ -83,6 +83,7 @@ class Pipeline:
         self.config = config or RunConfig()
         self.rectification = Rectification.from_rig(rig)
         self.geometry: RectifiedPair | None = self.rectification.pair
+        self.matched_by: RectifiedPair | None = self.geometry
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
         self.original = (

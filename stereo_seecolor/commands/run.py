@@ -198,6 +198,7 @@ def correct(
         SeeColorError: For what concerns the whole folder.
     """
     from stereo_seecolor.dive.ranged_images import RangedImages
+    from stereo_seecolor.run_folder.finished_run import geometry_of_ranges
 
     images, ranges, out = Path(images), Path(ranges), Path(out)
     config, options = config or RunConfig(), options or RunOptions()
@@ -216,7 +217,7 @@ def correct(
     )
     with RunFolder(out, folder_request(owner, config, options, read)) as folder:
         with reported(
-            RangedImages(config),
+            RangedImages(config, geometry_of_ranges(ranges)),
             pairing,
             inputs,
             folder,

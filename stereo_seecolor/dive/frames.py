@@ -44,8 +44,9 @@ from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 class PairSource(Protocol):
     """Reads and measures a pair: a Pipeline, or RangedImages.
 
-    geometry: of the rectified images, None without calibration. makes_ranges: whether its range
-    maps are written to OUT.
+    geometry: of the rectified images, None without calibration. matched_by: of the images that its
+    ranges were matched in, None where that is unknown. makes_ranges: whether its range maps are
+    written to OUT.
     seen: where rectified images show something, None = everywhere. original: the view of the
     unrectified left camera, None where nothing is written in it. settings: hash of all that a range
     map depends on besides its files.
@@ -55,6 +56,7 @@ class PairSource(Protocol):
     corrector: Corrector
     reader: FrameReader
     geometry: RectifiedPair | None
+    matched_by: RectifiedPair | None
     makes_ranges: bool
     seen: Mask | None
     original: OriginalView | None
@@ -332,7 +334,7 @@ class _Corrected:
 
     before: its rectified image, uncorrected. measured: its range map. ranges: the range map that it
     was corrected with, in which ranges are carried over to pixels without a measured one. outside:
-    where the right image does not reach; None without calibration.
+    where the right image does not reach; None where that is unknown.
     """
 
     before: Image
@@ -349,7 +351,9 @@ def _corrected(
     before, measured = _pixels(frames, ranged, clock)
     with clock("color"):
         ranges = ranges_for_color(source.corrector, before, measured, water, source.seen)
-        outside = None if source.geometry is None else source.geometry.outside_right(ranges.range_m)
+        pair = source.matched_by
+        is_known = pair is not None and pair.image_size == ranges.range_m.shape[::-1]
+        outside = pair.outside_right(ranges.range_m) if pair and is_known else None
     image = _divided(frames, light, ranged.pair.name, before, ranges.range_m, clock)
     with clock("color"):
         exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)

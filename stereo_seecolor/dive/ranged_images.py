@@ -27,11 +27,11 @@ class RangedImages:
     seen: Mask | None = None
     original: OriginalView | None = None  # its images are the camera's own already
 
-    def __init__(self, config: RunConfig) -> None:
-        self.config = config
+    def __init__(self, config: RunConfig, matched_by: RectifiedPair | None = None) -> None:
+        self.config, self.matched_by = config, matched_by
         self.corrector = make_corrector(config.color, memory_of(config.device))
         self.reader = FrameReader(config.input)
-        self.settings = content_key(__version__, self.reader.settings)
+        self.settings = content_key(__version__, self.reader.settings, matched_by)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
         """The files of a pair: its image and its range map."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
@@ -352,6 +353,17 @@ def _run_content(out: Path) -> dict[str, Any]:
                 f"{setting!r}: run again"
             ) from error
         raise InputError(f"{path}: is damaged: run again, which keeps what is finished") from error
+
+
+def geometry_of_ranges(folder: Path) -> RectifiedPair | None:
+    """The geometry of the images that the range maps of OUT/range were matched in; None for any
+    other folder.
+    """
+    with suppress(InputError):
+        if folder.name == "range":
+            geometry: RectifiedPair | None = _run_content(folder.resolve().parent)["geometry"]
+            return geometry
+    return None
 
 
 def _geometry(content: dict[str, Any]) -> dict[str, Any]:

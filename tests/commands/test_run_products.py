@@ -113,9 +113,6 @@ def test_result_is_the_same_with_any_number_of_workers(make_dive, cli, tmp_path)
 
 @pytest.mark.slow
 def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_path) -> None:
-    """But where no range was measured: correct has no calibration to tell which strip the right
-    camera does not see, and limits vivid colors there.
-    """
     dive = make_dive()
     assert (
         cli(*dive.command(tmp_path / "all", "--set", "color.lock=frame"))[0] == 0
@@ -135,10 +132,7 @@ def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_
     for path in (tmp_path / "all/corrected").iterdir():
         mask = tmp_path / "all/mask" / path.name
         assert (tmp_path / "colors/mask" / path.name).read_bytes() == mask.read_bytes()
-        other = cv2.imread(str(tmp_path / "colors/corrected" / path.name))
-        measured = cv2.imread(str(mask), cv2.IMREAD_UNCHANGED) != 2
-        assert measured.mean() > 0.5
-        np.testing.assert_array_equal(other[measured], cv2.imread(str(path))[measured])
+        assert (tmp_path / "colors/corrected" / path.name).read_bytes() == path.read_bytes()
 
 
 @pytest.mark.slow
