@@ -15,7 +15,7 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import tone
 from stereo_seecolor.color.render.tone import fine_ranges_m
 from stereo_seecolor.color.table.encoding import decode, encode
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, PaperConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.records import Water
@@ -255,7 +255,8 @@ def broken_frames():
     ("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()]
 )
 def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, range_m):
-    corrector = Corrector(ColorConfig(method=method))
+    steps = PaperConfig(iterations=500 if depth == 8 else 100)  # all of them once
+    corrector = Corrector(ColorConfig(method=method, paper=steps))
     image = image if depth == 8 else image.astype(np.uint16) * 257
     if name == "all unknown":
         with pytest.raises(
