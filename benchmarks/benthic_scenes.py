@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from color_cases import make_range, smooth_noise
 from independent_waters import KINDS
+from spectra import mixed, read_spectra
 
 from stereo_seecolor.color.fitting import robust, scene_colors
-from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra
 from stereo_seecolor.color.table.moment_table import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg

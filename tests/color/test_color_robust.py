@@ -1,4 +1,5 @@
 import itertools
+import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE
-from stereo_seecolor.color.fitting.scene_colors import mixed, read_spectra, sea_floor, whole_prior
+from stereo_seecolor.color.fitting.scene_colors import sea_floor, whole_prior
 from stereo_seecolor.color.fitting.water_prior import (
     RATE_OF_CHANGE,
     WATER,
@@ -31,6 +32,7 @@ from stereo_seecolor.records import Water
 
 SHAPE = (160, 240)
 CONFIG = ColorConfig()
+SPECTRA = runpy.run_path(str(Path(__file__).resolve().parents[2] / "benchmarks/spectra.py"))
 
 
 def some_water(
@@ -332,7 +334,7 @@ def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
 
 
 def test_published_spectra_have_the_colors_that_are_known() -> None:
-    kinds, _, spectra = read_spectra()
+    kinds, _, spectra = SPECTRA["read_spectra"]()
     assert ((spectra > 0) & (spectra < 1)).all()
     red, green, blue = np.log(spectra @ drawn_camera(np.full(4, 0.5)).T).T
     sand = np.array(kinds) == "sand"
@@ -363,7 +365,7 @@ def test_magenta_costs_more_than_brown() -> None:
 
 @pytest.mark.slow
 def test_kept_colors_of_the_sea_floor_are_those_of_the_spectra() -> None:
-    kept, made = sea_floor(), mixed()
+    kept, made = sea_floor(), SPECTRA["mixed"]()
     for name in ("mean", "channels", "cast"):
         np.testing.assert_allclose(getattr(kept, name), getattr(made, name), atol=2e-4)
 
