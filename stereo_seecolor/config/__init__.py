@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from stereo_seecolor.config.color import ColorConfig, PaperConfig, RobustConfig
+from stereo_seecolor.config.color import ColorConfig, LampsConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
 from stereo_seecolor.config.stage import (
     InputConfig,
@@ -20,6 +20,7 @@ from stereo_seecolor.config.stage import (
 __all__ = [
     "ColorConfig",
     "InputConfig",
+    "LampsConfig",
     "MappingConfig",
     "MarkersConfig",
     "MatchingConfig",

@@ -1,6 +1,6 @@
 """The settings of color: the method, what frames share, and how corrected images are shown."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, Strict, ValidationError, ValidatorFunctionWrapHandler, field_validator
 
@@ -16,20 +16,22 @@ Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 class RobustConfig(StageConfig):
     """The default method: physics with a white point, fitted to quantiles of color over range."""
 
-    white_point: Literal["scene", "lamps", "gray", "none"] | Rgb = Field(
+    white_point: Literal["scene", "gray", "none"] | Rgb = Field(
         default="scene",
         description="The color of the light that arrives at the reef. scene: fitted with the "
-        "water, for a reef whose colors are warm on average, as sand and rock are. lamps: the same "
-        "for lamps on the rig, whose light came through no water above; taken in place of scene "
-        "where light is found to fall off as that of lamps. gray: for colors that are gray on "
-        "average. none: white, as in the paper's model. Or R, G, B as known, from a white card for "
-        "example, in linear light, each from 0.0001 to 10000; only their ratios count.",
+        "water, for a reef whose colors are warm on average, as sand and rock are. gray: the "
+        "same, for colors that are gray on average. none: white, as in the paper's model. Or R, G, "
+        "B as known, from a white card for example, in linear light, each from 0.0001 to 10000; "
+        "only their ratios count.",
     )
+
+    daylight_depth_m: ClassVar[float | None] = None
+    """Depth of water that light came down through, meters; None: unknown."""
 
     @property
     def fits_white(self) -> bool:
         """Whether the white point is fitted with the water."""
-        return self.white_point in ("scene", "lamps", "gray")
+        return self.white_point in ("scene", "gray")
 
     @field_validator("white_point", mode="wrap")
     @classmethod
@@ -38,8 +40,14 @@ class RobustConfig(StageConfig):
             return handler(value)
         except ValidationError as error:
             raise ValueError(
-                "must be scene, lamps, gray, none, or [R, G, B], each from 0.0001 to 10000"
+                "must be scene, gray, none, or [R, G, B], each from 0.0001 to 10000"
             ) from error
+
+
+class LampsConfig(RobustConfig):
+    """The same where lamps on the rig give most of the light: it came down through no water."""
+
+    daylight_depth_m: ClassVar[float | None] = 0.0
 
 
 class PaperConfig(StageConfig):

@@ -56,7 +56,7 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.robust.white_point=[1, 1, .inf]", r"^--set: color\.robust\.white_point: "),
         (
             "color.robust.white_point=[0, 1, 1]",
-            r"^--set: color\.robust\.white_point: must be scene, lamps, gray, none, or \[R, G, B\]",
+            r"^--set: color\.robust\.white_point: must be scene, gray, none, or \[R, G, B\], each",
         ),
         ("color.robust.white_point=[1, -1, 1]", r"^--set: color\.robust\.white_point: must be "),
         ("color.robust.white_point=[1, .nan, 1]", r"^--set: color\.robust\.white_point: must be "),

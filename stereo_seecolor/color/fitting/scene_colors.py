@@ -119,25 +119,15 @@ def deviations(covariance: Matrix) -> Matrix:
 
 def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
     """What is known of the water's fifteen parameters, and what the configuration sets of them."""
-    depth_m = 0.0 if settings.white_point == "lamps" else None
-    mean, covariance = (part.copy() for part in water_prior(depth_m))
-    if not settings.fits_white:
-        known = settings.white_point
-        white = np.log(known) if isinstance(known, tuple) else np.zeros(3)
-        mean, covariance = _set(
-            mean, covariance, slice(12, WATER), white - white.mean(), together=SET.white_brightness
-        )
-    return mean, covariance
-
-
-def _set(
-    mean: Vector, covariance: Matrix, where: slice, values: Vector, together: float
-) -> tuple[Vector, Matrix]:
-    """The Gaussian after ``where`` was observed. together: variance of a common offset."""
-    gain = covariance[:, where] @ np.linalg.inv(
-        covariance[where, where] + SET.value * np.eye(3) + together
-    )
-    return mean + gain @ (values - mean[where]), covariance - gain @ covariance[where]
+    mean, covariance = water_prior(settings.daylight_depth_m)
+    if settings.fits_white:
+        return mean, covariance
+    known, white = settings.white_point, slice(12, WATER)
+    values = np.log(known) if isinstance(known, tuple) else np.zeros(3)
+    observed = covariance[white, white] + SET.value * np.eye(3) + SET.white_brightness
+    gain = covariance[:, white] @ np.linalg.inv(observed)
+    off = values - values.mean() - mean[white]
+    return mean + gain @ off, covariance - gain @ covariance[white]
 
 
 Array = NDArray[np.float64]

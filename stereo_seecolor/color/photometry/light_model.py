@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.sequences import Names, SomeNames
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, LampsConfig
 from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.files.srgb import LUMINANCE
@@ -373,10 +373,9 @@ def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
     """The settings with which the water is fitted: where lamps give most of the light, it has come
     through no water above the reef, and its white point is the lamps', not that of a depth.
     """
-    if light is None or light.fade < LAMPS_FADE or config.robust.white_point != "scene":
+    if light is None or light.fade < LAMPS_FADE:
         return config
-    robust = config.robust.model_copy(update={"white_point": "lamps"})
-    return config.model_copy(update={"robust": robust})
+    return config.model_copy(update={"robust": LampsConfig(**dict(config.robust))})
 
 
 def lit_by(water: Water, light: Light | None) -> Water:
