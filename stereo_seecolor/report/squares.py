@@ -79,7 +79,7 @@ def squares_of(
     chosen = [names.index(name) for name in ROUGHNESS]
 
     def measured(heights: Array) -> Array:
-        found = _roughness(heights, windows, cells, cell_m)
+        found = _of_windows(heights, windows, cells, cell_m)
         return np.column_stack([found[:, :2] ** 2 - 1, found[:, 2], found[:, 3] ** 2]).ravel()
 
     def derived(squared: Array) -> Array:
@@ -108,7 +108,7 @@ def squares_of(
     return Squares(cells * cell_m, names, values[:-1], std[:-1], *site)
 
 
-def _roughness(
+def _of_windows(
     heights: Array, windows: Sequence[tuple[slice, slice]], cells: int, cell_m: float
 ) -> Array:
     """(N, 4) the ROUGHNESS of squares, from means over ``cells`` x ``cells``; those of one size

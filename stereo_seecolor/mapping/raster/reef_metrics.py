@@ -71,8 +71,8 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
     coverage = float(_coverage(heights))
     if coverage < MIN_COVERAGE or min(heights.shape) < 3:
         return ReefMetrics(coverage, *([float("nan")] * 7))
-    east, north, _ = _plane(heights, cell_m)
-    surface, linear, ruggedness, range_m = map(float, roughness(heights, cell_m))
+    east, north, residual = _plane(heights, cell_m)
+    surface, linear, ruggedness, range_m = map(float, _roughness(heights, residual, cell_m))
     return ReefMetrics(
         coverage=coverage,
         surface_rugosity=surface,
@@ -95,23 +95,22 @@ def roughness(heights: Heights, cell_m: float) -> Heights:
     """
     if min(heights.shape[-2:]) < 3:
         return np.full((*heights.shape[:-2], len(ROUGHNESS)), np.nan)
-    residual = _plane(heights, cell_m)[2]
+    found = _roughness(heights, _plane(heights, cell_m)[2], cell_m)
+    return np.where((_coverage(heights) >= MIN_COVERAGE)[..., None], found, np.nan)
+
+
+def _roughness(heights: Heights, residual: Heights, cell_m: float) -> Heights:
+    """residual: the heights without their plane."""
     known = np.isfinite(residual)
-    highest, lowest = (
-        extreme(np.where(known, residual, empty), axis=(-2, -1))
-        for extreme, empty in ((np.max, -np.inf), (np.min, np.inf))
+    highest = np.where(known, residual, -np.inf).max(axis=(-2, -1))
+    lowest = np.where(known, residual, np.inf).min(axis=(-2, -1))
+    measured = (
+        surface_rugosity(heights, cell_m),
+        _linear_rugosity(heights, cell_m),
+        vector_ruggedness(heights, cell_m),
+        highest - lowest,
     )
-    found = np.stack(
-        [
-            surface_rugosity(heights, cell_m),
-            _linear_rugosity(heights, cell_m),
-            vector_ruggedness(heights, cell_m),
-            highest - lowest,
-        ],
-        axis=-1,
-    )
-    seen = _coverage(heights) >= MIN_COVERAGE
-    return np.where(seen[..., None], found, np.nan)
+    return np.stack(measured, axis=-1)
 
 
 def _coverage(heights: Heights) -> Any:
