@@ -352,8 +352,8 @@ def _corrected(
     with clock("color"):
         ranges = ranges_for_color(source.corrector, before, measured, water, source.seen)
         pair = source.matched_by
-        is_known = pair is not None and pair.image_size == ranges.range_m.shape[::-1]
-        outside = pair.outside_right(ranges.range_m) if pair and is_known else None
+        alike = pair is not None and pair.image_size == ranges.range_m.shape[::-1]
+        outside = pair.outside_right(ranges.range_m) if pair and alike else None
     image = _divided(frames, light, ranged.pair.name, before, ranges.range_m, clock)
     with clock("color"):
         exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)

@@ -359,9 +359,10 @@ def geometry_of_ranges(folder: Path) -> RectifiedPair | None:
     """The geometry of the images that the range maps of OUT/range were matched in; None for any
     other folder.
     """
-    with suppress(InputError):
-        if folder.name == "range":
-            geometry: RectifiedPair | None = _run_content(folder.resolve().parent)["geometry"]
+    folder = folder.resolve()
+    if folder.name == "range":
+        with suppress(InputError):
+            geometry: RectifiedPair | None = _run_content(folder.parent)["geometry"]
             return geometry
     return None
 

@@ -14,6 +14,7 @@ from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.pipeline import Pipeline
 
 SHIFTS = np.arange(16, 48)
+SAMPLE = Path(__file__).resolve().parents[2] / "data_samples/reef"
 
 
 def export(
@@ -88,7 +89,7 @@ def test_a_network_gives_the_ranges(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_ranges_of_another_network_at_the_same_path_are_not_taken(tmp_path: Path) -> None:
-    rig, settings = load_rig(Path("data_samples/reef/cam.yaml")), set[str]()
+    rig, settings = load_rig(SAMPLE / "cam.yaml"), set[str]()
     for rows in (None, 480):
         network = config(export(tmp_path / "net.onnx", rows=rows))
         settings.add(Pipeline(rig, RunConfig(matching=network)).settings)

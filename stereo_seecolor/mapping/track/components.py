@@ -93,7 +93,7 @@ def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> 
 
 MIN_JUMP_M = 2.0
 """Less is no jump, whatever the speed: positions of vehicles are no better."""
-MAX_SPEED, JUMP_SPEEDS = 3.0, 3.0
+MAX_SPEED_M_S, JUMP_SPEEDS = 3.0, 3.0
 """Speed, m/s, and multiple of the usual speed that a step must both exceed to be a jump."""
 JUMP_STEPS = 10.0
 """Usual steps between frames that a step must exceed to be a jump, where times do not tell the
@@ -149,11 +149,12 @@ def _step_limit_m(
     usual = max(MIN_JUMP_M, JUMP_STEPS * float(np.median(steps))) if len(steps) else MIN_JUMP_M
     elapsed = np.abs(np.diff(index.timestamps_s[placed]))
     speeds = steps[elapsed > 0] / elapsed[elapsed > 0]
-    fastest = max(MAX_SPEED, JUMP_SPEEDS * float(np.median(speeds))) if len(speeds) else MAX_SPEED
+    usual_m_s = float(np.median(speeds)) if len(speeds) else 0.0
+    fastest_m_s = max(MAX_SPEED_M_S, JUMP_SPEEDS * usual_m_s)
 
     def limit(a: int, b: int) -> float:
         elapsed_s = index.timestamps_s[b] - index.timestamps_s[a]
-        return max(MIN_JUMP_M, fastest * abs(elapsed_s)) if np.isfinite(elapsed_s) else usual
+        return max(MIN_JUMP_M, fastest_m_s * abs(elapsed_s)) if np.isfinite(elapsed_s) else usual
 
     return limit
 
