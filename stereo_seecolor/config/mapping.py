@@ -2,7 +2,14 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, Strict, model_validator
+from pydantic import (
+    Field,
+    Strict,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_validator,
+)
 
 from stereo_seecolor.config.stage import FilePath, StageConfig
 
@@ -29,6 +36,14 @@ class MountConfig(StageConfig):
         description="Roll, pitch and yaw: turns about x, y and z, degrees; a yaw of 90: the top of "
         "the image is the bow.",
     )
+
+    @field_validator("xyz_m", "rpy_deg", mode="wrap")
+    @classmethod
+    def _one_line(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return handler(value)
+        except ValidationError as error:
+            raise ValueError("must be three numbers, such as [0, 0, 90]") from error
 
 
 class MarkersConfig(StageConfig):
