@@ -321,7 +321,7 @@ python benchmarks/real_dives.py DATA
 Written by this command, on data as they were published: a reef dive of a diver's rig (20 consecutive pairs at 2 Hz, 1360x1024, a
 vertical pair with color on the left and monochrome on the right, strobe-lit, calibrated in water with MATLAB; Australian Centre
 for Field Robotics), and calibration files of four real underwater rigs. None of it may be shown or passed on, so that there are
-numbers only. Track and poses are compared with the survey's own SLAM of the same images, which is no independent truth.
+numbers only. Track and poses are compared with the survey's own SLAM of the same images, which is not an independent truth.
 Processor time is what compares with other machines: where others worked on the same cores, elapsed time is theirs too.
 """  # noqa: E501
 END = """That wrong axes, units, norths and clocks, and poses on wrong frames, are named on this dive, and the published poses not

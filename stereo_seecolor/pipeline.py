@@ -337,7 +337,7 @@ class Stream:
             found = self._fitter.water(table)
             if found is None:
                 raise ColorError(
-                    "no pixel with a known range yet: there is nothing to fit a water to"
+                    "no pixel with a known range yet: there is nothing to fit the water to"
                 )
             return found
 

@@ -145,8 +145,8 @@ class RowCheck:
 
     @property
     def refusal(self) -> str:
-        """Why these are no images of this rig that ranges can be had from, and what to do; "" where
-        they may be.
+        """Why these are not images of this rig that ranges can be had from, and what to do; ""
+        where they may be.
         """
         if self.one_picture:
             return (
@@ -360,7 +360,7 @@ BEHIND_PX = -0.5  # disparity of a point behind infinity: beyond the noise of ma
 LEAST_PIXELS = (
     1.6e5  # images smaller than that at a third of their size show too few features there
 )
-STRAY_PX = 1.0  # a row that much off the median is no match of the same point
+STRAY_PX = 1.0  # a row that much off the median is not a match of the same point
 
 
 @dataclass(frozen=True, eq=False)

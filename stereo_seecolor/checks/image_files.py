@@ -38,7 +38,7 @@ class OrderSettings:
 
     looked_at: pairs over the dive that are compared, each with the next.
     quantiles: of each channel of an image; step_px: between the pixels that are counted.
-    dark: fraction of full scale that is added, since the noise of dark pixels is no color.
+    dark: fraction of full scale that is added, since the noise of dark pixels is not color.
     apart, times: by how much the logarithms of two images' red and blue over green must differ at
     least, and how many times as much as with red and blue exchanged. Of neighbors and of every
     fifth frame of a real reef, FLSea and the sample dive: at most 0.3 times as given, 3.6 and more
@@ -79,7 +79,7 @@ def order_notes(images: DiveImages) -> tuple[str, ...]:
 
 
 def _first_exchanged(pairs: Sequence[Pair], first: int, last: int, config: InputConfig) -> int:
-    """The first image that is exchanged, by halves of the stretch after one that is not."""
+    """The first image that is exchanged, by halves of the segment after one that is not."""
     while last - first > 1:
         middle = (first + last) // 2
         if _are_exchanged(_colors(pairs[first], config), _colors(pairs[middle], config)):

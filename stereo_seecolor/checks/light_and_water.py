@@ -1,5 +1,5 @@
 """Light and water of a dive against what they can be: exposure of frames, and by the fitted water
-channels exchanged and ranges that are no meters.
+channels exchanged and ranges that are not in meters.
 """
 
 from collections.abc import Mapping
@@ -86,8 +86,8 @@ def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
     )
 
 
-# Detects ranges that are no meters, by the water that was fitted to images and ranges: water sets
-# bounds that no unit changes.
+# Detects ranges that are not in meters, by the water that was fitted to images and ranges: water
+# sets bounds that no unit changes.
 
 LEAST_RED = 0.115
 """1/m. What the clearest ocean takes from a camera's red: 0.11 at 25 m of depth and 7 m of range,

@@ -20,7 +20,7 @@ from stereo_seecolor.files.json_values import json_line
 
 KNOWN = {"stereo_seecolor.errors.SeeColorError", "calibration.errors.CalibrationError"}
 OF_THE_MACHINE = (errno.ENOSPC, errno.EROFS, errno.EMFILE, errno.ENFILE, errno.EIO, errno.ENOMEM)
-"""Errors of the system that are no defect of this program, whatever file they are of."""
+"""Errors of the system that are not a defect of this program, whatever file they are of."""
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 
 

@@ -91,7 +91,9 @@ class Corrector:
         """
         if not table.pixels.any():
             if start is None:
-                raise ColorError("no pixel with a known range: there is nothing to fit a water to")
+                raise ColorError(
+                    "no pixel with a known range: there is nothing to fit the water to"
+                )
             return start
         return replace(self._fit(table, start, until_s), typical_range_m=table.median_range_m)
 

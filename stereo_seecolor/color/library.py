@@ -50,7 +50,8 @@ def correct(
     water and its exposure.
     Returns a Correction of arrays or tensors, on the device of ``image``. Its image, unknown and
     unrecoverable have the batch's first axis, if there is one; clipped_fraction is the mean over
-    the batch. Raises as ``fit``, and ColorError for a water that was fitted to another encoding.
+    the batch. Raises as ``fit``, and ColorError for water parameters that were fitted to another
+    encoding.
     """
     corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
     water = water or fit(image, range_m, config)

@@ -1,4 +1,4 @@
-"""How well the white point of a water is known, and the water with another one."""
+"""How well the white point of the water is known, and the water parameters with another one."""
 
 from dataclasses import replace
 
@@ -20,8 +20,8 @@ def white_errors(water: Water) -> NDArray[np.float64]:
     """(2,) relative standard errors of red and of blue over green of the white point; NaN where
     they are not known.
 
-    Those of a water are of the logarithms less their mean. These three sum to 0, so that their
-    variances hold their covariances: Var(r - g) = 2 Var(r) + 2 Var(g) - Var(b).
+    Those of water parameters are of the logarithms less their mean. These three sum to 0, so that
+    their variances hold their covariances: Var(r - g) = 2 Var(r) + 2 Var(g) - Var(b).
     """
     red, green, blue = (water.standard_errors.get("white", np.full(3, np.nan)) / water.white) ** 2
     variances = np.array([2 * red + 2 * green - blue, 2 * blue + 2 * green - red])

@@ -59,8 +59,8 @@ def run(
         out: Folder for the results; made where it does not exist.
         config: Settings; the defaults if not given.
         options: How the work is done: workers, overwriting, listeners. A shard (``options.shard``)
-            without a water (``options.water``) stops before the fit: ``merge`` fits the water of
-            all shards.
+            without water parameters (``options.water``) stops before the fit: ``merge`` fits the
+            water of all shards.
 
     Returns:
         The outcome of every pair, and the totals. A bad pair is a row that names its error.
@@ -121,7 +121,7 @@ def color_with(run: DiveRun, waters: Mapping[str, Water]) -> None:
     """Take the pairs of shards to true colors, with waters that were fitted to all shards, by frame
     name, and no light.
 
-    A pair without a water failed before the fit, and its row says again why.
+    A pair without water parameters failed before the fit, and its row says again why.
     """
     measure_ranges(run)
     run.folder.dive.write(WATER, waters_content(waters))

@@ -154,7 +154,7 @@ class SomeNames(Collection[str]):
 
 
 class ByName(Mapping[str, NamesItem]):
-    """A mapping from names to items, with few different items, such as a water that many frames
+    """A mapping from names to items, with few different items, such as the water that many frames
     share.
     """
 

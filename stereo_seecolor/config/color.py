@@ -8,7 +8,7 @@ from stereo_seecolor.config.stage import StageConfig
 
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
 STREAM_FRAMES = 20
-"""Frames that share a water in live, where no other number is set."""
+"""Frames that share one water in live, where no other number is set."""
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 """Three positive numbers, also given as a list."""
 
@@ -58,7 +58,7 @@ class PaperConfig(StageConfig):
     iterations: int = Field(
         default=500,
         ge=1,
-        description="Steps of both networks on a frame, or on frames that share a water.",
+        description="Steps of both networks on a frame, or on frames that share one water.",
     )
     iterations_per_frame: int = Field(
         default=20,
@@ -114,7 +114,7 @@ class ColorConfig(StageConfig):
     @classmethod
     def _lock_in_one_line(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         if value == "sliding":
-            raise ValueError("it is now the number of frames that share a water, such as 20")
+            raise ValueError("it is now the number of frames that share one water, such as 20")
         try:
             return handler(value)
         except ValidationError as error:

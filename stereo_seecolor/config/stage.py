@@ -10,7 +10,7 @@ FilePath = Annotated[Path, Strict(False)]
 
 
 class StageConfig(BaseModel):
-    """Frozen settings, strictly checked: true, "1", infinity and NaN are no numbers, and unknown
+    """Frozen settings, strictly checked: true, "1", infinity and NaN are not numbers, and unknown
     keys are refused.
     """
 

@@ -172,7 +172,7 @@ class DiveRun:
 # made when asked for.
 
 GROUP = 32
-"""Pairs of a group. A stretch with a water of its own begins with one, and has 256 frames or more
+"""Pairs of a group. A segment with a water of its own begins with one, and has 256 frames or more
 in a dive that needs groups.
 """
 

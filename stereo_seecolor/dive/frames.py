@@ -418,7 +418,7 @@ def _save_for_page(
 
 
 def water_key(water: Water) -> str:
-    """Hash of a water's content."""
+    """Hash of the content of water parameters."""
     return content_key(water.content())
 
 

@@ -47,7 +47,7 @@ class SampleSettings:
     """The frames of a long dive from which the pattern is solved."""
 
     segment: int = 5
-    """Frames of a stretch: one more than the farthest back."""
+    """Frames of a segment: one more than the farthest back."""
     most_frames: int = 60
     """Frames in all: 60 give 60,000 observations for at most 150 unknowns."""
 
@@ -62,16 +62,16 @@ class GapSettings:
     """
 
     frames: int = 64
-    """A stretch begins with four frames of the one before, which are examined twice. Some five
+    """A segment begins with four frames of the one before, which are examined twice. Some five
     seconds of work for one core, so that 10,000 frames are enough for a hundred workers.
     """
     least: int = 15
-    """Frames of a stretch at least, also where there are fewer for each core: three stretches of a
+    """Frames of a segment at least, also where there are fewer for each core: three segments of a
     long dive's sample.
     """
 
     def length(self, frames: int, parts: int) -> int:
-        """Frames in each stretch, if ``frames`` are cut into at least ``parts`` parts."""
+        """Frames in each segment, if ``frames`` are cut into at least ``parts`` parts."""
         return max(min(self.frames, -(-frames // parts)), self.least)
 
 
@@ -256,7 +256,7 @@ class LightSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Stretches(Lazy[Segment]):
-    """Frame numbers cut into stretches of ``length``; each begins with some frames of the stretch
+    """Frame numbers cut into segments of ``length``; each begins with some frames of the segment
     before, to be compared with.
     """
 
@@ -268,7 +268,7 @@ class _Stretches(Lazy[Segment]):
         return -(-len(self.numbers) // self.length)
 
     def item(self, number: int) -> Segment:
-        """The stretch of this number."""
+        """The segment of this number."""
         numbers, start, back = self.numbers, number * self.length, max(LOOK.back)
         before = [
             number
@@ -332,7 +332,7 @@ def is_short(frames: int) -> bool:
 
 
 def sampled_frames(frames: int) -> list[int]:
-    """Numbers of the frames from which the pattern is solved: all of a short dive, stretches spread
+    """Numbers of the frames from which the pattern is solved: all of a short dive, segments spread
     over a long one.
     """
     if is_short(frames):

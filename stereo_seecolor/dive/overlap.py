@@ -75,7 +75,7 @@ and how much it helps is the same to noise.
 @dataclass(frozen=True, eq=False)
 class Segment:
     """Successive frames of a dive. frames: number in the dive and key of each. before: the first so
-    many belong to the stretch before, and are only compared with.
+    many belong to the segment before, and are only compared with.
     """
 
     before: int
@@ -132,7 +132,7 @@ class FrameMatcher:
     encoding: InputEncoding
 
     def windows(self, segment: Segment, loops: int) -> Iterator[SeenWindow]:
-        """The windows of a stretch's own frames, each with at most ``loops`` frames of other survey
+        """The windows of a segment's own frames, each with at most ``loops`` frames of other survey
         lines.
         """
         return self.of_windows(segment, loops, lambda window: window)

@@ -232,7 +232,7 @@ def _count_group(
 
 
 def correct_frames(run: DiveRun, light: DiveLight, waters: Mapping[str, Water]) -> None:
-    """Correct each frame that has a water, and write it with its cloud."""
+    """Correct each frame that has water parameters, and write it with its cloud."""
     settings: dict[Stage, str] = {
         "range": run.frames.source.settings,
         "corrected": color_settings(run.frames.config, light.light),

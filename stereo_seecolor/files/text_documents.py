@@ -100,7 +100,7 @@ def table_rows(content: bytes) -> Iterator[dict[str, str]]:
                 raise ValueError(f"row {number} has other cells than the header")
             yield row
     except csv.Error as error:
-        raise ValueError(f"is no table: {error}") from error
+        raise ValueError(f"is not a table: {error}") from error
 
 
 def header(path: Path) -> Sequence[str]:

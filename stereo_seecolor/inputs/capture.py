@@ -70,7 +70,7 @@ MOST_ZOOM = 100.0
 _CROPPED = re.compile(rb"crs:HasCrop\s*(=\s*[\"']|>)\s*True", re.IGNORECASE)
 """What Adobe's converters write into XMP of a picture that was cut out."""
 ASPECT = 0.02
-"""Least change of the ratio of width to height that is no rounding."""
+"""Least change of the ratio of width to height that is not rounding."""
 
 
 def framing(content: bytes, size: tuple[int, int]) -> str:

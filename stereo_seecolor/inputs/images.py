@@ -111,8 +111,8 @@ def read_range_map(path: str | Path, units_per_m: float | None = None) -> Map:
     NumPy's or MATLAB's arrays.
 
     units_per_m: how many of its units are a meter; None: 1 for floating point, 1000 for integers.
-    Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such
-    map.
+    Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is not such
+    a map.
     """
     from stereo_seecolor.inputs.range_maps import decode_range_map
 

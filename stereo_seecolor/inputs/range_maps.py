@@ -153,7 +153,7 @@ def _is_map(array: NDArray[Any]) -> bool:
 
 def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.float32]:
     """Rows from the bottom up, (H, W) or (H, W, 3); the sign of the third number is the order of
-    bytes, and its size is no unit.
+    bytes, and its size is not a unit.
     """
     width, height = int(header[2]), int(header[3])
     shape = (height, width) if header[1] == b"f" else (height, width, 3)
@@ -228,7 +228,7 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
 
 
 def _below_top(values: NDArray[Any], known: NDArray[np.bool_], path: Path) -> NDArray[np.bool_]:
-    """Where values are no mark of what is unknown: the largest that 16 bits hold, far above all
+    """Where values do not mark what is unknown: the largest that 16 bits hold, far above all
     others.
 
     Raises InputError for a map that was normalized: it reaches the largest value, and others lie

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 FEWEST = 3
 """Points that fix a rigid motion; of just three the residuals say little."""
 BEYOND_SIGMAS = 5.0
-"""Standard errors, of a place and of the map, beyond which a residual is no chance."""
+"""Standard errors, of a place and of the map, beyond which a residual is not chance."""
 EXPLAINED = 0.2
 """A place is mistyped where the others fit so many times better without it."""
 

@@ -267,7 +267,7 @@ def _median(values: Array) -> float:
 def _still(
     T_world_camera: Array, edges: Sequence[Edge], motions: Motions, position_step_m: float
 ) -> str:
-    """What to say of poses that stay while the pictures move: numbers that are no positions, or no
+    """What to say of poses that stay while the pictures move: numbers that are not positions, or no
     attitudes; "" for others, and for positions rounded to more than the pictures move.
     """
     start = T_world_camera[[e.i for e in edges], :3, :3]

@@ -256,7 +256,7 @@ class SpotSettings:
 
     neighbors: int = 12  # pairs of neighbors, spread over the dive
     crossings: int = (
-        6  # pairs that overlap by the given poses and are no neighbors: lines that lie side by side
+        6  # pairs that overlap by the given poses, not neighbors: lines that lie side by side
     )
     point_step: int = 16  # every so many of a frame's coarse points is enough to say where it looks
     min_edges: int = 5  # fewer prove nothing

@@ -160,7 +160,7 @@ def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None 
 def read_waters(path: Path, names: Iterable[str]) -> Mapping[str, Water]:
     """Read the water of each of ``names``: the file's one water, or each frame's own.
 
-    Raises InputError if the file is no water.json, or holds waters of single frames and one of
+    Raises InputError if the file is not a water.json, or holds waters of single frames and one of
     ``names`` is not among them.
     """
     content = read_water_document(path)

@@ -192,12 +192,16 @@ class FinishedRun:
             InputError: For a run without calibration.
             CalibrationError: If its file is damaged.
         """
+        self.geometry_for("this")
+        return load_rig(str(self.root / RIG))
+
+    def geometry_for(self, what: str) -> RectifiedPair:
+        """The geometry of the rectified images, which ``what`` needs. Raises InputError."""
         if self.geometry is None:
             raise InputError(
-                f"{self.root}: the run knows no camera (made by correct?): this needs the output "
-                "of run"
+                f"{self.root}: has no calibration (made by correct?): {what} needs output of run"
             )
-        return load_rig(str(self.root / RIG))
+        return self.geometry
 
     def frame(self, name: str) -> FinishedFrame:
         """Find a frame by its name.
@@ -332,7 +336,9 @@ def _run_content(out: Path) -> dict[str, Any]:
     except (InputError, ValueError) as error:
         raise InputError(f"{out}: holds no finished run ({error})") from error
     if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
-        raise InputError(f"{path}: is no {RUN} of this program (its format is not {RUN_FORMAT!r})")
+        raise InputError(
+            f"{path}: is not a {RUN} of this program (its format is not {RUN_FORMAT!r})"
+        )
     if content.get("format_version") != RUN_VERSION or not Manifest(out).exists():
         raise InputError(
             f"{path}: was written by another version of the program: run again into a new --out"

@@ -190,7 +190,7 @@ def _age_s(root: Path) -> float:
 # The lock of a run's folder: of the system, and as a lease where other machines see the folder.
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
-"""What a file system says that knows no locks, as some network file systems: the lease alone guards
+"""What a file system without locks says, as some network file systems: the lease alone guards
 OUT there.
 """
 

@@ -40,7 +40,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
 
     geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
     range_scale: how many times as long to take their ranges.
-    Raises InputError if the run knows no camera, holds no finished frame, or holds frames of two
+    Raises InputError if the run has no calibration, holds no finished frame, or holds frames of two
     settings.
     """
 
@@ -50,11 +50,8 @@ class SurveyFrames(Lazy[SurveyFrame]):
         range_scale: float = 1.0,
         frames: Sequence[FinishedFrame] | None = None,
     ) -> None:
-        if run.geometry is None or run.T_rectified_left is None:
-            raise InputError(
-                f"{run.root}: the run knows no camera (made by correct?): a map needs the output "
-                "of run"
-            )
+        geometry, T_rectified_left = run.geometry_for("a map"), run.T_rectified_left
+        assert T_rectified_left is not None
         if run.stale:
             raise InputError(
                 f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
@@ -66,8 +63,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
             raise InputError(
                 f"{run.root}: holds no frame that went through all stages: run it to its end first"
             )
-        self.geometry: RectifiedPair = run.geometry
-        self.T_rectified_left: NDArray[np.float64] = run.T_rectified_left
+        self.geometry, self.T_rectified_left = geometry, T_rectified_left
         self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
 
     @property
@@ -204,7 +200,7 @@ def _poses(path: Path) -> NDArray[np.float64]:
     if rows.ndim != 2 or rows.shape[1] != 8 or not np.isfinite(rows).all():
         raise ValueError("trajectory.tum holds no poses, or rows that are none")
     if (np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > QUATERNION_TOLERANCE).any():
-        raise ValueError("trajectory.tum holds a quaternion that is no turn")
+        raise ValueError("trajectory.tum holds a quaternion that is not a rotation")
     return rows
 
 
@@ -261,11 +257,7 @@ class Part:
         not come to its end.
         """
         run = open_run(root)
-        if run.geometry is None:
-            raise InputError(
-                f"{root}: the run knows no camera (made by correct?): only the results of run are "
-                "merged"
-            )
+        run.geometry_for("a merge")
         rows = read_rows(root / FRAMES_TABLE)
         pending = [row.name for row in rows if row.status == "pending"]
         if pending or run.state != "complete":

@@ -1,5 +1,5 @@
-"""Limits of the parameters of a water, against which every water is checked that is read, fitted or
-given by a program.
+"""Limits of the water parameters, which are checked wherever they are read, fitted or given by a
+program.
 """
 
 from collections.abc import Mapping
@@ -58,7 +58,7 @@ _LEAST, _GREATEST = (np.array([[bounds[end]] for bounds in BOUNDS.values()]) for
 
 
 def problem_of(water: Mapping[str, Any]) -> str:
-    """The first problem of these fields of a water, as "name must be ... (got ...)"; "" for
+    """The first problem of these water parameters, as "name must be ... (got ...)"; "" for
     none.
     """
     printed = _number_problem("final_sigmoid", water["final_sigmoid"], 0.0, LIMITS.light)

@@ -209,7 +209,7 @@ class Water:
             The water.
 
         Raises:
-            InputError: If it cannot be read, or holds a water for each frame.
+            InputError: If it cannot be read, or holds water parameters for each frame.
         """
         path = Path(path)
         body = read_water_document(path)
@@ -238,7 +238,7 @@ def read_water_document(path: Path) -> dict[str, Any]:
         or content.get("version") != VERSION
     ):
         raise InputError(
-            f"{path}: is no {FORMAT} version {VERSION} file: give the water.json of an earlier run"
+            f"{path}: is not a {FORMAT} version {VERSION} file: give the water.json of a run"
         )
     return content
 
@@ -252,7 +252,7 @@ def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDA
 
 
 def _channels(values: Any) -> Any:
-    """(3,) float64, NaN for null; what is no list of numbers stays as it is, to be named by the
+    """(3,) float64, NaN for null; what is not a list of numbers stays as it is, to be named by the
     limits.
     """
     is_list = isinstance(values, list) and all(isinstance(v, Real | None) for v in values)

@@ -1,4 +1,4 @@
-"""``color.lock: auto``: frames that share a water get one, and where they do not the dive is
+"""``color.lock: auto``: frames that share one water get one, and where they do not the dive is
 cut.
 """
 

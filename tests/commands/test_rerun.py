@@ -86,7 +86,7 @@ def test_water_of_one_dive_serves_another(copy_run, make_dive, cli, tmp_path) ->
     ("name", "content", "message"),
     [
         ("run.json", "{", "holds no finished run"),
-        ("run.json", "[1]", "run.json: is no run.json of this program"),
+        ("run.json", "[1]", "run.json: is not a run.json of this program"),
         (
             "run.json",
             '{"format": "stereo-seecolor/run", "geometry": {"focal": 3}}',

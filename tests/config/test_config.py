@@ -77,7 +77,7 @@ def test_dumped_configuration_loads_again() -> None:
         ),
         ("input.video_every=5", r"it is now input\.video_step$"),
         ("input.video_overlap=0.7", r"it is now input\.video_step, a number below 1$"),
-        ("color.lock=sliding", r"color\.lock: it is now the number of frames that share a water"),
+        ("color.lock=sliding", r"color\.lock: it is now the number of frames that share one water"),
         ("color.lock=0", r"color\.lock: must be auto, frame, survey, or a number of frames from 1"),
         ("color.sliding_frames=9", r"it is now the number that color\.lock takes: color\.lock=20$"),
         ("color.first_steps=3", r"it is now color\.paper\.iterations$"),

@@ -167,7 +167,7 @@ def test_waters_of_single_frames_serve_only_those(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("{", "is not JSON"),
-        ("{}", "is no stereo-seecolor/water version 1"),
+        ("{}", "is not a stereo-seecolor/water version 1"),
         ('{"format": "stereo-seecolor/water", "version": 1, "water": {"beta": 3}}', "is damaged"),
         ('{"format": "stereo-seecolor/water", "version": 1, "water": 5}', "is damaged"),
     ],

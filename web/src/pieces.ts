@@ -33,7 +33,7 @@ export async function rawColors(name: string, vertices: number): Promise<BufferA
 export async function piece(name: string): Promise<BufferGeometry> {
   await script(`page/map/${encodeURIComponent(name)}.js`);
   const packed = received.get(name);
-  if (!packed) throw new Error(`${name} is no piece of the map`);
+  if (!packed) throw new Error(`${name} is not a piece of the map`);
   received.delete(name);
   const [positions, colors, indices] = await Promise.all([packed.positions, packed.colors, packed.indices].map(inflated));
   const geometry = new BufferGeometry();

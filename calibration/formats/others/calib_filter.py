@@ -20,7 +20,7 @@ KEY, CAMERA_NUMBERS = "calib_filter", 27
 
 
 def read(text: str) -> dict[str, Any] | None:
-    """The numbers under KEY; None for a text that is no such file."""
+    """The numbers under KEY; None for a text that is not such a file."""
     words = text.split()
     if not re.fullmatch(r"[1-9](\.0*)?", words[0]) or len(words) < 1 + CAMERA_NUMBERS * int(
         float(words[0])

@@ -265,7 +265,7 @@ def _role_of_nine(said: set[str], numbers: Numbers, of_rotation: bool) -> Role |
 
 def as_transform(numbers: Numbers) -> Numbers | None:
     """Twelve or sixteen numbers as [R t] (3, 4), row by row or column by column, as programs of row
-    vectors write it; None where they are no transform.
+    vectors write it; None where they are not a transform.
     """
     if numbers.size == 16:
         matrix = numbers.reshape(4, 4)

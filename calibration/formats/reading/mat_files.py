@@ -15,8 +15,8 @@ from calibration.errors import CalibrationError
 # MATLAB's Level 5 MAT-file, as ``save`` writes it (v6 and v7), objects included.
 #
 # From MathWorks, *MAT-File Format*, R2019b, chapter 1; the undocumented opaque class and the
-# subsystem as they are found in files. Not read with SciPy: its reader knows no objects, and
-# allocates what a damaged file claims to hold. Here nothing is allocated beyond the bytes that
+# subsystem as they are found in files. Not read with SciPy: its reader does not support objects,
+# and allocates what a damaged file claims to hold. Here nothing is allocated beyond the bytes that
 # are there, no code is run, and sizes and depths are bounded.
 
 HEADER_BYTES = 128  # of a Level 5 file (MathWorks, MAT-File Format)

@@ -41,7 +41,7 @@ class Section:
         return all(key in self.content for key in keys)
 
     def size(self, key: str) -> int:
-        """Count the numbers under ``key``; 0 for words and mappings that are no matrix."""
+        """Count the numbers under ``key``; 0 for words and mappings that are not a matrix."""
         value = self.content[key]
         if isinstance(value, np.ndarray):
             return value.size

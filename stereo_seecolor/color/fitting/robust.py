@@ -65,8 +65,8 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     """Fit the water, with standard errors, to a table of at least one pixel; warnings where the
     table hardly determines it.
 
-    start: a water to begin from; it changes the duration of the fit, not its result. The white
-    point's brightness is such that the brightest thousandth of a scene is near full scale at
+    start: water parameters to begin from; it changes the duration of the fit, not its result. The
+    white point's brightness is such that the brightest thousandth of a scene is near full scale at
     exposure 1.
     """
     return fit_quantiles(quantiles_by_range(table, config.input_encoding), config, start)
@@ -266,7 +266,7 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
 
 
 def parameters(water: Water, scale: float) -> Vector:
-    """(15,) logarithms of a water's parameters, in the order of ``x``, light over ``scale``."""
+    """(15,) logarithms of water parameters, in the order of ``x``, light over ``scale``."""
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(
         [
@@ -280,7 +280,8 @@ def parameters(water: Water, scale: float) -> Vector:
     )
 
 
-# The misfit of a frame's colors to a water: one fitted to other frames, or the frame's own.
+# The misfit of a frame's colors to water parameters: one fitted to other frames, or the frame's
+# own.
 
 
 @dataclass(frozen=True)

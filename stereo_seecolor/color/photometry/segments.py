@@ -1,5 +1,5 @@
-"""``color.lock: auto``. One water for the dive, or one for each stretch of it where frames do not
-share a water.
+"""``color.lock: auto``. One water for the dive, or one for each segment of it where frames do not
+share one water.
 
 Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables.
 Neighboring chunks are joined, the most alike first, as long as they fit the water of both together
@@ -39,7 +39,7 @@ from stereo_seecolor.records import Water
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """Limits for joining. Costs: of ``robust.quality``, means over the smaller stretch."""
+    """Limits for joining. Costs: of ``robust.quality``, means over the smaller segment."""
 
     most_chunks: int = 64
     """With so many, neighbors are joined: memory is bounded, a cut is found to a 32nd."""
@@ -101,7 +101,7 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Gives each frame the water of its stretch. linked: names of frames that show the same spots
+    """Gives each frame the water of its segment. linked: names of frames that show the same spots
     as the frame before them; the dive is never cut between these.
     """
 
@@ -111,7 +111,7 @@ class AutoFitter(Fitter):
         self._frames = FrameBrightness()
         self._open, self._classes = range(0), dict[int, ExposureClass]()  # the chunk that grows
         self._chunk_frames = 1
-        self._stretches: list[range] = []
+        self._segments: list[range] = []
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame."""
@@ -140,11 +140,11 @@ class AutoFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's stretch; without a known range, that of the one before."""
+        """The water of each frame's segment; without a known range, that of the one before."""
         chunks = [*self._chunks, _Chunk.of(self._open, self._classes)] if self._open else []
         parts = _parts(_evidence(chunks, self._config), self._config) if chunks else []
         segments = [reduce(add, chunks[part.start : part.stop]) for part in parts]
-        self._stretches = [segment.frames for segment in segments]
+        self._segments = [segment.frames for segment in segments]
         return completed(
             water
             for one in segments
@@ -155,16 +155,16 @@ class AutoFitter(Fitter):
 
     @property
     def segments(self) -> list[list[str]]:
-        """Names of the frames of each stretch, after ``waters`` has been called."""
-        return [self._frames.names[frames.start : frames.stop] for frames in self._stretches]
+        """Names of the frames of each segment, after ``waters`` has been called."""
+        return [self._frames.names[frames.start : frames.stop] for frames in self._segments]
 
     def notes(self) -> tuple[str, ...]:
-        """Where the dive was cut into stretches; empty if all frames share a water."""
-        if len(self._stretches) < 2:
+        """Where the dive was cut into segments; empty if all frames share one water."""
+        if len(self._segments) < 2:
             return ()
         ends = [
             (self._frames.names[frames[0]], self._frames.names[frames[-1]])
-            for frames in self._stretches
+            for frames in self._segments
         ]
         named = [f"{first} to {last}" if first != last else first for first, last in ends]
         return (
@@ -190,17 +190,17 @@ def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence |
 
 
 def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
-    """Stretches of chunks that share a water; chunks without evidence go with those before."""
+    """Segments of chunks that share one water; chunks without evidence go with those before."""
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
     alone = [((chunk,), chunk.table, chunk.water) for chunk in chunks if chunk is not None]
-    segments = _joined(_stretches(alone, config), config)
+    segments = _joined(_segments(alone, config), config)
     sizes = np.cumsum([len(segment.chunks) for segment in segments[:-1]], dtype=int)
     edges = [0, *(known[cut] for cut in sizes), len(chunks)]
     return [range(a, b) for a, b in pairwise(edges)]
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretch:
+class _Segment:
     """table, water: of all chunks. costs (N,): of each under it, less that under its own water."""
 
     chunks: tuple[_Evidence, ...]
@@ -209,10 +209,10 @@ class _Stretch:
     costs: NDArray[np.float64]
 
 
-def _stretches(
+def _segments(
     parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable, Water]], config: ColorConfig
-) -> list[_Stretch]:
-    """Stretches of given chunks, their tables and waters; costs are found together."""
+) -> list[_Segment]:
+    """Segments of given chunks, their tables and waters; costs are found together."""
     if not parts:
         return []
     under = [(chunk, water) for chunks, _, water in parts for chunk in chunks]
@@ -223,18 +223,18 @@ def _stretches(
         costs - [chunk.own for chunk, _ in under],
         np.cumsum([len(chunks) for chunks, _, _ in parts])[:-1],
     )
-    return [_Stretch(*part, cost) for part, cost in zip(parts, added, strict=True)]
+    return [_Segment(*part, cost) for part, cost in zip(parts, added, strict=True)]
 
 
 class _Join(NamedTuple):
-    """Two stretches joined. strain: the cost that joining adds, as a fraction of the limit."""
+    """Two segments joined. strain: the cost that joining adds, as a fraction of the limit."""
 
-    segment: _Stretch
+    segment: _Segment
     strain: float
 
 
-def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> list[_Join]:
-    """Each pair of a stretch and the next one joined, and the cost of joining."""
+def _joins(pairs: Sequence[tuple[_Segment, _Segment]], config: ColorConfig) -> list[_Join]:
+    """Each pair of a segment and the next one joined, and the cost of joining."""
     if not pairs:
         return []
     larger = [max(pair, key=lambda segment: len(segment.chunks)).water for pair in pairs]
@@ -242,12 +242,12 @@ def _joins(pairs: Sequence[tuple[_Stretch, _Stretch]], config: ColorConfig) -> l
     seen = [quantiles_by_range(table, config.input_encoding) for table in tables]
     waters, _ = robust.fit_all(seen, config, larger, ENOUGH)
     chunks = [a.chunks + b.chunks for a, b in pairs]
-    joined = _stretches(list(zip(chunks, tables, waters, strict=True)), config)
+    joined = _segments(list(zip(chunks, tables, waters, strict=True)), config)
     return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
 
 
-def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
-    """The cost that joining two stretches adds, as a fraction of the limit."""
+def _strain(both: _Segment, earlier: _Segment, later: _Segment) -> float:
+    """The cost that joining two segments adds, as a fraction of the limit."""
     number = len(earlier.chunks)
     fewer, more = sorted((number, len(later.chunks)))
     alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
@@ -256,7 +256,7 @@ def _strain(both: _Stretch, earlier: _Stretch, later: _Stretch) -> float:
     return float(max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone)))
 
 
-def _joined(segments: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
+def _joined(segments: list[_Segment], config: ColorConfig) -> list[_Segment]:
     """Join neighbors, those with the least strain first, until all joins exceed the limit."""
     joins = _joins(list(pairwise(segments)), config)
     while joins:

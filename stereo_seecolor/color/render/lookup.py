@@ -1,4 +1,4 @@
-"""Looks up the displayed values of 8-bit pixels by range bin and value: loops that know no water.
+"""Looks up the displayed values of 8-bit pixels by range bin and value: loops without physics.
 
 Without numba's own threads, whose simplest layer two threads must not enter at once.
 """

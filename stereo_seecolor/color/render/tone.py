@@ -20,7 +20,7 @@ from stereo_seecolor.files import srgb
 from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import Water
 
-# Gain and offset that remove a water, by channel and range, and the limit that noise sets to the
+# Gain and offset that remove the water, by channel and range, and the limit that noise sets to the
 # gain.
 
 MID_GRAY = 0.18

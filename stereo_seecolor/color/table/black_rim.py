@@ -1,8 +1,8 @@
 """Detects black rims around an image: the edge of a port or a lens shade, or the bars of a wide
 format.
 
-All of a scene lies behind water with backscatter. Black pixels with a known range are no scene, and
-even a few of them would make a fit find no backscatter.
+All of a scene lies behind water with backscatter. Black pixels with a known range are not part of
+the scene, and even a few of them would make a fit find no backscatter.
 """
 
 from dataclasses import dataclass

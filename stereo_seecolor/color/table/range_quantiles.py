@@ -105,7 +105,7 @@ def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     return np.asarray(found.reshape(*counts.shape[:2], FRACTIONS.size), np.float64)
 
 
-# Warnings for moment tables that do not determine a water.
+# Warnings for moment tables that do not determine the water.
 
 LEAST_RELIEF = 1.15
 """Far over near (95 over 5 %) below which attenuation and scene cannot be told apart."""

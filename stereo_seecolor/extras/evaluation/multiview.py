@@ -104,7 +104,9 @@ class MultiviewFit:
         scatter: Scatter,
         before: "MultiviewFit | None" = None,
     ) -> "MultiviewFit":
-        """The fit under a water, with weights from the fit ``before``; None: there was none."""
+        """The fit under water parameters, with weights from the fit ``before``; None: there was
+        none.
+        """
         direct = np.maximum(
             observations.light - model.backscatter if before is None else before.direct, 0.0
         )
@@ -124,7 +126,7 @@ class MultiviewFit:
     def with_weights(
         cls, model: Model, observations: Observations, weights: Array, scatter: Scatter
     ) -> "MultiviewFit":
-        """The fit under a water with given weights."""
+        """The fit under water parameters with given weights."""
         transmission, backscatter, change = model
         above = observations.light - backscatter
         patch_weights = sums_by_patch(

@@ -104,7 +104,7 @@ def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthRepo
     color is neither clipped nor so dark (brightest channel below 6 % of full scale, encoded) that
     noise makes its hue.
 
-    Raises InputError if ``truth`` is no such folder, holds none of these frames, or a result has
+    Raises InputError if ``truth`` is not such a folder, holds none of these frames, or a result has
     another size than its truth.
     """
     names = true_frames(truth)

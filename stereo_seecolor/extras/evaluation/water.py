@@ -235,7 +235,7 @@ def _one_water(run: FinishedRun, names: list[str]) -> Water:
     waters = read_waters(run.water_file, names)
     if len({tuple(water.white) for water in waters.values()}) > 1:
         raise InputError(
-            f"{run.water_file}: holds a water for each frame: run again with --set "
+            f"{run.water_file}: holds water parameters for each frame: run again with --set "
             "color.lock=survey"
         )
     return waters[names[0]]

@@ -135,7 +135,7 @@ def _times(run: FinishedRun) -> dict[str, str | None]:
 
 
 def _box(made: FinishedMap) -> list[float] | None:
-    """West, south, east, north of the track in degrees; None where the map knows no place on
+    """West, south, east, north of the track in degrees; None where the map has no place on
     Earth.
     """
     if made.origin is None or not made.track:

@@ -65,8 +65,8 @@ class DiveEntry(BaseModel):
     def _one_water(self) -> Self:
         if self.water and self.site:
             raise ValueError(
-                f"dive {self.name!r} has a water, and shares that of site {self.site!r}: give one "
-                "of both"
+                f"dive {self.name!r} has a water of its own, and shares that of site {self.site!r}:"
+                " give one of both"
             )
         return self
 

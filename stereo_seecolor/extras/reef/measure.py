@@ -97,8 +97,8 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the
     terrain. Rows with the same measure belong together, in their order. The page writes such
     tables, and gives the same numbers.
-    Raises InputError if the table cannot be used, or the run knows no camera, not the frame, or no
-    map.
+    Raises InputError if the table cannot be used, or the run has no calibration, not the frame, or
+    no map.
     """
     run = open_run(out)
     wanted = read_wanted(points)
@@ -118,22 +118,18 @@ def measure(out: Path, points: Path) -> list[Measurement]:
 
 
 def surface_of(run: FinishedRun, name: str) -> FrameSurface:
-    """The surface that a frame of a run shows. Raises InputError if the run knows no camera, or not
-    the frame.
+    """The surface that a frame of a run shows. Raises InputError if the run has no calibration, or
+    not the frame.
     """
-    if run.geometry is None:
-        raise InputError(
-            f"{run.root}: the run knows no camera (made by correct?): measuring needs the output "
-            "of run"
-        )
+    geometry = run.geometry_for("measuring")
     frame = run.frame(name)
     range_m = frame.measured_range_m()
     if "range_std" in frame.products:
         std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
     else:
-        std_m = estimated_range_std_m(range_m, run.geometry)
+        std_m = estimated_range_std_m(range_m, geometry)
     return FrameSurface(
-        run.geometry, range_m, std_from_codes(std_codes(std_m))
+        geometry, range_m, std_from_codes(std_codes(std_m))
     )  # as the page holds them
 
 

@@ -82,7 +82,7 @@ LEAST_CORNERS = 3
 FARTHEST = 1e9
 """Meters and degrees are less: what is more is not a coordinate."""
 LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
-"""Words in the name of a system that is no place on Earth: the map's own is meant."""
+"""Words in the name of a system that is not a place on Earth: the map's own is meant."""
 OTHERS = (
     (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04",
     "an archive"), (b"<", "XML or KML")
@@ -147,8 +147,8 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
 
 
 def _ring(corners: Any, turn: Turn, number: int) -> Ring:
-    """In the map's coordinates. Raises InputError for what is no outline, or not a coordinate, in
-    the file or in the map.
+    """In the map's coordinates. Raises InputError for what is not an outline, or not a coordinate,
+    in the file or in the map.
     """
     if len(corners) < LEAST_CORNERS:
         raise InputError(f"polygon {number} has fewer than {LEAST_CORNERS} corners")
@@ -156,7 +156,7 @@ def _ring(corners: Any, turn: Turn, number: int) -> Ring:
     for points in (ring, known := turn(ring) if (np.abs(ring) < FARTHEST).all() else ring):
         if not (np.abs(points) < FARTHEST).all():
             raise InputError(
-                f"polygon {number} has coordinates that are no numbers, or that its crs does not "
+                f"polygon {number} has coordinates that are not numbers, or that its crs does not "
                 "take to the map"
             )
     is_closed = bool((known[0] == known[-1]).all())

@@ -42,8 +42,8 @@ def write_mcap(out: Path, file: Path) -> int:
 
     The file appears when it is complete.
 
-    Raises InputError if the run holds no frame or knows no camera, OutputError if the file cannot
-    be written, DeviceError if a library is missing.
+    Raises InputError if the run holds no frame or has no calibration, OutputError if the file
+    cannot be written, DeviceError if a library is missing.
     """
     run = open_run(out)
     frames = [frame for frame in run.frames if "corrected" in frame.products]

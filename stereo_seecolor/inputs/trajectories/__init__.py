@@ -152,7 +152,7 @@ def _table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, Mapping[str
             return table, columns or column_map.guessed(table)
     if not columns:
         raise InputError(
-            f"{lines.path}: is no table of navigation with times: only such are joined with others"
+            f"{lines.path}: is not a table of navigation with times: only those can be joined"
         )
     return lines, columns
 

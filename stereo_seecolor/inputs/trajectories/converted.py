@@ -1,4 +1,4 @@
-"""Tracks in JSON as tables of text, and tables below lines that are no part of them."""
+"""Tracks in JSON as tables of text, and tables below lines that are not part of them."""
 
 import csv
 import io

@@ -198,8 +198,8 @@ def is_number(field: str) -> bool:
 
 @dataclass(frozen=True)
 class Lines:
-    """The lines of a file that are not empty; content: those that are no comment either, each with
-    its line number in the file.
+    """The lines of a file that are not empty; content: those that are not comments either, each
+    with its line number in the file.
     """
 
     path: Path

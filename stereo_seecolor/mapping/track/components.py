@@ -92,7 +92,7 @@ def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> 
 # Single poses that jump away and back, and jumps that stay: there a track breaks into components.
 
 MIN_JUMP_M = 2.0
-"""Less is no jump, whatever the speed: positions of vehicles are no better."""
+"""Less is not a jump, whatever the speed: positions of vehicles are not better."""
 MAX_SPEED_M_S, JUMP_SPEEDS = 3.0, 3.0
 """Speed, m/s, and multiple of the usual speed that a step must both exceed to be a jump."""
 JUMP_STEPS = 10.0
@@ -119,10 +119,10 @@ def drop_spikes(T: NDArray[np.float64], index: FrameIndex, reasons: dict[int, st
 
 
 def break_up(T: NDArray[np.float64], index: FrameIndex) -> tuple[NDArray[np.int64], list[str]]:
-    """Number the stretches between jumps; the one with most frames is component 0."""
+    """Number the segments between jumps; the one with most frames is component 0."""
     placed = [int(i) for i in index.order if np.isfinite(T[i]).all()]
     limit = _step_limit_m(T, index, placed)
-    stretches: list[list[int]] = []
+    segments: list[list[int]] = []
     warnings = []
     for k, i in enumerate(placed):
         if k == 0 or _distance_m(T, placed[k - 1], i) > limit(placed[k - 1], i):
@@ -131,11 +131,11 @@ def break_up(T: NDArray[np.float64], index: FrameIndex) -> tuple[NDArray[np.int6
                 warnings.append(
                     f"the poses jump {jump_m:.1f} m between {before} and {index.names[i]}"
                 )
-            stretches.append([])
-        stretches[-1].append(i)
+            segments.append([])
+        segments[-1].append(i)
     components = np.full(len(T), -1)
-    for number, stretch in enumerate(sorted(stretches, key=len, reverse=True)):
-        components[stretch] = number
+    for number, segment in enumerate(sorted(segments, key=len, reverse=True)):
+        components[segment] = number
     return components, warnings
 
 

@@ -122,7 +122,7 @@ class Penalties:
     p2: a change by more than one pixel of disparity where the image is even. p2_least: the same on
     a strong edge. A change by one pixel costs P1, a quarter of this (layout.P1_SHIFT).
     texture_levels: gray levels (of 255) from one pixel to the next that texture and noise reach:
-    these are no edge.
+    these are not edges.
     edge_levels: levels beyond these that halve p2.
     Found by trial on a real reef, Teddy and synthetic reefs, clear and turbid (docs/matching.md).
     """

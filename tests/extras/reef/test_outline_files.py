@@ -70,7 +70,7 @@ def test_a_system_that_is_not_known_is_named(name: str, tmp_path: Path) -> None:
 def test_what_is_no_coordinate_is_refused(
     ring: list[list[float]], name: str | None, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match="polygon 1 has coordinates that are no numbers"):
+    with pytest.raises(InputError, match="polygon 1 has coordinates that are not numbers"):
         read_outlines(geojson(tmp_path / "p.geojson", ring, name), POSED)
 
 

@@ -137,7 +137,7 @@ NO_PAGES: dict[str, Any] = {
     "distributed.worker.http.routes": [],
 }
 WITHOUT_PAGES: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-"""Settings and arguments of a scheduler: Dask's web pages know no keys, and none is served."""
+"""Settings and arguments of a scheduler: Dask's web pages have no keys, and none is served."""
 
 
 def run_keys(name: str) -> Any:

@@ -79,8 +79,8 @@ def color_change(a: Terrain, b: Terrain) -> ColorChange:
 
 
 def _brought(a: NDArray[np.floating], b: NDArray[np.floating], known: Mask) -> NDArray[np.floating]:
-    """b's linear colors through the affine map (3 x 4) that most cells agree on: a light, a water,
-    a white point of its own.
+    """b's linear colors through the affine map (3 x 4) that most cells agree on: a light, water
+    parameters, a white point of its own.
     """
     basis = np.concatenate([b[known], np.ones((int(known.sum()), 1))], axis=1)
     target, weight = a[known], np.ones(len(basis))

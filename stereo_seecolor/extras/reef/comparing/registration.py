@@ -154,7 +154,7 @@ def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
 # The motion that most matched points agree on: RANSAC on triples, then least squares on the
 # inliers.
 #
-# Both surveys are metric, so a triple whose sides differ is no match: most wrong ones end there.
+# Both surveys are metric, so a triple whose sides differ is not a match: most wrong ones end there.
 # A scale is left to the least squares: each calibration is wrong by some thousandths or hundredths.
 # Fischler and Bolles 1981; Umeyama 1991; Horn 1987.
 

@@ -27,7 +27,7 @@ class SurfaceFitSettings:
     points: int = 40_000  # of b, evenly: with these the standard error of the mean is micrometers
     rounds: int = 30  # at the most
     settled_m: float = 1e-5  # a smaller step, at the far end of the site, is none
-    # cosine to the vertical below which a triangle is no ground: seen from above it is an edge
+    # cosine to the vertical below which a triangle is not ground: seen from above it is an edge
     steepest: float = 0.3
     blocks: int = 6  # a side
 
