@@ -164,11 +164,11 @@ def calibrate(
     refuse_out_of_step(views, target)
     usable, dropped = usable_views(views)
     size = usable[0].image_size
-    kept, outliers = without_outliers(usable, target, LENSES[:2])
-    fits = [
-        fit_rig(kept, target, lens)
-        for lens in (LENSES if len(kept) >= MIN_VIEWS_FOR_CHOICE else LENSES[:1])
-    ]
+    kept, outliers, fits = without_outliers(usable, target, LENSES[:2])
+    if len(kept) >= MIN_VIEWS_FOR_CHOICE:
+        fits += [fit_rig(kept, target, lens) for lens in LENSES[2:]]
+    else:
+        fits = fits[:1]
     scores = [_cross_validate(fit, kept, target) for fit in fits]
     bundle, score = _choose(fits, scores)
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:

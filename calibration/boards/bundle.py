@@ -7,7 +7,9 @@ boards and parts of them go the same way here; OpenCV's fisheye calibration take
 part, and gives up where the lens is far from its first guess.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -87,39 +89,75 @@ def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array
     return pixels.reshape(n, 2), by_point.reshape(n, 2, 3), by_intrinsics.reshape(n, 2, -1)
 
 
-def residuals(bundle: Bundle, observation: CornerObservation) -> Array:
-    """Compute projected minus measured corners: (n, 2) pixels."""
-    in_left = _transform(bundle.T_left_target[observation.view], observation.points_m)
-    points = in_left if observation.side == 0 else _transform(bundle.T_right_left, in_left)
-    return (
-        project(points, bundle.intrinsics[observation.side], bundle.lens.model)[0]
-        - observation.pixels
-    )
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """All corners of one side, so that OpenCV projects them in one call. views: each of its views
+    with its slice of the corners. points_m: (n, 3) on the target; pixels: (n, 2).
+    """
+
+    side: int
+    views: tuple[tuple[int, slice], ...]
+    points_m: Array
+    pixels: Array
+
+    def in_left(self, bundle: Bundle) -> Array:
+        """(n, 3) corners in the axes of the left camera."""
+        return np.concatenate(
+            [
+                _transform(bundle.T_left_target[view], self.points_m[part])
+                for view, part in self.views
+            ]
+        )
+
+    def residuals(self, bundle: Bundle) -> Array:
+        """Projected minus measured corners: (n, 2) pixels."""
+        points = self.in_left(bundle)
+        if self.side == 1:
+            points = _transform(bundle.T_right_left, points)
+        projected = project(points, bundle.intrinsics[self.side], bundle.lens.model)[0]
+        return projected - self.pixels
 
 
-def rms(bundle: Bundle, observations: list[CornerObservation]) -> float:
+def _sides(observations: Sequence[CornerObservation]) -> list[_Side]:
+    """The observations joined by side."""
+    sides = []
+    for side in sorted({observation.side for observation in observations}):
+        own = [observation for observation in observations if observation.side == side]
+        ends = np.cumsum([0, *(len(observation.pixels) for observation in own)]).tolist()
+        views = tuple(
+            (one.view, slice(*ends_of)) for one, ends_of in zip(own, pairwise(ends), strict=True)
+        )
+        points_m, pixels = (
+            np.concatenate([getattr(one, name) for one in own]) for name in ("points_m", "pixels")
+        )
+        sides.append(_Side(side, views, points_m, pixels))
+    return sides
+
+
+def rms(bundle: Bundle, observations: Sequence[CornerObservation]) -> float:
     """Root mean square distance in pixels between corners and their projections."""
-    squares = [(residuals(bundle, observation) ** 2).sum(axis=1) for observation in observations]
-    return float(np.sqrt(np.concatenate(squares).mean()))
+    off = np.concatenate([side.residuals(bundle) for side in _sides(observations)])
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def solve(
     start: Bundle,
-    observations: list[CornerObservation],
+    observations: Sequence[CornerObservation],
     poses_only: bool = False,
     iterations: int = MAX_ITERATIONS,
 ) -> Bundle:
     """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move
     the target.
     """
-    bundle, error = start, _cost(start, observations)
+    sides = _sides(observations)
+    bundle, error = start, _cost(start, sides)
     damping = 1e-3
     for _ in range(iterations):
-        equations = _normal_equations(bundle, observations)
+        equations = _normal_equations(bundle, sides)
         improved = False
         while not improved and damping < 1e12:
             moved = _move(bundle, *_step(equations, damping, poses_only))
-            moved_error = _cost(moved, observations)
+            moved_error = _cost(moved, sides)
             improved = moved_error < error
             damping *= 0.1 if improved else 10.0
         if not improved:
@@ -144,57 +182,54 @@ class _Equations:
     r_views: Array
 
 
-def _normal_equations(bundle: Bundle, observations: list[CornerObservation]) -> _Equations:
+def _normal_equations(bundle: Bundle, sides: Sequence[_Side]) -> _Equations:
     sizes = [intrinsics.size for intrinsics in bundle.intrinsics]
-    shared = sum(sizes) + 6
-    views = len(bundle.T_left_target)
+    shared, views = sum(sizes) + 6, len(bundle.T_left_target)
     U, V, W = np.zeros((shared, shared)), np.zeros((views, 6, 6)), np.zeros((views, shared, 6))
     r_shared, r_views = np.zeros(shared), np.zeros((views, 6))
-    for observation in observations:
-        residual, J_shared, J_view = _linearize(bundle, observation, sizes)
-        view = observation.view
-        U += J_shared.T @ J_shared
-        V[view] += J_view.T @ J_view
-        W[view] += J_shared.T @ J_view
-        r_shared += J_shared.T @ residual
-        r_views[view] += J_view.T @ residual
+    for side in sides:
+        residual, J_shared, J_view = _linearize(bundle, side, sizes)
+        U += _product(J_shared, J_shared)
+        r_shared += _product(J_shared, residual)
+        for view, part in side.views:
+            V[view] += _product(J_view[part], J_view[part])
+            W[view] += _product(J_shared[part], J_view[part])
+            r_views[view] += _product(J_view[part], residual[part])
     return _Equations(U, V, W, r_shared, r_views)
 
 
-def _linearize(
-    bundle: Bundle, observation: CornerObservation, sizes: list[int]
-) -> tuple[Array, Array, Array]:
-    """Residuals (2n,) and their derivatives by shared parameters (2n, g) and by the view's pose
-    (2n, 6).
+def _product(a: Array, b: Array) -> Array:
+    """a^T b over the corners and the two coordinates of a pixel, their first two axes."""
+    return a.reshape(-1, *a.shape[2:]).T @ b.reshape(-1, *b.shape[2:])
+
+
+def _linearize(bundle: Bundle, side: _Side, sizes: list[int]) -> tuple[Array, Array, Array]:
+    """Residuals (n, 2) and their derivatives by shared parameters (n, 2, g) and by the pose of each
+    corner's view (n, 2, 6).
 
     Rotations move on the left, R <- exp(w) R, so that a point p in camera axes moves by w x p.
     """
-    n = len(observation.pixels)
-    T_view, T_rig = bundle.T_left_target[observation.view], bundle.T_right_left
-    in_left = _transform(T_view, observation.points_m)
-    by_pose = _by_motion(in_left - T_view[:3, 3])
-    points = in_left
-    by_rig = np.zeros((n, 3, 6))
-    if observation.side == 1:
-        points = _transform(T_rig, in_left)
+    n, T_rig = len(side.pixels), bundle.T_right_left
+    points = side.in_left(bundle)
+    moved = np.concatenate(
+        [points[part] - bundle.T_left_target[v, :3, 3] for v, part in side.views]
+    )
+    by_pose, by_rig = _by_motion(moved), np.zeros((n, 3, 6))
+    if side.side == 1:
+        points = _transform(T_rig, points)
         by_pose = T_rig[:3, :3] @ by_pose
         by_rig = _by_motion(points - T_rig[:3, 3])
     pixels, by_point, by_intrinsics = project(
-        points, bundle.intrinsics[observation.side], bundle.lens.model
+        points, bundle.intrinsics[side.side], bundle.lens.model
     )
-    if bundle.lens.square_pixels:
-        by_intrinsics = np.dstack(
-            [by_intrinsics[:, :, :2].sum(axis=2), np.zeros((n, 2)), by_intrinsics[:, :, 2:]]
-        )
     J_shared = np.zeros((n, 2, sum(sizes) + 6))
-    first = 0 if observation.side == 0 else sizes[0]
-    J_shared[:, :, first : first + sizes[observation.side]] = by_intrinsics
+    first = 0 if side.side == 0 else sizes[0]
+    J_shared[:, :, first : first + sizes[side.side]] = by_intrinsics
+    if bundle.lens.square_pixels:
+        J_shared[:, :, first] += J_shared[:, :, first + 1]
+        J_shared[:, :, first + 1] = 0
     J_shared[:, :, -6:] = by_point @ by_rig
-    return (
-        (pixels - observation.pixels).ravel(),
-        J_shared.reshape(2 * n, -1),
-        (by_point @ by_pose).reshape(2 * n, 6),
-    )
+    return pixels - side.pixels, J_shared, by_point @ by_pose
 
 
 def _by_motion(rotated: Array) -> Array:
@@ -257,11 +292,9 @@ def _moved(T: Array, step: Array) -> Array:
     return moved
 
 
-def _cost(bundle: Bundle, observations: list[CornerObservation]) -> float:
+def _cost(bundle: Bundle, sides: Sequence[_Side]) -> float:
     with np.errstate(all="ignore"):
-        cost = sum(
-            float((residuals(bundle, observation) ** 2).sum()) for observation in observations
-        )
+        cost = sum(float((side.residuals(bundle) ** 2).sum()) for side in sides)
     return cost if np.isfinite(cost) else np.inf
 
 

@@ -138,25 +138,25 @@ WRONG_PAIR_RATIO = 5.0  # times the median, where the guess itself is poor
 
 def without_outliers(
     views: list[TargetView], target: Target, lenses: Sequence[Lens]
-) -> tuple[list[TargetView], list[ViewReport]]:
-    """The views that fit one rig, and the others with the reason.
+) -> tuple[list[TargetView], list[ViewReport], list[Bundle]]:
+    """The views that fit one rig, the others with the reason, and the fits of these lenses to the
+    first.
 
     First the pairs that most others contradict, by each camera alone; then the worst of a common
     fit, again and again until none stands out, so that a bad view cannot make a good one look bad.
     lenses: whichever of these fits best is the judge.
     """
-    kept, dropped = _without_wrong_pairs(views, target, lenses)
-    while len(kept) > max(MIN_VIEWS, len(views) // 2):
+    kept, dropped, guesses = _without_wrong_pairs(views, target, lenses)
+    while True:
         observations = observations_of(kept, target)
-        bundle = min(
-            (fit_rig(kept, target, lens) for lens in lenses), key=lambda fit: rms(fit, observations)
-        )
+        fits = [solve(guess, observations) for guess in guesses]
+        bundle = min(fits, key=lambda fit: rms(fit, observations))
         errors = view_errors(bundle, kept, target)
         both = np.sqrt((errors**2).mean(axis=1))
         worst = int(np.argmax(both))
         limit = max(OUTLIER_RATIO * float(np.median(both)), OUTLIER_MIN_PX)
-        if both[worst] <= limit:
-            break
+        if len(kept) <= max(MIN_VIEWS, len(views) // 2) or both[worst] <= limit:
+            return kept, dropped, fits
         left_px, right_px = errors[worst].tolist()
         dropped.append(
             ViewReport(
@@ -164,31 +164,33 @@ def without_outliers(
             )
         )
         del kept[worst]
-    return kept, dropped
+        guesses = [first_guess(kept, target, lens) for lens in lenses]
 
 
 def _without_wrong_pairs(
     views: list[TargetView], target: Target, lenses: Sequence[Lens]
-) -> tuple[list[TargetView], list[ViewReport]]:
+) -> tuple[list[TargetView], list[ViewReport], list[Bundle]]:
     """Drop pairs whose right corners lie far from where the left ones and the rig of most views put
-    them.
+    them. Returns the others, the reasons, and first guesses by the others.
     """
-    guesses = [view_errors(first_guess(views, target, lens), views, target) for lens in lenses]
-    errors = min(guesses, key=lambda guess: float(guess[:, 0].mean()))[
+    guesses = [first_guess(views, target, lens) for lens in lenses]
+    guessed = (view_errors(guess, views, target) for guess in guesses)
+    errors = min(guessed, key=lambda guess: float(guess[:, 0].mean()))[
         :, 1
     ]  # the left camera was fitted alone
     wrong = errors > max(
         WRONG_PAIR * views[0].image_size[0], WRONG_PAIR_RATIO * float(np.median(errors))
     )
-    if wrong.sum() > len(views) - MIN_VIEWS:
-        return list(views), []
+    if not wrong.any() or wrong.sum() > len(views) - MIN_VIEWS:
+        return list(views), [], guesses
     reason = "left and right disagree ({:.0f} px): not taken at the same moment, or paired wrongly?"
     dropped = [
         ViewReport(view.name, reason=reason.format(error))
         for view, error, bad in zip(views, errors, wrong, strict=True)
         if bad
     ]
-    return [view for view, bad in zip(views, wrong, strict=True) if not bad], dropped
+    kept = [view for view, bad in zip(views, wrong, strict=True) if not bad]
+    return kept, dropped, [first_guess(kept, target, lens) for lens in lenses]
 
 
 def view_errors(bundle: Bundle, views: Sequence[TargetView], target: Target) -> Array:
