@@ -90,7 +90,7 @@ def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
+class _SideCorners:
     """All corners of one side, so that OpenCV projects them in one call. views: each of its views
     with its slice of the corners. points_m: (n, 3) on the target; pixels: (n, 2).
     """
@@ -118,7 +118,7 @@ class _Side:
         return projected - self.pixels
 
 
-def _sides(observations: Sequence[CornerObservation]) -> list[_Side]:
+def _by_side(observations: Sequence[CornerObservation]) -> list[_SideCorners]:
     """The observations joined by side."""
     sides = []
     for side in sorted({observation.side for observation in observations}):
@@ -130,13 +130,13 @@ def _sides(observations: Sequence[CornerObservation]) -> list[_Side]:
         points_m, pixels = (
             np.concatenate([getattr(one, name) for one in own]) for name in ("points_m", "pixels")
         )
-        sides.append(_Side(side, views, points_m, pixels))
+        sides.append(_SideCorners(side, views, points_m, pixels))
     return sides
 
 
 def rms(bundle: Bundle, observations: Sequence[CornerObservation]) -> float:
     """Root mean square distance in pixels between corners and their projections."""
-    off = np.concatenate([side.residuals(bundle) for side in _sides(observations)])
+    off = np.concatenate([side.residuals(bundle) for side in _by_side(observations)])
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
@@ -149,7 +149,7 @@ def solve(
     """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move
     the target.
     """
-    sides = _sides(observations)
+    sides = _by_side(observations)
     bundle, error = start, _cost(start, sides)
     damping = 1e-3
     for _ in range(iterations):
@@ -182,7 +182,7 @@ class _Equations:
     r_views: Array
 
 
-def _normal_equations(bundle: Bundle, sides: Sequence[_Side]) -> _Equations:
+def _normal_equations(bundle: Bundle, sides: Sequence[_SideCorners]) -> _Equations:
     sizes = [intrinsics.size for intrinsics in bundle.intrinsics]
     shared, views = sum(sizes) + 6, len(bundle.T_left_target)
     U, V, W = np.zeros((shared, shared)), np.zeros((views, 6, 6)), np.zeros((views, shared, 6))
@@ -203,7 +203,7 @@ def _product(a: Array, b: Array) -> Array:
     return a.reshape(-1, *a.shape[2:]).T @ b.reshape(-1, *b.shape[2:])
 
 
-def _linearize(bundle: Bundle, side: _Side, sizes: list[int]) -> tuple[Array, Array, Array]:
+def _linearize(bundle: Bundle, side: _SideCorners, sizes: list[int]) -> tuple[Array, Array, Array]:
     """Residuals (n, 2) and their derivatives by shared parameters (n, 2, g) and by the pose of each
     corner's view (n, 2, 6).
 
@@ -292,7 +292,7 @@ def _moved(T: Array, step: Array) -> Array:
     return moved
 
 
-def _cost(bundle: Bundle, sides: Sequence[_Side]) -> float:
+def _cost(bundle: Bundle, sides: Sequence[_SideCorners]) -> float:
     with np.errstate(all="ignore"):
         cost = sum(float((side.residuals(bundle) ** 2).sum()) for side in sides)
     return cost if np.isfinite(cost) else np.inf

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -336,9 +336,7 @@ def _run_content(out: Path) -> dict[str, Any]:
     except (InputError, ValueError) as error:
         raise InputError(f"{out}: holds no finished run ({error})") from error
     if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
-        raise InputError(
-            f"{path}: is not a {RUN} of this program (its format is not {RUN_FORMAT!r})"
-        )
+        raise InputError(f"{path}: is not a run.json of this program, of format {RUN_FORMAT!r}")
     if content.get("format_version") != RUN_VERSION or not Manifest(out).exists():
         raise InputError(
             f"{path}: was written by another version of the program: run again into a new --out"
@@ -368,8 +366,7 @@ def geometry_of_ranges(folder: Path) -> RectifiedPair | None:
     folder = folder.resolve()
     if folder.name == "range":
         with suppress(InputError):
-            geometry: RectifiedPair | None = _run_content(folder.parent)["geometry"]
-            return geometry
+            return cast(RectifiedPair | None, _run_content(folder.parent)["geometry"])
     return None
 
 
@@ -409,11 +406,10 @@ class FinishedMap:
     """The main component of a map, in ``folder``.
 
     track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that
-    the map
-    shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name. offset_m:
-    (3,), what to add to the map's own coordinates to get those of its world. pieces: number of
-    further components. origin: of x and y on Earth. range_scale: how many times as long ranges are
-    in the map than in the frames' files.
+    the map shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name.
+    offset_m: (3,), what to add to the map's own coordinates to get those of its world. pieces:
+    number of further components. origin: of x and y on Earth. range_scale: how many times as long
+    ranges are in the map than in the frames' files.
     """
 
     folder: Path
@@ -482,7 +478,7 @@ def _length(name: str, value: Any) -> float:
 def _place(values: Any) -> list[float]:
     found = [float(value) for value in values]
     if len(found) != 3 or not all(map(math.isfinite, found)):
-        raise ValueError("a place that is none")
+        raise ValueError("a place that is not three numbers")
     return found
 
 
