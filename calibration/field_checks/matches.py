@@ -80,18 +80,11 @@ def find_matches(
     """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical
     flow there and back.
     """
-    return match_images(
-        clear(rectification.apply_left(to_gray(left))),
-        clear(rectification.apply_right(to_gray(right))),
+    return match_described(
+        describe_left(rectification, left, limits),
+        describe_right(rectification, right, limits),
         limits,
     )
-
-
-def match_images(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], limits: MatchLimits = MATCHES_LIMITS
-) -> Matches:
-    """Match two gray images that ``clear`` made; their points are called left and right."""
-    return match_described(describe(first, limits), describe(second, limits), limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +110,24 @@ def describe(image: NDArray[np.uint8], limits: MatchLimits) -> Described:
     return Described(image, points * step_px + middle_px, descriptors)
 
 
+def describe_left(
+    rectification: Rectification, image: NDArray[np.generic], limits: MatchLimits = MATCHES_LIMITS
+) -> Described:
+    """Find the features of a raw left image, rectified."""
+    return describe(clear(rectification.apply_left(to_gray(image))), limits)
+
+
+def describe_right(
+    rectification: Rectification, image: NDArray[np.generic], limits: MatchLimits = MATCHES_LIMITS
+) -> Described:
+    """Find the features of a raw right image, rectified."""
+    return describe(clear(rectification.apply_right(to_gray(image))), limits)
+
+
 def match_described(first: Described, second: Described, limits: MatchLimits) -> Matches:
-    """Match two images as ``match_images`` does."""
+    """Match the features of two images, and refine their places; the points are called left and
+    right.
+    """
     at_first, at_second = _alike(first, second)
     near = np.abs(at_first[:, 1] - at_second[:, 1]) < limits.max_row_fraction * len(first.image)
     return _refine([first.image, second.image], at_first[near], at_second[near])

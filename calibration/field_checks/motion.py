@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError, counted
 from calibration.field_checks.matches import (
     QUICK,
-    Described,
     Images,
     Matches,
-    clear,
-    describe,
+    describe_left,
+    describe_right,
     jackknife,
     match_described,
     same_points,
-    to_gray,
 )
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
@@ -369,9 +367,9 @@ def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice |
     start = next(pairs, None)
     if start is None:
         return None
-    first = _left(rectification, start)
+    first = describe_left(rectification, start[0], FEATURES)
     for images in pairs:
-        left = _left(rectification, images)
+        left = describe_left(rectification, images[0], FEATURES)
         moved = match_described(first, left, ANYWHERE)
         if len(moved.left) < LIMITS.least_points:
             return None
@@ -379,18 +377,12 @@ def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice |
             np.median(np.abs(moved.left - moved.right).max(axis=1))
             >= LIMITS.least_move * left.image.shape[1]
         ):
-            there = match_described(left, _right(rectification, images), FEATURES)
-            here = match_described(first, _right(rectification, start), FEATURES)
+            here, there = (
+                match_described(seen, describe_right(rectification, right, FEATURES), FEATURES)
+                for seen, (_, right) in ((first, start), (left, images))
+            )
             return _seen_twice(rectification, here, moved, there)
     return None
-
-
-def _left(rectification: Rectification, images: Images) -> Described:
-    return describe(clear(rectification.apply_left(to_gray(images[0]))), FEATURES)
-
-
-def _right(rectification: Rectification, images: Images) -> Described:
-    return describe(clear(rectification.apply_right(to_gray(images[1]))), FEATURES)
 
 
 def _seen_twice(

@@ -10,8 +10,18 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
-from calibration.field_checks.matches import find_matches, similar_points
+from calibration.field_checks.matches import (
+    MATCHES_LIMITS,
+    QUICK,
+    Described,
+    MatchLimits,
+    describe_left,
+    describe_right,
+    match_described,
+    similar_points,
+)
 from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -50,11 +60,16 @@ class _Limits:
 _LIMITS = _Limits()
 
 
-def agreeing_points(rectification: Rectification, left: Image, right: Image) -> int:
-    """Count the points of the raw left image that are found in the raw right one on the same row,
-    in front of the cameras.
+def agreeing_points(
+    rectification: Rectification,
+    left: Described,
+    right: Described,
+    limits: MatchLimits = MATCHES_LIMITS,
+) -> int:
+    """Count the features of the rectified left image that are found in the right one on the same
+    row, in front of the cameras.
     """
-    found = find_matches(rectification, left, right)
+    found = match_described(left, right, limits)
     disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
     infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px
     return int(
@@ -63,8 +78,19 @@ def agreeing_points(rectification: Rectification, left: Image, right: Image) -> 
 
 
 def images_overlap(rectification: Rectification, left: Image, right: Image) -> bool:
-    """Tell whether enough points of the raw left image are found in the raw right one."""
-    return agreeing_points(rectification, left, right) >= _LIMITS.points
+    """Tell whether enough points of the raw left image are found in the raw right one: a few
+    coarse features do, where there are enough.
+    """
+    return any(
+        agreeing_points(
+            rectification,
+            describe_left(rectification, left, limits),
+            describe_right(rectification, right, limits),
+            limits,
+        )
+        >= _LIMITS.points
+        for limits in (QUICK, MATCHES_LIMITS)
+    )
 
 
 def neighbor_that_fits(
@@ -76,14 +102,23 @@ def neighbor_that_fits(
     None where it is the pair's own, or where no right image among the next neighbors fits.
     Raises InputError if an image of ``pair`` cannot be read.
     """
-    left = read_image(pair.left, config)
-    own = agreeing_points(rectification, left, read_image(pair.right, config))
+    left = describe_left(rectification, read_image(pair.left, config))
+    right = describe_right(rectification, read_image(pair.right, config))
+    own = agreeing_points(rectification, left, right)
     place = pairs.index(pair)
     others = [
         *pairs[max(0, place - _LIMITS.reach) : place],
         *pairs[place + 1 : place + 1 + _LIMITS.reach],
     ]
-    found = [(_points_or_none(rectification, left, other, config), other) for other in others]
+
+    def points_of(other: Pair) -> int:
+        try:
+            image = read_image(other.right, config)
+        except InputError:
+            return 0
+        return agreeing_points(rectification, left, describe_right(rectification, image))
+
+    found = zip(Threads(cores()).each(points_of, others), others, strict=True)
     points, best = max(found, key=lambda item: item[0], default=(0, pair))
     return best if points >= max(_LIMITS.points, _LIMITS.ratio * own) else None
 
@@ -239,12 +274,3 @@ def _fitting(
     with contextlib.suppress(InputError, CalibrationError):
         return neighbor_that_fits(pair, pairs, rectification, config)
     return None
-
-
-def _points_or_none(
-    rectification: Rectification, left: Image, other: Pair, config: InputConfig
-) -> int:
-    try:
-        return agreeing_points(rectification, left, read_image(other.right, config))
-    except InputError:
-        return 0

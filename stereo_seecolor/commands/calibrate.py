@@ -25,6 +25,7 @@ from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, neighbors, read_both
 from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import refuse_existing, write_atomic
@@ -222,7 +223,11 @@ def check(
     pairs = pairs_of(left, right, images).pairs
     images = as_stored(images, stored_facts(images, evenly_spaced(pairs, most_pairs)))
     rig = load_unsettled(calib, pairs, images)
-    raw = raw_matches(rig, (read_both(pair, images) for pair in evenly_spaced(pairs, most_pairs)))
+
+    def matched(pair: Pair) -> Matches:
+        return raw_matches(rig, [read_both(pair, images)])[0]
+
+    raw = list(Threads(cores()).each(matched, evenly_spaced(pairs, most_pairs)))
     rig = settle_matches(rig, raw)
     rows = _judged(
         rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import RowCheck, suspicions, vertical_disparity
+from calibration.checks import RowCheck, judge_matches, suspicions
 from calibration.field_checks.hypotheses import (
     Hypothesis,
     likely_hypothesis,
     may_be_wrong,
     resolve_convention,
 )
+from calibration.field_checks.matches import find_matches
 from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
@@ -27,6 +28,7 @@ from stereo_seecolor.checks.rig import RangeLimits, range_limits
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, neighbors
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import folder_keys, natural_key, stem_of_path
@@ -224,7 +226,9 @@ def tested_calibration(
     rows: RowCheck | None = None
     images = _images(fitting, config)
     with suppress(CalibrationError):
-        rows = vertical_disparity(rig, images)
+        rectification = Rectification.from_rig(rig)
+        matched = Threads(cores()).each(lambda both: find_matches(rectification, *both), images)
+        rows = judge_matches(rig, list(matched))
     mistake = (
         likely_hypothesis(rig, images[:DECIDING_PAIRS])
         if rows is None or may_be_wrong(rows)

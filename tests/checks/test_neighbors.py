@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from calibration import Rectification
+from calibration.field_checks.matches import describe_left, describe_right
 from calibration.formats import load_rig
 from stereo_seecolor.checks.neighbors import agreeing_points, misfit_notes, neighbor_that_fits
 from stereo_seecolor.commands.run import run
@@ -41,9 +42,10 @@ def test_the_neighbor_that_fits_is_named(make_dive, by: int, fits: int | None) -
 def test_true_pairs_agree_a_hundred_times_better_than_false_ones() -> None:
     pairs = pair_folders(SAMPLES / "left", SAMPLES / "right", InputConfig()).pairs
     rectification = Rectification.from_rig(load_rig(SAMPLES / "cam.yaml"))
-    left = read_image(pairs[0].left)
+    left = describe_left(rectification, read_image(pairs[0].left))
     true, false = (
-        agreeing_points(rectification, left, read_image(pair.right)) for pair in pairs[:2]
+        agreeing_points(rectification, left, describe_right(rectification, read_image(pair.right)))
+        for pair in pairs[:2]
     )
     assert true > 500
     assert false < 5
