@@ -31,6 +31,9 @@ SHOWN_ONLY = ("view", "bag-info", "measure", "campaign", "sync", "markers")
 ONLY_PRINT = ("evaluate", "inspect", "check", "doctor")
 """Commands that write nothing (but ``check --refine``), of the shorter dive always the same."""
 
+ONLY_READ = ("compare", "metrics", "synthesize")
+"""Commands whose results go to --out alone: what they read was made by the same lines before."""
+
 MOST_BYTES = 200_000
 
 
@@ -95,11 +98,8 @@ class Shell:
             f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
         )
         line = shlex.join(words)
-        out = (
-            Path(words[words.index("--out") + 1])
-            if "--left left" in line and "--out" in line
-            else None
-        )
+        again = "--left left" in line or words[1] in ONLY_READ
+        out = Path(words[words.index("--out") + 1]) if again and "--out" in words else None
         if line in self._printed:
             missing = [
                 word for word in words[2:] if not word.startswith("-") and not Path(word).exists()
