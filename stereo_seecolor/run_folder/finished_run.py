@@ -192,16 +192,8 @@ class FinishedRun:
             InputError: For a run without calibration.
             CalibrationError: If its file is damaged.
         """
-        self.geometry_for("this")
+        geometry_of(self, "this")
         return load_rig(str(self.root / RIG))
-
-    def geometry_for(self, what: str) -> RectifiedPair:
-        """The geometry of the rectified images, which ``what`` needs. Raises InputError."""
-        if self.geometry is None:
-            raise InputError(
-                f"{self.root}: has no calibration (made by correct?): {what} needs output of run"
-            )
-        return self.geometry
 
     def frame(self, name: str) -> FinishedFrame:
         """Find a frame by its name.
@@ -357,6 +349,15 @@ def _run_content(out: Path) -> dict[str, Any]:
                 f"{setting!r}: run again"
             ) from error
         raise InputError(f"{path}: is damaged: run again, which keeps what is finished") from error
+
+
+def geometry_of(run: FinishedRun, what: str) -> RectifiedPair:
+    """The geometry of the rectified images, which ``what`` needs. Raises InputError."""
+    if run.geometry is None:
+        raise InputError(
+            f"{run.root}: has no calibration (made by correct?): {what} needs the output of run"
+        )
+    return run.geometry
 
 
 def geometry_of_ranges(folder: Path) -> RectifiedPair | None:

@@ -24,6 +24,7 @@ from stereo_seecolor.run_folder.finished_run import (
     FinishedFrame,
     FinishedMap,
     FinishedRun,
+    geometry_of,
     open_map,
     open_run,
 )
@@ -50,7 +51,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
         range_scale: float = 1.0,
         frames: Sequence[FinishedFrame] | None = None,
     ) -> None:
-        geometry, T_rectified_left = run.geometry_for("a map"), run.T_rectified_left
+        geometry, T_rectified_left = geometry_of(run, "a map"), run.T_rectified_left
         assert T_rectified_left is not None
         if run.stale:
             raise InputError(
@@ -257,7 +258,7 @@ class Part:
         not come to its end.
         """
         run = open_run(root)
-        run.geometry_for("a merge")
+        geometry_of(run, "a merge")
         rows = read_rows(root / FRAMES_TABLE)
         pending = [row.name for row in rows if row.status == "pending"]
         if pending or run.state != "complete":

@@ -29,7 +29,7 @@ from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.range_code import height_std_m, std_codes, std_from_codes
-from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.layout import MAP, TERRAIN
 
 Kind = Literal["point", "length", "area"]
@@ -121,7 +121,7 @@ def surface_of(run: FinishedRun, name: str) -> FrameSurface:
     """The surface that a frame of a run shows. Raises InputError if the run has no calibration, or
     not the frame.
     """
-    geometry = run.geometry_for("measuring")
+    geometry = geometry_of(run, "measuring")
     frame = run.frame(name)
     range_m = frame.measured_range_m()
     if "range_std" in frame.products:
