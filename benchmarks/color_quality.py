@@ -114,7 +114,6 @@ METHODS_COMPARED: dict[str, Method] = {
 SWITCHES: dict[str, Method] = {
     "as shipped": by_config(),
     "input_encoding: as-is": by_config(input_encoding="as-is"),
-    "attenuation: constant": by_config(robust={"attenuation": "constant"}),
     "white_point: none": by_config(robust={"white_point": "none"}),
     "white_point: gray": by_config(robust={"white_point": "gray"}),
 }

@@ -88,8 +88,8 @@ def main(folder: Path) -> None:
     second = replace(Scene.from_spec(SECOND), reef=changed_reef(first.reef, CHANGES))
     render(first, folder / "first", np.eye(4))
     render(second, folder / "second", T_SECOND_WORLD)
-    outs = [mapped(folder / name) for name in ("first", "second")]
-    found = compare(*outs, folder / "change").change
+    before, after = (mapped(folder / name) for name in ("first", "second"))
+    found = compare(before, after, folder / "change").change
     judge(found, first.reef, second.reef)
 
 

@@ -57,7 +57,7 @@ def measured(run: Path, trajectory: Trajectory, folder: Path) -> str:
     """A row of the table: the map of as many pairs as the trajectory has."""
     started, pairs = time.perf_counter(), len(trajectory.names)
     finished, workspace = SurveyFrames(open_run(run)), Workspace(compute=Threads(cores()))
-    frames, config = Repeated(finished, pairs), MappingConfig(max_speed_m_s=100.0)
+    frames, config = Repeated(finished, pairs), MappingConfig()
     summary = build_map(frames, finished.geometry, folder, config, trajectory, workspace)
     used, peak_kib = os.times(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     seconds, elapsed = used.user + used.system, time.perf_counter() - started

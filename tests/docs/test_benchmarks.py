@@ -34,3 +34,16 @@ def test_every_benchmark_answers_help() -> None:
         cwd=BENCHMARKS,
     )
     assert done.returncode == 0, done.stderr[-500:]
+
+
+@pytest.mark.slow
+def test_benchmarks_give_functions_the_arguments_that_they_take() -> None:
+    """They run for minutes, so mypy looks for settings and parameters that are no longer there."""
+    found = subprocess.run(
+        [sys.executable, "-m", "mypy", "benchmarks", "examples"],
+        capture_output=True,
+        text=True,
+        cwd=BENCHMARKS.parent,
+    )
+    assert found.returncode in (0, 1), found.stderr[-500:]
+    assert not [line for line in found.stdout.splitlines() if line.endswith("[call-arg]")]

@@ -13,6 +13,7 @@ import pytest
 from calibration_boards import photograph_board
 
 from stereo_seecolor.cli import main
+from stereo_seecolor.config.file import RENAMED, known_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -210,6 +211,17 @@ def test_files_of_the_code_that_texts_name_are_there() -> None:
     for page in (*PAGES, *ROOT.glob("*.md")):
         for name in re.findall(r"`([a-z_0-9/]+\.py)`", page.read_text(encoding="utf-8")):
             assert any(file.endswith("/" + name) for file in files), f"{page.name}: {name}"
+
+
+def test_settings_that_texts_name_are_there() -> None:
+    keys = known_keys()
+    sections = "|".join({key.partition(".")[0] for key in keys if "." in key})
+    for page in (*PAGES, *(path for path in ROOT.glob("*.md") if path.name != "CHANGELOG.md")):
+        old = RENAMED if page.name == "configuration.md" else ()
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(rf"(?:`|--set )((?:{sections})\.[a-z_0-9.]+)", text):
+            known = any(key == name or key.startswith(f"{name.rstrip('.')}.") for key in keys)
+            assert known or name in old, f"{page.name}: {name}"
 
 
 def test_every_page_is_in_the_sites_index() -> None:
