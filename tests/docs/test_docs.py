@@ -224,6 +224,17 @@ def test_settings_that_texts_name_are_there() -> None:
             assert known or name in old, f"{page.name}: {name}"
 
 
+def test_options_that_texts_name_are_there() -> None:
+    """Of the commands, and in the pages of experiments of the scripts in benchmarks/."""
+    commands = (DOCS / "commands.md").read_text(encoding="utf-8")
+    scripts = "".join(path.read_text() for path in (ROOT / "benchmarks").glob("*.py"))
+    others = {"--write"}  # of tests/test_golden.py
+    for page in (*PAGES, *(path for path in ROOT.glob("*.md") if path.name != "CHANGELOG.md")):
+        for name in set(re.findall(r"`(--[a-z][a-z-]+)", page.read_text(encoding="utf-8"))):
+            known = f"`{name}" in commands or f'"{name}"' in scripts or name in others
+            assert known, f"{page.name}: {name}"
+
+
 def test_every_page_is_in_the_sites_index() -> None:
     trees = re.findall(
         r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL
