@@ -23,7 +23,7 @@ from stereo_seecolor.color.photometry.observations import Observations, SeenWind
 
 
 @dataclass(frozen=True)
-class SightingLimits:
+class ObservationLimits:
     """Limits of observations that the light is solved from, and of its standard error."""
 
     light: tuple[float, float] = (0.003, 0.97)
@@ -36,7 +36,7 @@ class SightingLimits:
     """
 
 
-LIMITS = SightingLimits()
+LIMITS = ObservationLimits()
 ANGLE = 0.8165
 """Angle, radians, between colors whose logarithms differ by an rms of 1, near gray: sqrt(2/3)."""
 
