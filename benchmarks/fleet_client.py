@@ -50,9 +50,8 @@ class Meter:
 
     def __init__(self) -> None:
         self._used_s = time.process_time()
-        self.others_s = (
-            0.0  # what stands for another process's work, or is needed for the benchmark alone
-        )
+        # what stands for another process's work, or is needed for the benchmark alone
+        self.others_s = 0.0
 
     @contextmanager
     def aside(self) -> Iterator[None]:

@@ -201,9 +201,8 @@ def kills(folder: Path, pairs: int, harm: Harm) -> None:
     def command(out: Path) -> list[str]:
         return [*PROGRAM, "run", *map(str, given), *settings, "--out", str(out)]
 
-    subprocess.run(
-        command(folder / "threads"), check=True, stdout=subprocess.DEVNULL
-    )  # kept where it was made before
+    # kept where it was made before
+    subprocess.run(command(folder / "threads"), check=True, stdout=subprocess.DEVNULL)
     expected = contents(folder / "threads")
     number = 0
     while harm.left:

@@ -43,9 +43,8 @@ def over_pairs(work: Path, numbers: Sequence[int]) -> list[Point]:
     points = []
     made = work / "made"
     rig = rendered(made, SMALL) / "cam.yaml"
-    execute(
-        REPOSITORY, "run", *sides(made, rig), "--out", work / "warm"
-    )  # compiles what is compiled once
+    # compiles what is compiled once
+    execute(REPOSITORY, "run", *sides(made, rig), "--out", work / "warm")
     for number in numbers:
         dive = work / f"pairs_{number}"
         for side in ("left", "right"):

@@ -206,9 +206,8 @@ class Schedule:
                 ready = max(ended[len(taken)], taken[-1] if taken else 0.0)
                 taken.append(self._turn(ready, TURNS * part.main_s, TURNS * part.main_locked_s))
             begin(now)
-        return max(
-            taken[-1], (part.pairs_s + part.main_s) / self._cores
-        )  # the main thread runs on one of the cores
+        # the main thread runs on one of the cores
+        return max(taken[-1], (part.pairs_s + part.main_s) / self._cores)
 
     def _turn(self, now: float, all_s: float, locked_s: float) -> float:
         """When a turn of an item ends. all_s, locked_s: of all turns of all items."""

@@ -110,9 +110,8 @@ def main() -> None:
             whole_run(options.dive, options.dive / "out", options.workers)
         else:
             plain_loop(options.dive, options.dive / "out")
-        high_water = re.search(
-            r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text()
-        )  # ru_maxrss would count the parent's
+        # ru_maxrss would count the parent's
+        high_water = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
         assert high_water
         print(time.perf_counter() - start, int(high_water[1]) / 1024, time.process_time())
         return
@@ -120,9 +119,8 @@ def main() -> None:
         dive = Path(folder)
         make_dive(dive / "small", 1, (320, 256))
         for way in ("run", "plain"):
-            measure(
-                way, dive / "small", options.workers
-            )  # compiles what is compiled once on a machine
+            # compiles what is compiled once on a machine
+            measure(way, dive / "small", options.workers)
         make_dive(dive, options.pairs, tuple(options.size))
         runs = [
             (measure("run", dive, options.workers), measure("plain", dive, 1))

@@ -41,18 +41,13 @@ def images_for_detection(
 
 
 Array = NDArray[np.float64]
-CELLS, BORDER_CELLS = (
-    10,
-    2,
-)  # of a tag's side: 6 of the code, and Kalibr's border of two on both sides
+# of a tag's side: 6 of the code, and Kalibr's border of two on both sides
+CELLS, BORDER_CELLS = (10, 2)
 BORDERS_CELLS = (2, 1)  # tags of other printers have a border of one
-SUBPIXEL_FRACTION = (
-    0.15  # of a tag's side: a window that reaches neither the code nor the next square
-)
-MOVED_PX, MOVED_FRACTION = (
-    2.5,
-    0.05,
-)  # and of a tag's side: detectors place corners better; others went to another corner
+# of a tag's side: a window that reaches neither the code nor the next square
+SUBPIXEL_FRACTION = 0.15
+# and of a tag's side: detectors place corners better; others went to another corner
+MOVED_PX, MOVED_FRACTION = (2.5, 0.05)
 # of a tag's side: one this far from its place in the grid is a tag of something else in the scene
 OTHER_TAG = 0.5
 

@@ -28,9 +28,8 @@ from calibration.rig import Camera, Medium, RigErrors, StereoRig
 # right image of another.
 
 MOST_STEPS = 5  # images that one side may have lost
-SAME_TURN = np.radians(
-    1.5
-)  # between two pairs' estimates of the rig; a board moves by more from view to view
+# between two pairs' estimates of the rig; a board moves by more from view to view
+SAME_TURN = np.radians(1.5)
 SAME_PLACE = 0.1  # of the board's extent
 LEAST_FITTING = 5  # pairs, and a third of all, that fit another partner before that is believed
 LENS = Lens("pinhole", 5)

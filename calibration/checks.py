@@ -36,12 +36,10 @@ from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
 class SuspicionLimits:
     """Decides what is unusual in a rig, though possible."""
 
-    center_offset: float = (
-        0.2  # of the image: no lens is mounted that far off; K of half the resolution gives 0.25
-    )
-    aspect: float = (
-        0.05  # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
-    )
+    # of the image: no lens is mounted that far off; K of half the resolution gives 0.25
+    center_offset: float = 0.2
+    # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
+    aspect: float = 0.05
     focal_of_width: tuple[float, float] = (0.2, 10.0)  # 136 degrees across, and 6
     focal_ratio: tuple[float, float] = (0.8, 1.25)  # left to right: pairs are made of equal lenses
     angle_deg: float = 30.0  # between the cameras, quarter turns apart: pairs look the same way
@@ -72,9 +70,8 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
             f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and "
             f"{rig.right.K[0, 0]:.0f} px right"
         )
-    turned = cv2.Rodrigues(quarter_turn(-quarter_turns_of(rig.R)) @ rig.R)[
-        0
-    ]  # scipy would take 0.3 s to load
+    # scipy would take 0.3 s to load
+    turned = cv2.Rodrigues(quarter_turn(-quarter_turns_of(rig.R)) @ rig.R)[0]
     angle_deg = np.degrees(np.linalg.norm(turned))
     if angle_deg > SUSPICIONS_LIMITS.angle_deg:
         found.append(
@@ -234,9 +231,10 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
     model, unexplained = explain(rows, left)
     has_distortion = rig.left.distortion.any() or rig.right.distortion.any()
     sides = [(R_left, left), (R_right, right)]
+    # lenses would look like air
     index, index_unexplained = (
         _best_index(sides, pair.focal_px) if has_distortion else (1.0, np.inf)
-    )  # lenses would look like air
+    )
     row_error_px = float(np.median(np.abs(rows)))
     in_images = raw_points(rig, *raw)
     across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair

@@ -101,9 +101,8 @@ class RectifiedPair:
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
         lengths = np.empty((height, width), np.float32)
-        for row in range(
-            height
-        ):  # one by one: sums of whole images in double precision are four times the result
+        # one by one: sums of whole images in double precision are four times the result
+        for row in range(height):
             lengths[row] = np.sqrt(1 + x[0] ** 2 + y[row] ** 2)
         return lengths
 
@@ -213,9 +212,8 @@ AnyCamera = Camera | CameraInWater
 class ViewLimits:
     """Decides how much of a view the rectified image shows."""
 
-    widest_slope: float = (
-        2.0  # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
-    )
+    # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
+    widest_slope: float = 2.0
     # points along each edge of the raw image, and from its center to each: smooth lenses need no
     # more
     border_steps: int = 33
@@ -288,9 +286,8 @@ def _inner_bounds(camera: AnyCamera, R: Array) -> Array:
     rectified outline.
     """
     edges = _edges(camera, R)
-    turns = quarter_turns_of(
-        R
-    )  # a camera turned by a quarter has its top edge at the right of the rectified view
+    # a camera turned by a quarter has its top edge at the right of the rectified view
+    turns = quarter_turns_of(R)
     top, right, bottom, left = [edges[(i - turns) % 4] for i in range(4)]
     return np.array([[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]])
 

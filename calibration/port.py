@@ -14,10 +14,8 @@ they are a quarter wrong.
 """
 # of divers and vehicles over reefs; 0.5 to 5 m leave 0.4 % at most (docs/calibration.md)
 WORKING_RANGE = "1.5m"
-WATER_C, WATER_PSU = (
-    15.0,
-    35.0,
-)  # sea water of any temperature differs by 0.2 % in its index, fresh water by 0.5 %
+# sea water of any temperature differs by 0.2 % in its index, fresh water by 0.5 %
+WATER_C, WATER_PSU = (15.0, 35.0)
 MAX_DISTANCE_M = 0.5  # larger housings are unknown: more is a mistake of unit
 MAX_THICKNESS_M = 0.1  # the same
 MAX_TILT_DEG = 30.0  # a window seen at more would be seen from the side

@@ -41,25 +41,21 @@ class RefineLimits:
     # a pair left out must leave two, or errors of one pair (a swell between two shutters) pass for
     # the rig's
     min_pairs: int = 3
-    min_matches: int = (
-        30  # of a pair: fewer do not reach the corners of the image, where roll and scale show
-    )
-    max_matches: int = (
-        400  # of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
-    )
+    # of a pair: fewer do not reach the corners of the image, where roll and scale show
+    min_matches: int = 30
+    # of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
+    max_matches: int = 400
     folds: int = 10  # parts left out in turn, as in calibrate
-    noise_px: float = (
-        0.15  # where the loss turns from squares to absolute values: matches are good to 0.1 px
-    )
+    # where the loss turns from squares to absolute values: matches are good to 0.1 px
+    noise_px: float = 0.15
 
 
 LIMITS = RefineLimits()
 PARAMETERS = ("pitch", "roll", "scale", "yaw")
 """Angles in radians; scale: logarithm of the right focal length over its calibrated one."""
 SCALE_STEP = 1e-3  # of the derivative of rays by the scale
-MODELS = tuple(
-    PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1)
-)  # simplest first; yaw last, since it moves ranges
+# simplest first; yaw last, since it moves ranges
+MODELS = tuple(PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1))
 
 
 def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:

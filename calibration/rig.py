@@ -130,9 +130,8 @@ MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
 LEAST_FOCAL_PX = 10.0  # shorter ones are millimeters or parts of the width of the image
 WIDEST_SLOPE = 20.0  # tan of 87 degrees
 LEAST_STEP_PX = 1e-12  # rounding: with less, a ray takes all steps that it may
-RAY_TOLERANCE_PX = (
-    0.01  # how far a ray may come back from its pixel: beyond, the distortion folds over
-)
+# how far a ray may come back from its pixel: beyond, the distortion folds over
+RAY_TOLERANCE_PX = 0.01
 SQUARE_TOLERANCE = 1e-5  # of fx / fy: 0.02 px at the border of an image of 4000 px
 DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 

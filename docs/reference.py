@@ -213,9 +213,8 @@ def section_lines(model: BaseModel, prefix: str = "") -> Iterator[str]:
 
 def setting_row(key: str, default: object, field: FieldInfo) -> str:
     description = field.description or ""
-    automatic = "auto: " in description and type(None) in get_args(
-        field.annotation
-    )  # None may be written auto
+    # None may be written auto
+    automatic = "auto: " in description and type(None) in get_args(field.annotation)
     shown = (
         "auto"
         if automatic and default is None

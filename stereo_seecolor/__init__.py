@@ -80,9 +80,8 @@ if "StereoRig" not in getattr(calibration, "__all__", ()):
         "folder off PYTHONPATH, or start python elsewhere"
     )
 
-logging.getLogger(__name__).addHandler(
-    logging.NullHandler()
-)  # quiet until a program configures logging
+# quiet until a program configures logging
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:

@@ -85,9 +85,8 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
     R = np.full((len(q), 3, 3), np.nan)
     known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
     if known.any():
-        scaled = q[known] / np.abs(q[known]).max(
-            axis=1, keepdims=True
-        )  # squares of huge numbers would overflow
+        # squares of huge numbers would overflow
+        scaled = q[known] / np.abs(q[known]).max(axis=1, keepdims=True)
         R[known] = Rotation.from_quat(scaled).as_matrix()
     return R
 

@@ -100,10 +100,8 @@ class Pipeline:
         self.settings = self._settings()
 
     def __reduce__(self) -> tuple[type["Pipeline"], tuple[StereoRig, RunConfig]]:
-        return Pipeline, (
-            self.rig,
-            self.config,
-        )  # all else is made from these, and some of it is large
+        # all else is made from these, and some of it is large
+        return Pipeline, (self.rig, self.config)
 
     def _settings(self) -> str:
         """Hash of everything that a range map depends on besides its two images."""

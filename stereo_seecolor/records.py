@@ -331,9 +331,8 @@ class SurveyFrame:
     @cached_property
     def color_is_doubtful(self) -> Mask:
         """True where a channel is clipped, or could not be recovered."""
-        r, g, b = (
-            np.ascontiguousarray(self.color[..., c]) for c in range(3)
-        )  # minima over the last axis take ten times as long
+        # minima over the last axis take ten times as long
+        r, g, b = (np.ascontiguousarray(self.color[..., c]) for c in range(3))
         clipped = (np.maximum(np.maximum(r, g), b) >= 254) | (np.minimum(np.minimum(r, g), b) == 0)
         doubtful: Mask = clipped if self.unrecoverable is None else clipped | self.unrecoverable
         return doubtful

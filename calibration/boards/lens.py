@@ -128,9 +128,8 @@ def _middle(transforms: list[Array]) -> Array:
 # Removal of outlying views: pairs that show two moments, misread boards, blur.
 
 OUTLIER_RATIO = 3.0  # times the median view's error: three sigma of good views
-OUTLIER_MIN_PX = (
-    0.3  # corners are found to 0.1 to 0.2 px; below this a view is no worse than its neighbors
-)
+# corners are found to 0.1 to 0.2 px; below this a view is no worse than its neighbors
+OUTLIER_MIN_PX = 0.3
 # of the image's width, from a rig guessed by single views to 1 %: a board that has moved meanwhile
 WRONG_PAIR = 0.03
 WRONG_PAIR_RATIO = 5.0  # times the median, where the guess itself is poor
@@ -175,9 +174,8 @@ def _without_wrong_pairs(
     """
     guesses = [first_guess(views, target, lens) for lens in lenses]
     guessed = (view_errors(guess, views, target) for guess in guesses)
-    errors = min(guessed, key=lambda guess: float(guess[:, 0].mean()))[
-        :, 1
-    ]  # the left camera was fitted alone
+    # the left camera was fitted alone
+    errors = min(guessed, key=lambda guess: float(guess[:, 0].mean()))[:, 1]
     wrong = errors > max(
         WRONG_PAIR * views[0].image_size[0], WRONG_PAIR_RATIO * float(np.median(errors))
     )

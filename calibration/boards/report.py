@@ -19,10 +19,8 @@ GRID = (8, 6)  # cells of the image in which corners are counted
 MIN_CORNERS_IN_CELL = 3  # a cell with fewer is not covered
 
 # The limits of each figure, up to which a calibration is good, and up to which it is usable.
-MAX_ROW_ERROR_PX = (
-    0.25,
-    0.5,
-)  # root mean square; the matcher searches along rows and loses matches beyond half a pixel
+# root mean square; the matcher searches along rows and loses matches beyond half a pixel
+MAX_ROW_ERROR_PX = (0.25, 0.5)
 MAX_RMS_PX = (0.35, 1.0)  # of reprojection
 MAX_FOCAL_STD = (0.005, 0.02)  # fraction of the focal length, and so of every range
 MAX_BASELINE_STD = (0.005, 0.02)  # the same of the baseline

@@ -136,9 +136,8 @@ def _mistakes(rig: StereoRig) -> Iterator[Hypothesis]:
         yield Hypothesis(
             EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back)
         )
-    distorted = (
-        rig.left.distortion.any() and rig.right.distortion.any()
-    )  # else a moved camera comes to the same
+    # else a moved camera comes to the same
+    distorted = rig.left.distortion.any() and rig.right.distortion.any()
     if distorted and rig.left.image_size == rig.right.image_size:
         yield Hypothesis(
             RECTIFIED, GIVE_RECTIFIED, rectified_like(rig), most_px=LIMITS.rectified_px

@@ -45,15 +45,13 @@ class MatchLimits:
     # nearest to second nearest descriptor (Lowe 2004, Int. J. Comput. Vis. 60, sec. 7.1: 0.8)
     ratio: float = 0.75
     max_row_fraction: float = 0.1  # of the image's height: rows may be off, but not anywhere
-    return_px: float = (
-        0.2  # flow there and back: more is a place that is not the same in both images
-    )
+    # flow there and back: more is a place that is not the same in both images
+    return_px: float = 0.2
     stray_px: float = 2.0  # flow from where the features lie, which are good to a pixel
     window_px: int = 21  # of the flow; OpenCV's default
     step_px: int = 1  # features are looked for at this resolution, and refined at the images' own
-    most_pixels: float = (
-        6e6  # of an image that features are looked for in, or at a coarser step: 250 bytes a pixel
-    )
+    # of an image that features are looked for in, or at a coarser step: 250 bytes a pixel
+    most_pixels: float = 6e6
 
 
 MATCHES_LIMITS = MatchLimits()

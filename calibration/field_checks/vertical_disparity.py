@@ -30,25 +30,18 @@ from calibration.rectification import Rectification
 class RowLimits:
     """Decides what vertical disparity means."""
 
-    acceptable_px: float = (
-        0.25  # matching searches one row: the confidence of fine texture falls from here on
-    )
-    swapped_fraction: float = (
-        0.8  # points behind infinity; nearly all of a swapped pair, and only mismatches of another
-    )
-    moved_ratio: float = (
-        0.7  # offset, scale and roll that leave more than this of the disparity do not explain it
-    )
-    drift_px: float = (
-        20.0  # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
-    )
-    water_index: tuple[float, float] = (
-        1.26,
-        1.42,
-    )  # water is 1.33 to 1.36, and the grid steps by 0.02
-    air_ratio: float = (
-        0.7  # light bent by a port must leave less than this of what a moved camera leaves ...
-    )
+    # matching searches one row: the confidence of fine texture falls from here on
+    acceptable_px: float = 0.25
+    # points behind infinity; nearly all of a swapped pair, and only mismatches of another
+    swapped_fraction: float = 0.8
+    # offset, scale and roll that leave more than this of the disparity do not explain it
+    moved_ratio: float = 0.7
+    # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
+    drift_px: float = 20.0
+    # water is 1.33 to 1.36, and the grid steps by 0.02
+    water_index: tuple[float, float] = (1.26, 1.42)
+    # light bent by a port must leave less than this of what a moved camera leaves ...
+    air_ratio: float = 0.7
     # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
     air_gain_px: float = 0.05
     # an enlargement alone that leaves so many times what a movement leaves explains rows as well
@@ -357,9 +350,8 @@ class RowCheck:
 Array = NDArray[np.float64]
 MIN_MATCHES = 50  # fewer do not reach the corners of the image, where roll and scale show
 BEHIND_PX = -0.5  # disparity of a point behind infinity: beyond the noise of matches, about 0.1 px
-LEAST_PIXELS = (
-    1.6e5  # images smaller than that at a third of their size show too few features there
-)
+# images smaller than that at a third of their size show too few features there
+LEAST_PIXELS = 1.6e5
 STRAY_PX = 1.0  # a row that much off the median is not a match of the same point
 
 

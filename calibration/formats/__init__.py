@@ -56,16 +56,9 @@ __all__ = [
 ]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
-SIZED = (
-    native,
-    kalibr,
-    oplab,
-    orbslam,
-    basalt,
-    depthai,
-    calib_filter,
-    calib_io,
-)  # these store the size of the images
+# these store the size of the images
+SIZED = (native, kalibr, oplab, orbslam, basalt, depthai, calib_filter, calib_io)
+# these hold a rig in one file
 WHOLE_RIG = (
     *SIZED,
     middlebury,
@@ -78,12 +71,9 @@ WHOLE_RIG = (
     metashape,
     cityscapes,
     rectified,
-)  # these hold a rig in one file
-ONE_CAMERA = {
-    "ROS": ros,
-    "SeaGIS": seagis,
-    "EuRoC": euroc,
-}  # these hold a camera in each of two files
+)
+# these hold a camera in each of two files
+ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}
 READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)
 NO_POSE = (
     "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into "
@@ -317,9 +307,8 @@ def _of_folder(folder: Path) -> list[Section]:
         and len(parts.content) > 1
     ):
         return [Section(str(folder), parts.content)]
-    documents = [
-        document for document in documents if not okvis.is_lens(document)
-    ]  # the configuration names them
+    # the configuration names them
+    documents = [document for document in documents if not okvis.is_lens(document)]
     whole = [
         d
         for d in documents

@@ -96,9 +96,8 @@ def _size(
     if fields.has("nx", "ny"):
         return fields.image_size("nx", "ny")
     if fields.has(f"image_size_{side}"):
-        size = fields.image_size(
-            f"image_size_{side}"
-        )  # (width, height) or MATLAB's (rows, columns): the middle decides
+        # (width, height) or MATLAB's (rows, columns): the middle decides
+        size = fields.image_size(f"image_size_{side}")
         turned = (size[1], size[0])
         return min(
             (size, turned),

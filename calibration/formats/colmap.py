@@ -19,10 +19,8 @@ from calibration.rig import Camera, CameraModel, StereoRig
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
-CAMERAS, RIGS = (
-    "cameras.txt of COLMAP",
-    "rigs.txt of COLMAP",
-)  # keys that reading/document.py puts the lines of these files under
+# keys that reading/document.py puts the lines of these files under
+CAMERAS, RIGS = ("cameras.txt of COLMAP", "rigs.txt of COLMAP")
 MODEL_SCALE = (
     "the rig of a COLMAP model has the scale of the model, metric only if that was given one: "
     "measure a known length, or give the "
@@ -180,9 +178,10 @@ def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camer
 
 def _pose(where: str, numbers: Array) -> Array:
     """(4, 4) of qw qx qy qz tx ty tz."""
+    # a quarter of a second, which other formats need not wait for
     from scipy.spatial.transform import (
         Rotation,
-    )  # a quarter of a second, which other formats need not wait for
+    )
 
     if not 0.9 < np.linalg.norm(numbers[:4]) < 1.1:
         raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is not a rotation")

@@ -86,11 +86,12 @@ DISTORTION_MODELS: dict[str, CameraModel] = {
 def matches(document: Section) -> bool:
     """True for a camchain, of any number of cameras."""
     content = document.content.get("cam0")
+    # TagSLAM
     return (
         isinstance(content, dict)
         and ("intrinsics" in content or "camera_model" in content)
         and "pose" not in content
-    )  # TagSLAM
+    )
 
 
 def parse(document: Section) -> StereoRig:

@@ -24,9 +24,8 @@ from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
-SAME_ROTATION = (
-    1e-6  # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
-)
+# of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
+SAME_ROTATION = 1e-6
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
 _OF_LENS = (

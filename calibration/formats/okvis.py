@@ -89,9 +89,10 @@ def _okvis_camera(section: Section) -> Camera:
 
 def _beside(document: Section, key: str) -> Section:
     """The file that ``key`` names, in the folder of the document."""
+    # which reads the text that this module makes sense of
     from calibration.formats.reading.document import (
         load_document,
-    )  # which reads the text that this module makes sense of
+    )
 
     return load_document(Path(document.where).parent / document.text(key))
 

@@ -50,9 +50,8 @@ class _Limits:
     points: int = 40
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
     slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
-    part_pairs: int = (
-        2  # the least of a part that is out of step: one alone may be dark, or of another moment
-    )
+    # the least of a part that is out of step: one alone may be dark, or of another moment
+    part_pairs: int = 2
     # of the pairs from the first to the last failed one: a few may lack texture, or fit by chance
     slip_fraction: float = 0.8
 
@@ -204,9 +203,8 @@ def _slip(
         misfits[-1][0] - misfits[0][0] + 1
     ):
         return None
-    examples = [
-        misfits[i] for i in (1, len(misfits) // 2, len(misfits) - 2)
-    ]  # the first and the last may have no partner
+    # the first and the last may have no partner
+    examples = [misfits[i] for i in (1, len(misfits) // 2, len(misfits) - 2)]
     fitting = [
         (place, pair, _fitting(pair, pairs, rectification, config)) for place, pair in examples
     ]

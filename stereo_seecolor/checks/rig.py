@@ -38,9 +38,8 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     made only where rows of a pair disagree or may hold a keystone. Raises InputError where no pair
     can be matched and the likely mistake is known.
     """
-    with suppress(
-        CalibrationError
-    ):  # of pairs that are not as large as calibrated: the run names them
+    # of pairs that are not as large as calibrated: the run names them
+    with suppress(CalibrationError):
         seen = readable(evenly_spaced(pairs, LOOKED_AT), pipeline.config.input)
         looks = [(pair, quick_check(pipeline.rectification, both)) for pair, both in seen]
         looks = [(pair, look) for pair, look in looks if look.range_m.size]

@@ -87,9 +87,10 @@ def run(
                 load("recordings", "mcap").check_mcap(out_mcap, execution.overwrite, bag)
             chosen = execution.options(workers, settings.config, listener)
             if fuse:
+                # loads what only a map needs
                 from stereo_seecolor.commands.fuse import (
                     check_fusion,
-                )  # loads what only a map needs
+                )
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
                 chosen = replace(chosen, also_read=check_fusion(poses, loaded))

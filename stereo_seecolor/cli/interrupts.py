@@ -61,9 +61,8 @@ def interrupts() -> Iterator[None]:
     try:
         yield
     finally:
-        if (
-            not interrupted
-        ):  # else a second Ctrl-C may still come while the interpreter waits for threads
+        # else a second Ctrl-C may still come while the interpreter waits for threads
+        if not interrupted:
             for number, handler in before.items():
                 signal.signal(number, handler)
 

@@ -42,9 +42,8 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
 
     Raises OutputError if the file cannot be opened, or is there already and no log of this program.
     """
-    handlers: list[logging.Handler] = [
-        logging.NullHandler()
-    ]  # or logging itself writes warnings and errors to standard error
+    # or logging itself writes warnings and errors to standard error
+    handlers: list[logging.Handler] = [logging.NullHandler()]
     if verbose:
         handlers.append(logging.StreamHandler(sys.stderr))
     if log_file is not None:

@@ -152,9 +152,8 @@ def _product_line(product: "ProductSummary") -> str:
 
 
 def _totals(summary: "RunSummary") -> str:
-    of_them = (
-        " of them" if summary.kept <= summary.count("ok") else ""
-    )  # after a stop, some are measured but not yet corrected
+    # after a stop, some are measured but not yet corrected
+    of_them = " of them" if summary.kept <= summary.count("ok") else ""
     kept = f", {summary.kept}{of_them} kept from an earlier run" if summary.kept else ""
     slowest = next(iter(summary.stage_seconds().items()), None)
     slow = f"; the slowest stage was {slowest[0]} ({slowest[1]:.1f} s of work)" if slowest else ""

@@ -141,9 +141,10 @@ def refined_rig(
     CalibrationError if it cannot be.
     """
 
+    # scipy.optimize: half a second that other runs need not wait for
     from calibration.refine import (
         refine_matches,
-    )  # scipy.optimize: half a second that other runs need not wait for
+    )
 
     def matched(pair: Pair) -> tuple[Pair, Matches | None]:
         try:

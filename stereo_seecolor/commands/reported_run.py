@@ -130,9 +130,8 @@ def reported(
         run.frames.pixels.clear()
         page.keep()
         if last == "range" and "corrected" in folder.dive.record.settings and earlier:
-            description = replace(
-                description, config=earlier
-            )  # corrected frames of an earlier run are still current
+            # corrected frames of an earlier run are still current
+            description = replace(description, config=earlier)
         current = close_run(folder, description, complete, options.compute)
         seconds = time.perf_counter() - start
         run.summary = replace(

@@ -85,9 +85,8 @@ def _waiting_pool() -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        after_in_child=_waiting_pool.cache_clear
-    )  # a child has none of its parent's threads
+    # a child has none of its parent's threads
+    os.register_at_fork(after_in_child=_waiting_pool.cache_clear)
 
 
 def _yield_to_others() -> None:

@@ -291,7 +291,6 @@ class Packed(Lazy[PackedItem]):
 
     def _read(self, which: int) -> list[PackedItem]:
         self._file.seek(self._starts[which])
-        found: list[PackedItem] = pickle.loads(
-            zlib.decompress(self._file.read(self._sizes[which]))
-        )  # our own
+        # our own
+        found: list[PackedItem] = pickle.loads(zlib.decompress(self._file.read(self._sizes[which])))
         return found

@@ -114,9 +114,8 @@ def in_parts(work: Callable[[int, int], None], count: int, least: int = 1) -> No
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        after_in_child=core_pool.cache_clear
-    )  # a child has none of its parent's threads
+    # a child has none of its parent's threads
+    os.register_at_fork(after_in_child=core_pool.cache_clear)
 
 
 class Clock:

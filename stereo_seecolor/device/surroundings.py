@@ -90,11 +90,8 @@ def _residuals(left: Tensor, right: Tensor, disparity: Tensor, gain: Tensor) -> 
     whole = place.where(inside, 1).to(torch.int64)
     t = (place - whole).where(inside, 0)
     a, b, c, f = (right.gather(1, whole + k) for k in (-1, 0, 1, 2))
-    c1, c2, c3 = (
-        0.5 * (c - a),
-        a - 2.5 * b + 2 * c - 0.5 * f,
-        0.5 * (f - a) + 1.5 * (b - c),
-    )  # Catmull-Rom through b and c
+    # Catmull-Rom through b and c
+    c1, c2, c3 = (0.5 * (c - a), a - 2.5 * b + 2 * c - 0.5 * f, 0.5 * (f - a) + 1.5 * (b - c))
     value = b + t * (c1 + t * (c2 + t * c3))
     slope = c1 + t * (2 * c2 + 3 * t * c3)
     own = F.pad(0.5 * (left[:, 2:] - left[:, :-2]), (1, 1))

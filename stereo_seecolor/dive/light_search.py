@@ -127,9 +127,8 @@ class LightSearch:
         allowed = allowed._replace(shading=allowed.shading and len(names) <= MOST_SHADED)
         sample = sampled_frames(len(names))
         is_sampled = len(sample) < len(names)
-        parts = (
-            self.compute.parts if is_sampled else 1
-        )  # cutting a short dive would break its loops
+        # cutting a short dive would break its loops
+        parts = self.compute.parts if is_sampled else 1
         windows = list(self._examined(sample, _WindowMatcher(self._frame_matcher), parts))
         links = _Links(len(names))
         for window in windows:
@@ -207,9 +206,8 @@ class LightSearch:
         for frames, differing in windows:
             links.add(frames)
             table.add(*differing)
-        judged = (
-            shading is not None and light.luminance.judged
-        )  # a sample does not judge other frames
+        # a sample does not judge other frames
+        judged = shading is not None and light.luminance.judged
         luminance, color = (
             True if one.use.gains else False if judged else None
             for one in (light.luminance, light.color)

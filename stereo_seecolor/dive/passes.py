@@ -177,9 +177,8 @@ def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[st
             fitter.add(name, table)
     waters = fitter.waters()
     notes = fitter.notes()
-    if (
-        run.frames.config.color.method == "robust"
-    ):  # the paper's water has no white point, so that its veil takes part in the cast
+    # the paper's water has no white point, so that its veil takes part in the cast
+    if run.frames.config.color.method == "robust":
         notes += channel_order_notes(waters)
         notes += range_scale_notes(waters, given=not run.frames.source.makes_ranges)
     run.notes += notes
@@ -221,9 +220,8 @@ def _count_group(
     def tables() -> Iterator[tuple[str, MomentTable]]:
         for pair in pairs:
             outcome = attempt(work, folder, True, pair)
-            row = replace(
-                outcome.row, hashes={}, facts={}, left="", right=""
-            )  # the first pass has noted these
+            # the first pass has noted these
+            row = replace(outcome.row, hashes={}, facts={}, left="", right="")
             outcomes.append(replace(outcome, row=row, result=None))
             if outcome.result is not None:
                 yield pair.name, outcome.result

@@ -206,9 +206,8 @@ def read_array(path: Path) -> NDArray[Any]:
     Raises InputError if the file is gone, cut short or damaged.
     """
     content = read_bytes(path)
-    if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(
-        JPEG_END
-    ):  # OpenCV fills the rest with gray
+    # OpenCV fills the rest with gray
+    if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):
         raise InputError(f"{path}: is cut short")
     if ("numba" in sys.modules or next(_read) > FEW_FILES) and (
         quick := quickly_decoded(content)

@@ -93,9 +93,8 @@ def encode_codes(codes: NDArray[np.uint8]) -> bytes:
     """Encode an image (H, W) of few different values without a row filter: such rows deflate better
     as they are.
     """
-    rows = np.zeros(
-        (codes.shape[0], codes.shape[1] + 1), np.uint8
-    )  # the first byte of a row: UNFILTERED
+    # the first byte of a row: UNFILTERED
+    rows = np.zeros((codes.shape[0], codes.shape[1] + 1), np.uint8)
     rows[:, 1:] = codes
     return _file(codes, deflated(rows.data), {})
 
@@ -286,9 +285,8 @@ def _srgb_profile() -> bytes:
 
 
 SRGB_PROFILE = _srgb_profile()
-SRGB_CHUNK = b"sRGB\0\0" + zlib.compress(
-    SRGB_PROFILE
-)  # the profile's name, and that it is deflated
+# the profile's name, and that it is deflated
+SRGB_CHUNK = b"sRGB\0\0" + zlib.compress(SRGB_PROFILE)
 """Content of a PNG's iCCP."""
 
 

@@ -179,9 +179,8 @@ def _seam(steps: NDArray[np.float64], later: int, every: int) -> tuple[float, in
     """The clearest seam and its row: right parts at this row, the left ones ``later`` rows down.
     every: rows where one can be.
     """
-    here = np.minimum.accumulate(steps[::-1], axis=0)[
-        ::-1
-    ]  # the least step of each part and those right of it
+    # the least step of each part and those right of it
+    here = np.minimum.accumulate(steps[::-1], axis=0)[::-1]
     below = np.minimum.accumulate(steps, axis=0)
     below = np.pad(below[:, later:], ((1, 0), (0, later)), constant_values=0)
     below[0] = np.inf  # no part is left of the first

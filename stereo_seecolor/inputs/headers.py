@@ -15,9 +15,8 @@ PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
 JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 BMP_SIGNATURE = b"BM"
-NETPBM_HEADER = re.compile(
-    rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s"
-)  # pgm and ppm of the netpbm manual: binary
+# pgm and ppm of the netpbm manual: binary
+NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s")
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 TIFF_SHORT = 3  # kind of a value: two bytes
 TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a mask
@@ -141,9 +140,8 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
         if marker in JPEG_FRAME_MARKERS and position + 9 <= len(content):
             height, width = struct.unpack_from(">HH", content, position + 5)
             size = (width, height)
-        if (
-            marker == 0xDA and size
-        ):  # the scan follows; inside it every 0xFF is escaped, so an end mark is an end mark
+        # the scan follows; inside it every 0xFF is escaped, so an end mark is an end mark
+        if marker == 0xDA and size:
             if content.find(b"\xff\xd9", position) < 0:
                 raise ValueError("is truncated (the JPEG ends before its end mark)")
             return size
@@ -212,9 +210,8 @@ def _bmp_size(content: bytes) -> tuple[int, int]:
     if width <= 0 or height == 0:
         raise ValueError("is damaged (the BMP states no width and height)")
     row_bytes = (width * bits + 31) // 32 * 4
-    if not compression and len(content) < pixels + row_bytes * abs(
-        height
-    ):  # rows from the top down have a negative height
+    # rows from the top down have a negative height
+    if not compression and len(content) < pixels + row_bytes * abs(height):
         raise ValueError("is truncated (the BMP ends before its last row)")
     return width, abs(height)
 

@@ -236,9 +236,8 @@ def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair]
     ):
         return None
     pairs, name_hashes = DivePairs(), array("q")
-    left_folder, right_folder = (
-        str(side.folder / "_")[:-1] for side in (lefts, rights)
-    )  # with the separator at the end
+    # with the separator at the end
+    left_folder, right_folder = (str(side.folder / "_")[:-1] for side in (lefts, rights))
     has_times = timestamp_from_name(stem_of(lefts.names[0])) is not None
     last_s, last_name = -inf, ""
     for left, right in zip(lefts.names, rights.names, strict=True):

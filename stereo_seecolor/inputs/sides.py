@@ -213,9 +213,8 @@ def _best_pair(images: dict[Path, int]) -> Sides:
     """
     largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
     both = list(combinations(sorted(largest, key=lambda path: natural_key(str(path))), 2))
-    both = [
-        sides for sides in both if sides[0] not in sides[1].parents
-    ]  # a folder sorts before those in it
+    # a folder sorts before those in it
+    both = [sides for sides in both if sides[0] not in sides[1].parents]
     named = [
         (_left_first(*sides), True) for sides in both if set(_sides_of(*sides)) == {"left", "right"}
     ]

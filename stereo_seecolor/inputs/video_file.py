@@ -317,11 +317,12 @@ def _frame_index(path: Path) -> VideoIndex:
                 keys += [packet.pts] if packet.is_keyframe else []
         if not pts:
             raise InputError(f"{path}: holds no frame with a time")
+        # AV_TIME_BASE
         stated_s = (
             float(stream.duration * stream.time_base)
             if stream.duration
             else (container.duration or 0) / 1e6
-        )  # AV_TIME_BASE
+        )
         return VideoIndex(
             np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s
         )

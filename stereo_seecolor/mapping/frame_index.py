@@ -28,19 +28,15 @@ def silent(what: str, done: int, total: int) -> None:
 class PointSampling:
     """How the coarse points of a frame are chosen."""
 
-    spacing_m: float = (
-        0.04  # on the bottom, meters: half a block of default voxels, so that no block is missed
-    )
+    # on the bottom, meters: half a block of default voxels, so that no block is missed
+    spacing_m: float = 0.04
     max_stride_px: int = 16  # pixels: coarser would miss what stands up from the bottom
-    max_std_m: float = float(
-        "inf"
-    )  # of a range, meters: voxels made for points less certain than they can show would hold air
-    usual_stds: float = (
-        3.0  # but never fewer than those within so many of the frame's median standard error
-    )
-    far_fraction: float = (
-        0.95  # the spacing holds up to this quantile of the ranges: the last few may be mismatches
-    )
+    # of a range, meters: voxels made for points less certain than they can show would hold air
+    max_std_m: float = float("inf")
+    # but never fewer than those within so many of the frame's median standard error
+    usual_stds: float = 3.0
+    # the spacing holds up to this quantile of the ranges: the last few may be mismatches
+    far_fraction: float = 0.95
 
 
 SAMPLING = PointSampling()

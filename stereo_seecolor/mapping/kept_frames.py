@@ -143,9 +143,8 @@ def _read(path: Path) -> SurveyFrame | None:
     frame = SurveyFrame(
         str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful
     )
-    vars(frame)["color_is_doubtful"] = (
-        doubtful  # clipped ones are among them: they need not be looked for again
-    )
+    # clipped ones are among them: they need not be looked for again
+    vars(frame)["color_is_doubtful"] = doubtful
     return frame
 
 

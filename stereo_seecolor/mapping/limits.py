@@ -21,23 +21,19 @@ from stereo_seecolor.records import SurveyFrame
 class MapLimits:
     """The largest map that is begun."""
 
-    pixels_a_voxel: float = (
-        1 / 8
-    )  # edge of a voxel in pixels on the bottom: finer ones hold nothing that the images show
-    voxels_a_range: float = (
-        4.0  # truncation: a voxel larger than a quarter of the range reaches into the cameras
-    )
+    # edge of a voxel in pixels on the bottom: finer ones hold nothing that the images show
+    pixels_a_voxel: float = 1 / 8
+    # truncation: a voxel larger than a quarter of the range reaches into the cameras
+    voxels_a_range: float = 4.0
     # of a block of 8^3 voxels: 24 a voxel for fusion, 13 for the extraction, the rest for triangles
     block_bytes: int = 20_000
     square_cell_bytes: int = 120  # of a terrain cell while its square is measured: 15 float64
-    tile_cell_bytes: int = (
-        32  # of a terrain cell while a tile is drawn: its height, twice, and coordinates
-    )
+    # of a terrain cell while a tile is drawn: its height, twice, and coordinates
+    tile_cell_bytes: int = 32
     cells: float = 4e9  # of a mosaic or terrain: 16 GB on disk, a day's work
     memory_fraction: float = 0.5  # of the machine's memory that one map may take
-    float32_reach: float = (
-        2.0**20
-    )  # voxels from the origin: an eighth of a voxel is float32's resolution there
+    # voxels from the origin: an eighth of a voxel is float32's resolution there
+    float32_reach: float = 2.0**20
 
 
 LIMITS = MapLimits()
@@ -165,12 +161,8 @@ class VoxelSettings:
     pixels: float = 5.0
     frames: int = 9  # examined, spread over the dive: their median range decides
     sample_step: int = 16  # pixels
-    steps: tuple[float, ...] = (
-        1.0,
-        2.0,
-        5.0,
-        10.0,
-    )  # sizes are round, so that repeated surveys share their voxels and cells
+    # sizes are round, so that repeated surveys share their voxels and cells
+    steps: tuple[float, ...] = (1.0, 2.0, 5.0, 10.0)
 
 
 SETTINGS = VoxelSettings()

@@ -24,9 +24,8 @@ class EdgeSettings:
     samples: int = 32  # along a side
     kept: tuple[float, float] = (0.1, 0.9)  # of it: nearer to the corners blur rounds it
     reach_px: float = 3.0  # to both sides, and
-    reach_side: float = (
-        0.07  # at most this fraction of it: the first squares of the code are an eighth away
-    )
+    # at most this fraction of it: the first squares of the code are an eighth away
+    reach_side: float = 0.07
     step_px: float = 0.25
 
 

@@ -31,9 +31,8 @@ class PlacingSettings:
     rounds: int = 4  # of the robust fit
     corner_px: float = 0.05  # standard error of a corner in the image (drawn: 0.03)
     alike_px: float = 40.0  # pixels that share one error of the disparity: a window of matching
-    least_px: float = (
-        0.02  # standard error of a disparity that was averaged: what rectification leaves
-    )
+    # standard error of a disparity that was averaged: what rectification leaves
+    least_px: float = 0.02
 
 
 PLACING_SETTINGS = PlacingSettings()
@@ -90,9 +89,8 @@ def place(
     of_mean_px = max(
         spread_px * float(np.sqrt(PLACING_SETTINGS.alike_px / len(rows))), PLACING_SETTINGS.least_px
     )
-    at_corner = (
-        2 * of_mean_px / (geometry.focal_px * geometry.baseline_m)
-    )  # twice that of the middle: the plane turns
+    # twice that of the middle: the plane turns
+    at_corner = 2 * of_mean_px / (geometry.focal_px * geometry.baseline_m)
     std = PLACING_SETTINGS.corner_px / geometry.focal_px, at_corner
     return PlacedSighting(
         observation.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1), std
@@ -127,9 +125,8 @@ class MarkerSettings:
     """When a size disagrees."""
 
     wrong_size: float = 0.02  # off by more than this fraction, and by more than
-    wrong_sigmas: float = (
-        5.0  # standard errors: no rig's scale is off so far, so it is the size that was given
-    )
+    # standard errors: no rig's scale is off so far, so it is the size that was given
+    wrong_sigmas: float = 5.0
     fewest_views: int = 2  # a marker seen once may be none
 
 

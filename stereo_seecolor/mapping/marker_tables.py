@@ -163,9 +163,8 @@ def _table(
         rows = cells[1:]
         if len(rows) > 1 and all(is_unit(cell) for cell in rows[0][1]):
             rows = rows[1:]
-    rows = [
-        (where, row) for where, row in rows if not row[0].startswith("[")
-    ]  # a template's own words
+    # a template's own words
+    rows = [(where, row) for where, row in rows if not row[0].startswith("[")]
     if short := next((where for where, row in rows if len(row) <= max(columns.values())), None):
         raise InputError(f"{short}: has too few columns for {', '.join(first)}")
     return rows, columns, units

@@ -114,9 +114,8 @@ class DeviationSettings:
     sigmas: float = 4.0
     least_jump_m: float = 0.05  # less is no more than navigation's noise
     times_median: float = 6.0  # of what frames that follow each other are off
-    alike: float = (
-        0.5  # of what a single position is off: frames before and after it tell the same to so much
-    )
+    # of what a single position is off: frames before and after it tell the same to so much
+    alike: float = 0.5
     most_frames: int = 3  # an edge over more frames does not tell between which of them
 
 
@@ -150,9 +149,8 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
     found = []
     for ratios in (along, length):
         middle = _weighted_median(ratios, squared)
-        scatter = 1.4826 * _weighted_median(
-            np.abs(ratios - middle), squared
-        )  # a normal's standard deviation
+        # a normal's standard deviation
+        scatter = 1.4826 * _weighted_median(np.abs(ratios - middle), squared)
         found.append((middle, 1.2533 * scatter / np.sqrt(frames)))  # the standard error of a median
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
@@ -198,9 +196,8 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
     )
     by_place = np.argsort(place, kind="stable")
     places, starts = np.unique(place[by_place], return_index=True)
-    jump_m = np.zeros(
-        len(index.order) + 1
-    )  # at 1 + the rank of the frame before, between neighbors that are never off
+    # at 1 + the rank of the frame before, between neighbors that are never off
+    jump_m = np.zeros(len(index.order) + 1)
     jump_m[1 + places] = [
         np.linalg.norm(np.median(off_m[own], axis=0))
         for own in np.split(edge[by_place], starts[1:])
@@ -255,9 +252,8 @@ class SpotSettings:
     """How poses are checked, and when they are exact."""
 
     neighbors: int = 12  # pairs of neighbors, spread over the dive
-    crossings: int = (
-        6  # pairs that overlap by the given poses, not neighbors: lines that lie side by side
-    )
+    # pairs that overlap by the given poses, not neighbors: lines that lie side by side
+    crossings: int = 6
     point_step: int = 16  # every so many of a frame's coarse points is enough to say where it looks
     min_edges: int = 5  # fewer prove nothing
     found: float = 0.5  # of the pairs of neighbors must have been measured

@@ -285,9 +285,8 @@ def constant_turn(motions: Motions) -> Turn:
             (turns, MOUNT_SETTINGS.floor_rad),
         ):
             off = np.linalg.norm(given - measured @ R.T, axis=1)
-            sigma = max(
-                floor, float(np.median(off)) / 1.54
-            )  # median of the length of a 3-D Gaussian
+            # median of the length of a 3-D Gaussian
+            sigma = max(floor, float(np.median(off)) / 1.54)
             weight = 1 / (sigma**2 * (1 + (off / (3 * sigma)) ** 2))
             correlation += np.einsum("n,ni,nj->ij", weight, given, measured)
             outer = np.einsum("n,ni,nj->ij", weight, measured, measured)
@@ -318,9 +317,8 @@ class LeverSettings:
     left: float = 0.5
     rounds: int = 5  # of weighting by the residuals
     floor_m: float = 0.002  # least standard error of a shift: what the pictures can tell
-    prior_m: float = (
-        1.0  # standard error before anything is measured: decides what the motion leaves open
-    )
+    # standard error before anything is measured: decides what the motion leaves open
+    prior_m: float = 1.0
 
 
 LEVER_SETTINGS = LeverSettings()
@@ -337,9 +335,8 @@ def lever_arm(motions: Motions) -> Array | None:
     arm_m, covariance = np.zeros(3), np.eye(3)
     for _ in range(LEVER_SETTINGS.rounds):
         left_m = np.linalg.norm(off_m - turns @ arm_m, axis=1)
-        sigma_m = max(
-            LEVER_SETTINGS.floor_m, float(np.median(left_m)) / 1.54
-        )  # median of the length of a 3-D Gaussian
+        # median of the length of a 3-D Gaussian
+        sigma_m = max(LEVER_SETTINGS.floor_m, float(np.median(left_m)) / 1.54)
         weight = 1 / (sigma_m**2 * (1 + (left_m / (3 * sigma_m)) ** 2))
         covariance = np.linalg.inv(
             np.einsum("n,nki,nkj->ij", weight, turns, turns) + np.eye(3) / LEVER_SETTINGS.prior_m**2

@@ -194,9 +194,8 @@ def _summary(
     points of each component.
     """
     placement = placed.placement
-    lost_later = [
-        frame for i, frame in lost.items() if placement.components[i] >= 0
-    ]  # after they were placed
+    # after they were placed
+    lost_later = [frame for i, frame in lost.items() if placement.components[i] >= 0]
     return MapSummary(
         frames=len(survey.index.names),
         placed=sum(placement.sizes) - len(lost_later),

@@ -73,9 +73,8 @@ def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
                     | np.uint32(one[x] < center[x]) << np.uint32(1)
                     | np.uint32(other[x] < center[x])
                 )
-        for x in range(
-            width
-        ):  # as bits[y] = row, which would compile a message about shapes for two seconds
+        # as bits[y] = row, which would compile a message about shapes for two seconds
+        for x in range(width):
             bits[y, x] = row[x]
 
 

@@ -185,9 +185,8 @@ class Matcher:
             )
             if self._engine.refined:
                 disparity[:] = found.best[rows]
-            weigh_rows(
-                (found.uniqueness[rows], support, relief, around[rows]), confidence
-            )  # log odds until judge_rows
+            # log odds until judge_rows
+            weigh_rows((found.uniqueness[rows], support, relief, around[rows]), confidence)
             doubt = fattening((found.best, pair.left), context, rows, confidence, least_odds(least))
             judge_rows(least, doubt, disparity, confidence)
             if not self._config.fill:
@@ -212,9 +211,8 @@ def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, 
     """Compute the least and the largest disparity, pixels, of points of the left image from
     min_range_m to max_range_m away.
     """
-    nearest_m = config.min_range_m / float(
-        pair.ray_length.max()
-    )  # depth, in the corner farthest from the axis
+    # depth, in the corner farthest from the axis
+    nearest_m = config.min_range_m / float(pair.ray_length.max())
     limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))
     lowest = int(np.floor(limits[0]))
     return lowest, max(lowest + 1, min(int(np.ceil(limits[1])), pair.image_size[0] - 1))

@@ -134,12 +134,8 @@ def _refine(
 
 @compiled
 def _smooth_across(disparity: Any, mean: Any) -> None:
-    for x in (
-        0,
-        1,
-        -2,
-        -1,
-    ):  # one by one: for whole slices numba would compile a message about shapes, for two seconds
+    # one by one: for whole slices numba would compile a message about shapes, for two seconds
+    for x in (0, 1, -2, -1):
         mean[x] = disparity[x]
     _mean_near(
         disparity[2:-2], disparity[:-4], disparity[1:-3], disparity[3:-1], disparity[4:], mean[2:-2]

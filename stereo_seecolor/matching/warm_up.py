@@ -38,9 +38,8 @@ def load_search() -> None:
 def warm_up_quality() -> None:
     """Run all that is done with disparities on noise, so that it is compiled."""
     frame = _noise()
-    left, right = (
-        image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right)
-    )  # gray() is compiled elsewhere
+    # gray() is compiled elsewhere
+    left, right = (image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right))
     pair = GrayPair(left, right, shrink(left, 2), shrink(right, 2), 2)
     disparity = np.full(pair.left.shape, SHIFT_PX, np.float32)
     found = MatchedDisparity(disparity, disparity.copy(), np.ones_like(disparity))

@@ -35,9 +35,8 @@ class LivePace:
     """How often the page is written."""
 
     every_s: float = 5.0  # as a person looks on; the browser loads the page as often
-    most_of_time: float = (
-        0.01  # of the run's time goes into its page: large images are shown less often
-    )
+    # of the run's time goes into its page: large images are shown less often
+    most_of_time: float = 0.01
 
 
 PACE = LivePace()

@@ -155,9 +155,8 @@ class TerrainImages:
         known = np.isfinite(heights)
         alpha = np.where(known, 255, 0).astype(np.uint8)
         if not colored:
-            gray = np.clip(255 * light / LIGHT[2], 0, 255).astype(
-                np.uint8
-            )  # level ground is white: it darkens nothing
+            # level ground is white: it darkens nothing
+            gray = np.clip(255 * light / LIGHT[2], 0, 255).astype(np.uint8)
             return np.dstack([gray, gray, gray, alpha])
         low_m, high_m = self.about["low_m"], self.about["high_m"]
         level = np.clip(

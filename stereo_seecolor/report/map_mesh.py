@@ -23,9 +23,8 @@ class MeshSizes:
     first_triangles: int = 100_000  # of the coarsest level: 0.7 MB, drawn at once by any computer
     tile_triangles: int = 150_000  # loaded in a tenth of a second
     most_columns: int = 64  # of the finest level: a long, thin map is cut into no more tiles
-    steps_per_voxel: int = (
-        16  # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
-    )
+    # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
+    steps_per_voxel: int = 16
     color_step: int = 4  # of 255: noise hides it, and colors take 40 % less
 
 

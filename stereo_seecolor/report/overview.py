@@ -339,9 +339,8 @@ def changed_settings(config: RunConfig) -> list[Fact]:
 class VerdictLimits:
     """Limits beyond which the page tells the user to examine the results."""
 
-    warned_fraction: float = (
-        0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
-    )
+    # single frames of a good dive have warnings: turbid water, a fish before the lens
+    warned_fraction: float = 0.1
     # less of a frame that moves, a fish or a soft coral, is left out and changes nothing else
     unmatched_fraction: float = 0.05
     coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less

@@ -62,9 +62,8 @@ def _predict(codes, planes):  # type: ignore[no-untyped-def]
 class RangeCode:
     """Settings of the code."""
 
-    step_per_m: float = (
-        1.9e-4  # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
-    )
+    # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
+    step_per_m: float = 1.9e-4
     std_floor_m: float = 1e-5  # no stereo measures better
     std_steps_per_octave: int = 12  # 3 % of the standard error; 8 bits reach 24 m
     std_block_px: int = 4  # standard errors vary slowly
@@ -208,9 +207,8 @@ class HeightCode:
     # an error of 0.025 mm; 3.2 m of relief in a tile, and coarser steps where there is more
     step_m: float = 5e-5
     tile_px: int = 512  # as the tiles of the mosaic
-    sampled_frames: int = (
-        12  # spread over the dive: the median of their standard errors is steady to a few percent
-    )
+    # spread over the dive: the median of their standard errors is steady to a few percent
+    sampled_frames: int = 12
 
 
 HEIGHT_CODE_CODE = HeightCode()

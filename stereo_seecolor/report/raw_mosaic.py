@@ -138,9 +138,8 @@ class _Views:
 
     @property
     def _is_fine(self) -> bool:
-        return (
-            self._geometry.image_size[0] >= 1600
-        )  # half of the picture's pixels are still finer than the cells
+        # half of the picture's pixels are still finer than the cells
+        return self._geometry.image_size[0] >= 1600
 
     def paint(self, points_m: Floats) -> NDArray[np.uint8]:
         """(h, w, 4) RGBA of cells (h, w, 3)."""

@@ -139,9 +139,8 @@ class FrameProducts:
         OutputError.
         """
         old = self._manifest.frame(frame.name)
-        if (
-            stage != "page"
-        ):  # the page asks for its pictures by name, and by default shows few frames
+        # the page asks for its pictures by name, and by default shows few frames
+        if stage != "page":
             contents = {
                 product: (in_subfolder(path, frame.subfolder), content)
                 for product, (path, content) in contents.items()

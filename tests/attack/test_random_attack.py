@@ -142,9 +142,8 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
             for place, dive in zip(self.dives, dives, strict=True):
                 shutil.copytree(dive.root, place)
                 (place / "poses.tum").write_text(POSES)
-            shutil.copy2(
-                self.dives[0] / "L/0000.png", self.dives[1] / "L/0000.png"
-            )  # both begin with the same frame
+            # both begin with the same frame
+            shutil.copy2(self.dives[0] / "L/0000.png", self.dives[1] / "L/0000.png")
             shutil.copy2(self.dives[0] / "R/0000.png", self.dives[1] / "R/0000.png")
             self.out = self.root / "out"
             self.mine = set(files(self.root).items())
@@ -350,20 +349,20 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
 
         @rule(number=st.integers(0, 10**6), same_time=st.booleans())
         def the_user_edits_a_result(self, number: int, same_time: bool) -> None:
+            # logs are added to, and recordings replaced with --overwrite
             results = sorted(
                 path
                 for path in files(self.out)
                 if ".state" not in path.parts and "page" not in path.parts
-            )  # logs are added to, and recordings replaced with --overwrite
+            )
             results = [path for path in results if path.name not in ("run.log", "new")]
             results = [path for path in results if path.stat().st_size]
             if not results:
                 return
             path = results[number % len(results)]
             status, content = path.stat(), bytearray(path.read_bytes())
-            content[len(content) // 2] = (
-                content[len(content) // 2] + 1
-            ) % 256  # two edits differ from what was written, too
+            # two edits differ from what was written, too
+            content[len(content) // 2] = (content[len(content) // 2] + 1) % 256
             path.unlink() if status.st_nlink > 1 else None  # a merged folder shares its files
             path.write_bytes(content)
             os.utime(

@@ -278,9 +278,8 @@ def test_a_printed_tag_is_the_one_that_kalibr_prints() -> None:
     code = np.array([int(bit) for bit in f"{0xD5D628584:036b}"]).reshape(6, 6)
     np.testing.assert_array_equal(~marker(0), np.pad(code, 2).astype(bool))
     points = AprilGrid(3, 2, 0.1, 0.03).points_m.reshape(-1, 4, 3)
-    np.testing.assert_allclose(
-        points[0, 0], [0, 0.13, 0]
-    )  # tag 0 at the lower left, then to the right, then up
+    # tag 0 at the lower left, then to the right, then up
+    np.testing.assert_allclose(points[0, 0], [0, 0.13, 0])
     np.testing.assert_allclose(points[[1, 3], 0], [[0.13, 0.13, 0], [0, 0, 0]])
 
 

@@ -109,9 +109,8 @@ def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(
 def test_rectified_images_given_with_the_raw_calibration_are_named() -> None:
     rig = pinhole_rig()
     rectified = Rectification.from_rig(rig).rectified_rig()
-    turned = replace(
-        rectified, T_right_left=rig.T_right_left
-    )  # the mixture: rectified lenses, and the raw cameras' rotation
+    # the mixture: rectified lenses, and the raw cameras' rotation
+    turned = replace(rectified, T_right_left=rig.T_right_left)
     for given in (
         rig,
         turned,

@@ -201,9 +201,8 @@ def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyP
     strewn = Matches(rng.uniform(0, 960, (200, 2)), rng.uniform(0, 960, (200, 2)))
     monkeypatch.setattr(hypotheses, "similar_points", lambda *_: strewn)
     assert likely_hypothesis(inverse(verged_rig()), [IMAGES]) is None
-    assert (
-        likely_hypothesis(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
-    )  # another size: what is wrong is said elsewhere
+    # another size: what is wrong is said elsewhere
+    assert likely_hypothesis(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
 
 
 @pytest.mark.parametrize(

@@ -56,9 +56,8 @@ def dive(
 def test_an_offset_of_all_disparities_is_measured(offset_px: float) -> None:
     found = motion_of(dive(offset_px), GEOMETRY)
     assert found.offset_px == pytest.approx(offset_px, abs=0.3)
-    assert found.range_error == pytest.approx(
-        offset_px / (30 - offset_px), abs=0.02
-    )  # the true median disparity is 30 px
+    # the true median disparity is 30 px
+    assert found.range_error == pytest.approx(offset_px / (30 - offset_px), abs=0.02)
     assert found.is_found == (offset_px != 0)
     assert found.is_known
 

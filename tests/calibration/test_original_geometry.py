@@ -102,9 +102,8 @@ def photograph_plane(folder: Path, suffix: str = ".jpg") -> StereoRig:
         ):
             (folder / side).mkdir(parents=True, exist_ok=True)
             gray = rendered(camera, extrinsic @ pose, sand, 520, np.array([-0.85, -0.65]))
-            picture = np.stack([gray * 0.9, gray, gray * 0.5], axis=-1).astype(
-                np.uint8
-            )  # blue, green, red
+            # blue, green, red
+            picture = np.stack([gray * 0.9, gray, gray * 0.5], axis=-1).astype(np.uint8)
             if side == "left":
                 picture[MARK[1] - 2 : MARK[1] + 3, MARK[0] - 2 : MARK[0] + 3] = 255
             save_photograph(
@@ -177,9 +176,8 @@ def test_a_point_keeps_its_pixel(cli: Cli, tmp_path: Path, suffix: str) -> None:
         truth_m = (PLANE_M * np.linalg.norm(rays, axis=1)).reshape(height, width)
         known = np.isfinite(range_m)
         assert known.mean() > 0.6
-        off_mark = (
-            np.hypot(columns - MARK[0], rows - MARK[1]) > NEAR_MARK_PX
-        )  # it is in the left image alone: no match is right
+        # it is in the left image alone: no match is right
+        off_mark = np.hypot(columns - MARK[0], rows - MARK[1]) > NEAR_MARK_PX
         errors = np.abs(range_m[known & off_mark] / truth_m[known & off_mark] - 1)
         assert (errors > 0.02).mean() < 1e-3, "wrong matches are few, and the geometry is right"
         assert np.median(range_m[known] / truth_m[known]) == pytest.approx(1, abs=1e-3)

@@ -77,9 +77,8 @@ def test_progress_can_be_chosen(make_dive, cli: Cli, tmp_path: Path) -> None:
         '{"event": "begin"'
     )
     _, printed, said = cli(*dive.command(tmp_path / "out"), "--progress", "lines", "--json")
-    assert said.startswith(
-        "ranges: 0 of 1\n"
-    )  # the ranges and the water are those of the first run
+    # the ranges and the water are those of the first run
+    assert said.startswith("ranges: 0 of 1\n")
     assert json.loads(printed)["ok"] == 1
     _, _, said = cli(*dive.command(tmp_path / "out"), "--progress", "bar")
     assert "colors" in said

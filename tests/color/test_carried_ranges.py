@@ -144,9 +144,8 @@ def test_a_few_wrong_matches_far_away_are_not_carried() -> None:
     )
     known_m = true_m.copy()
     known_m[:96] = np.nan
-    known_m[88:96, 200:220] = (
-        9.0  # the nearest to what is to be carried, and weighed by the square of its range
-    )
+    # the nearest to what is to be carried, and weighed by the square of its range
+    known_m[88:96, 200:220] = 9.0
     found_m = carry_ranges(image, known_m)
     assert carry_ranges(image, known_m, smoother=Smoother(strays=0.0))[60:86, 205:215].mean() > 4
     np.testing.assert_allclose(found_m[60:86, 205:215], 2.0, atol=0.1)
@@ -158,9 +157,8 @@ def test_a_few_wrong_matches_far_away_are_not_carried() -> None:
 def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(
     dtype: type, full: float
 ) -> None:
-    colors = np.array([0.5, 0.4, 0.3]) * RNG.uniform(
-        0.9, 1.1, (96, 128, 3)
-    )  # within 1.7 and 2.1 times as red
+    # within 1.7 and 2.1 times as red
+    colors = np.array([0.5, 0.4, 0.3]) * RNG.uniform(0.9, 1.1, (96, 128, 3))
     carried = np.zeros((96, 128), bool)
     carried[:, 100:] = True
     colors[:40, 100:] = (0.6, 0.1, 0.1)  # a rim before open water
@@ -170,13 +168,11 @@ def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(
     np.testing.assert_array_equal(held[~carried], image[~carried])
     np.testing.assert_array_equal(held[:40, 100:, 1:], image[:40, 100:, 1:])
     assert held[:40, 100:, 0].max() < 0.25 * full
-    assert (held[40:60, 100:] == image[40:60, 100:]).all(
-        axis=-1
-    ).mean() > 0.8  # what is as red as the reef stays
+    # what is as red as the reef stays
+    assert (held[40:60, 100:] == image[40:60, 100:]).all(axis=-1).mean() > 0.8
     np.testing.assert_array_equal(held[60:], image[60:])
-    np.testing.assert_array_equal(
-        within_measured(image, carried, np.zeros_like(carried)), image
-    )  # nothing measured, nothing known
+    # nothing measured, nothing known
+    np.testing.assert_array_equal(within_measured(image, carried, np.zeros_like(carried)), image)
     no_carried = np.zeros_like(carried)
     assert within_measured(image, no_carried, ~carried) is image
 
@@ -225,9 +221,8 @@ def test_a_hole_in_a_rare_color_keeps_it() -> None:
     carried[70:80, 70:80] = True
     assert (within_measured(image, carried, ~carried) == image).all()
     carried[65:85, 65:85] = True
-    assert (
-        within_measured(image, carried, ~carried)[75, 75] < image[75, 75]
-    ).any()  # a wide area is limited
+    # a wide area is limited
+    assert (within_measured(image, carried, ~carried)[75, 75] < image[75, 75]).any()
 
 
 def test_the_strip_that_the_right_camera_does_not_see_is_not_taken_for_open_water() -> None:

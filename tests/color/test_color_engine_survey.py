@@ -73,9 +73,8 @@ def test_sliding_lock_is_the_fit_to_the_last_frames():
     last_two = measure(
         np.vstack([frames[2][0], frames[3][0]]), np.vstack([frames[2][1], frames[3][1]])
     )
-    assert np.allclose(
-        waters["3"].w, corrector.fit(last_two).w, atol=2e-3
-    )  # begun from another water
+    # begun from another water
+    assert np.allclose(waters["3"].w, corrector.fit(last_two).w, atol=2e-3)
 
 
 def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water(monkeypatch):
@@ -87,9 +86,8 @@ def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water(monk
     assert any("another camera exposure" in warning for warning in waters["5"].warnings)
     assert (waters["5"].white / waters["0"].white)[1:] == pytest.approx(0.01, rel=0.5)
     image, range_m = reef(5, exposure=0.01)
-    assert corrector.apply(
-        image, range_m, waters["5"]
-    ).unrecoverable.all()  # a hundred times the noise
+    # a hundred times the noise
+    assert corrector.apply(image, range_m, waters["5"]).unrecoverable.all()
     monkeypatch.setattr(tone, "INPUT_NOISE", 1e-9)
     uncapped = Corrector(ColorConfig(input_encoding="as-is"))
     bright = uncapped.apply(*reef(5), waters["0"]).image.mean()

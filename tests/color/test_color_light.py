@@ -118,9 +118,8 @@ def test_pattern_and_gains_come_back() -> None:
     )
     assert pattern_error(found.light) < 0.05
     measured = np.stack([found.light.gains[f"{i:02d}"] for i in range(FRAMES)])
-    assert (
-        np.abs(measured - gains).max() < 0.1
-    )  # a slope of the pattern along the track and a drift of gains look alike
+    # a slope of the pattern along the track and a drift of gains look alike
+    assert np.abs(measured - gains).max() < 0.1
     assert np.abs(measured.mean()) < 1e-9
     assert found.luminance.after.between_views < 0.6 * found.luminance.before.between_views
     assert found.luminance.after.between_frames < 0.3 * found.luminance.before.between_frames
@@ -508,10 +507,8 @@ def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() 
 
 @pytest.mark.slow
 def test_frames_that_no_window_shows_cost_nothing_beside_the_water() -> None:
-    seen, names = (
-        bowl(),
-        [f"{i:05d}" for i in range(20_000)],
-    )  # a dive so long that a square matrix of its frames has 3 GB
+    # a dive so long that a square matrix of its frames has 3 GB
+    seen, names = (bowl(), [f"{i:05d}" for i in range(20_000)])
     short, long = (solve_light(seen, some, SIZE, ALL) for some in (names[:FRAMES], names))
     assert short is not None
     assert long is not None

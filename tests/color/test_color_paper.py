@@ -35,9 +35,8 @@ GAMMA, BETA, RATE = (
 @pytest.fixture(autouse=True)
 def one_thread():
     threads = torch.get_num_threads()
-    torch.set_num_threads(
-        1
-    )  # the tensors are small, and threads that wait for each other are slow on a busy machine
+    # the tensors are small, and threads that wait for each other are slow on a busy machine
+    torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
 

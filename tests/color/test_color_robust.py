@@ -193,9 +193,8 @@ def test_a_start_changes_nothing_but_time() -> None:
     z = np.linspace(1, 4, 7)
     np.testing.assert_allclose(warm.attenuation(z), cold.attenuation(z), rtol=0.03)
     np.testing.assert_allclose(warm.white / warm.white[1], cold.white / cold.white[1], rtol=0.03)
-    papers = replace(
-        cold, v=np.full(3, 0.4)
-    )  # a water of the paper's fit is not of this form, and no start
+    # a water of the paper's fit is not of this form, and no start
+    papers = replace(cold, v=np.full(3, 0.4))
     np.testing.assert_array_equal(robust.fit(table, CONFIG, papers).y, cold.y)
 
 
@@ -307,9 +306,8 @@ def test_known_depth_narrows_the_white_point() -> None:
     _, anywhere = water_prior()
     at_surface, there = water_prior(0.0)
     level = np.eye(3) - 1 / 3
-    np.testing.assert_allclose(
-        level @ at_surface[12:], 0, atol=1e-9
-    )  # no water above: daylight as it is
+    # no water above: daylight as it is
+    np.testing.assert_allclose(level @ at_surface[12:], 0, atol=1e-9)
     assert np.trace(level @ there[12:, 12:] @ level) < np.trace(level @ anywhere[12:, 12:] @ level)
     deep, _ = water_prior(10.0)
     assert deep[12] < at_surface[12] - 0.3  # red is lost first
@@ -321,9 +319,8 @@ def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
     np.testing.assert_allclose(
         robust.error_with_cast(known, prior), (prior**-2 + cast**-2) ** -0.5, rtol=1e-3
     )
-    np.testing.assert_allclose(
-        robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3
-    )  # hardly anything learned
+    # hardly anything learned
+    np.testing.assert_allclose(robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3)
     set_by_user = ColorConfig(robust=RobustConfig(white_point=(0.9, 1.0, 0.8)))
     rng = np.random.default_rng(3)
     table = measure(seen_through(BLUE, reef(rng), slope(), rng), slope())
@@ -405,9 +402,8 @@ def drawn_from_the_prior(
     while True:
         x = rng.multivariate_normal(mean, np.linalg.inv(precision))
         far, near, beta, backscatter, white = np.exp(x[:WATER].reshape(5, 3, 1))
-        if (
-            max(far[1] - far[2], (far * near)[1] - (far * near)[2]) < NOISE.green_over_blue
-        ):  # others are no water to the fit
+        # others are no water to the fit
+        if max(far[1] - far[2], (far * near)[1] - (far * near)[2]) < NOISE.green_over_blue:
             break
     loss = range_m * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * range_m))
     reflectance, brightness = x[WATER : -range_m.size].reshape(3, 1, -1), x[-range_m.size :, None]
@@ -419,9 +415,8 @@ def drawn_from_the_prior(
         (backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape
     )
     spread = np.hypot(NOISE.content * direct / (direct + veil), NOISE.all)
-    light = (direct + veil) * np.exp(
-        spread * rng.standard_normal((3, range_m.size, 1))
-    )  # of a range, dark to bright
+    # of a range, dark to bright
+    light = (direct + veil) * np.exp(spread * rng.standard_normal((3, range_m.size, 1)))
     return RangeQuantiles(
         range_m, np.full(range_m.size, 1e5), light, np.zeros(light.shape, np.bool_)
     ), x[:WATER].reshape(5, 3)

@@ -145,9 +145,8 @@ def test_the_shading_of_a_chain_of_frames_comes_back(frames: int) -> None:
     every = np.concatenate(parts)
     found = solve_shading(every, frames, (True, False))
     assert np.ptp(found, axis=2).max() < 1e-12
-    assert np.std(found[..., 0] - true) < 0.4 * np.std(
-        true
-    )  # what stays in place on the reef no view tells from it
+    # what stays in place on the reef no view tells from it
+    assert np.std(found[..., 0] - true) < 0.4 * np.std(true)
     assert not solve_shading(every, frames, (False, False)).any()
     pairs = np.unique(np.stack([every["i"], every["j"]], axis=1), axis=0)
     whole = np.zeros(len(pairs), DIFFERENCE)

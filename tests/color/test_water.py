@@ -85,7 +85,6 @@ def test_the_chart_of_the_sample_dive_gives_its_white(one_water: SampleRun, tmp_
     )
     assert np.abs(off).max() < 0.15
     assert measured.trend and (np.abs(measured.trend.per_m) < 3 * measured.trend.error).all()
-    assert (
-        measured.matrix is None and "left out of the fit gain too little" in measured.no_matrix
-    )  # its camera is sRGB's
+    # its camera is sRGB's
+    assert measured.matrix is None and "left out of the fit gain too little" in measured.no_matrix
     assert max(chart.ciede2000 for chart in measured.charts) < 3

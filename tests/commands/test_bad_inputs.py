@@ -135,13 +135,8 @@ def test_a_suspicious_calibration_is_used_and_named(make_dive, cli, tmp_path) ->
     dive = make_dive(1)
     rig = yaml.safe_load((dive.root / "cam.yaml").read_text())
     rig["medium"] = "air"
-    rig["left"]["distortion"] = [
-        0.001,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ]  # as calibrated; of images that were rectified none is left
+    # as calibrated; of images that were rectified none is left
+    rig["left"]["distortion"] = [0.001, 0.0, 0.0, 0.0, 0.0]
     (dive.root / "cam.yaml").write_text(yaml.safe_dump(rig))
     code, printed, _ = cli(*dive.command(tmp_path / "out"))
     assert code == 0
@@ -177,9 +172,8 @@ def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
         said,
     )
     assert said.count("\n") == 1
-    assert (
-        cli(*dive.command(tmp_path / "out"))[0] == 0
-    )  # the refused run wrote nothing, and its folder is free
+    # the refused run wrote nothing, and its folder is free
+    assert cli(*dive.command(tmp_path / "out"))[0] == 0
 
 
 def test_a_calibration_of_another_size_stops_the_run(make_dive, cli, tmp_path) -> None:

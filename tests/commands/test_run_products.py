@@ -114,9 +114,8 @@ def test_result_is_the_same_with_any_number_of_workers(make_dive, cli, tmp_path)
 @pytest.mark.slow
 def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
-    assert (
-        cli(*dive.command(tmp_path / "all", "--set", "color.lock=frame"))[0] == 0
-    )  # as correct takes unrelated images
+    # as correct takes unrelated images
+    assert cli(*dive.command(tmp_path / "all", "--set", "color.lock=frame"))[0] == 0
     assert cli(*dive.command(tmp_path / "ranges", command="range"))[0] == 0
     assert not (tmp_path / "ranges/corrected").exists()
     words = [

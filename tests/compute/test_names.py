@@ -66,9 +66,8 @@ def test_streamed_json_is_the_text_of_what_it_stands_for(tmp_path):
         JsonText({"deep": {"list": [1, {}], "streamed": streamed}, "é": None}, 2)
     ).decode()
     assert json.loads(text) == {"deep": {"list": [1, {}], "streamed": content}, "é": None}
-    assert (
-        '\n      "a": {\n        "x": [1.5, null],\n        "y": {}\n      },' in text
-    )  # a member a line
+    # a member a line
+    assert '\n      "a": {\n        "x": [1.5, null],\n        "y": {}\n      },' in text
     assert text.startswith('{\n  "deep": {\n    "list": [\n      1,\n      {}\n    ],')
     long = JsonText({"long": StreamedList(lambda: range(50_000))})
     assert len(list(long)) > 3

@@ -124,9 +124,8 @@ def _program(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", [*words[:2], "--help"] if words[1] in SHOWN_ONLY else words)
     with pytest.raises(SystemExit) as end:
         main()
-    expected = (
-        (3,) if AIR in words else FINISHED
-    )  # the sample dive was drawn without windows, and check says so
+    # the sample dive was drawn without windows, and check says so
+    expected = (3,) if AIR in words else FINISHED
     assert end.value.code in expected, shlex.join(words)
 
 
@@ -153,9 +152,8 @@ def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shel
 def test_commands_of_a_page_run(
     page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if "board/left" in page.read_text(
-        encoding="utf-8"
-    ):  # images of the chessboard that the examples calibrate with
+    # images of the chessboard that the examples calibrate with
+    if "board/left" in page.read_text(encoding="utf-8"):
         (checkout / DIVE / "board").mkdir()
         photograph_board(checkout / DIVE / "board", "chessboard:9x6:30mm")
     if AIR in page.read_text(encoding="utf-8"):  # a rig that was calibrated before the dive

@@ -27,15 +27,8 @@ def test_notebook_runs(notebook: Path, tmp_path: Path) -> None:
     executed = tmp_path / "executed.ipynb"
     read, write = "book = nbformat.read(sys.argv[1], 4)", "nbformat.write(book, sys.argv[2])"
     run = f"import sys, nbformat, nbclient; {read}; nbclient.execute(book); {write}"
-    command = [
-        sys.executable,
-        "-W",
-        "ignore",
-        "-c",
-        run,
-        str(notebook),
-        str(executed),
-    ]  # the warnings of Jupyter are not ours
+    # the warnings of Jupyter are not ours
+    command = [sys.executable, "-W", "ignore", "-c", run, str(notebook), str(executed)]
     finished = subprocess.run(
         command, cwd=EXAMPLES, env=ENVIRONMENT, capture_output=True, text=True
     )

@@ -34,9 +34,8 @@ def frequent_collection():
 def test_threads_read_arrays_while_garbage_is_collected(
     tmp_path: Path, frequent_collection: None
 ) -> None:
-    content = np.zeros(
-        3, [(f"field{number}", np.float32) for number in range(40)]
-    )  # a long header: much to parse
+    # a long header: much to parse
+    content = np.zeros(3, [(f"field{number}", np.float32) for number in range(40)])
     np.save(tmp_path / "one.npy", content)
     np.savez(tmp_path / "some.npz", content=content)
     write_arrays(tmp_path / "raw", [content])

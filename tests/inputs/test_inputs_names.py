@@ -22,9 +22,8 @@ def test_a_run_over_odd_names(make_dive, tmp_path: Path, kind: str) -> None:
     dive = make_dive(2)
     for side in "LR":
         (dive.root / side / "0001.png").rename(dive.root / side / f"{ODD_STEMS[kind]}.png")
-    (
-        dive.root / "L" / f"{ODD_STEMS[kind]}.tif"
-    ).touch()  # makes two of one name: one row without a partner each
+    # makes two of one name: one row without a partner each
+    (dive.root / "L" / f"{ODD_STEMS[kind]}.tif").touch()
     summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
     assert summary.count("ok") == 1
     (dive.root / "L" / f"{ODD_STEMS[kind]}.tif").unlink()

@@ -197,9 +197,8 @@ def test_a_picture_is_turned_as_its_flag_says(tmp_path: Path, turns: int) -> Non
     ):
         content[at + 4 * place : at + 4 * place + 4] = value.to_bytes(4, "big", signed=True)
     path.write_bytes(content)
-    assert near(
-        frame_path(path, 0), np.rot90(frame, -turns)
-    )  # the matrix turns clockwise, since y points down
+    # the matrix turns clockwise, since y points down
+    assert near(frame_path(path, 0), np.rot90(frame, -turns))
 
 
 def test_videos_that_are_interlaced_cut_or_of_other_rates_are_named(tmp_path: Path) -> None:

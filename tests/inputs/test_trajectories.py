@@ -93,12 +93,8 @@ def test_seven_numbers_without_a_quaternion_are_no_trajectory(tmp_path: Path) ->
 
 
 def test_transforms_of_nerf_have_the_axes_of_opengl(tmp_path: Path) -> None:
-    matrix = [
-        [2.0, 0, 0, 5],
-        [0, 2, 0, 6],
-        [0, 0, 2, 7],
-        [0, 0, 0, 1],
-    ]  # with an object's scale, as Blender leaves it
+    # with an object's scale, as Blender leaves it
+    matrix = [[2.0, 0, 0, 5], [0, 2, 0, 6], [0, 0, 2, 7], [0, 0, 0, 1]]
     text = json.dumps(
         {
             "camera_angle_x": 0.9,

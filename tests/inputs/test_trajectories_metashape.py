@@ -154,9 +154,8 @@ def test_reference_in_local_meters(tmp_path: Path) -> None:
     )
     trajectory = read_trajectory(write(tmp_path, text, "reference.txt"))
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [1, 2, -3])
-    np.testing.assert_allclose(
-        trajectory.T_world_camera[0, :3, 2], [0, 1, 0], atol=1e-12
-    )  # pitch 90: looks north
+    # pitch 90: looks north
+    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 2], [0, 1, 0], atol=1e-12)
     assert trajectory.origin is None
 
 

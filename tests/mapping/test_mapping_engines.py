@@ -97,9 +97,8 @@ def test_both_engines_find_the_true_reef(
 ) -> None:
     build_map(reef, reef.pair, tmp_path, config, reef.trajectory)
     position = read_cloud(tmp_path / "cloud.ply")["position"]
-    assert (
-        np.median(np.abs(position[:, 2] - height_at(reef.reef, position))) < 0.007
-    )  # at voxels of 2 cm
+    # at voxels of 2 cm
+    assert np.median(np.abs(position[:, 2] - height_at(reef.reef, position))) < 0.007
 
 
 @pytest.mark.slow

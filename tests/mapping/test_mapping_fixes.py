@@ -67,9 +67,8 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
     T = lawn_mower(80, 20.0)
     placed = place(T, fixed(T, 2.0, seed))
     turned = placed.T_world_camera[0, :3, :3] @ TRUE[:3, :3].T
-    assert (
-        np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 8
-    )  # 2.4 RMS, as errors of their own leave
+    # 2.4 RMS, as errors of their own leave
+    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 8
     assert (
         np.linalg.norm(
             (placed.T_world_camera[:, :3, 3] - transformed(TRUE, T[:, :3, 3])).mean(axis=0)[:2]

@@ -106,9 +106,8 @@ def test_behind_a_flat_port_the_rectified_cameras_center_moves_as_well() -> None
 def test_a_run_writes_down_how_rectification_turned_the_camera(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        stereo_inputs, "first_notes", lambda *_: ()
-    )  # the images are another rig's, which a run would refuse
+    # the images are another rig's, which a run would refuse
+    monkeypatch.setattr(stereo_inputs, "first_notes", lambda *_: ())
     dive = make_dive(1)
     rig = toed_in_rig(size=(176, 128))
     write_rig(rig, dive.root / "toed.yaml")

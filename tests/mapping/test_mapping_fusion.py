@@ -58,9 +58,8 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_fine_voxels_leave_no_holes_in_what_was_seen(tmp_path: Path) -> None:
-    config = CONFIG.model_copy(
-        update={"voxel_m": 0.004}
-    )  # pixels of 7.5 mm: every 16th would miss blocks of 32 mm
+    # pixels of 7.5 mm: every 16th would miss blocks of 32 mm
+    config = CONFIG.model_copy(update={"voxel_m": 0.004})
     build_map([flat_frame(i) for i in range(2)], PAIR, tmp_path, config, track(2))
     position = read_cloud(tmp_path / "cloud.ply")["position"]
     x, y = np.floor(position[:, :2].T / 0.02).astype(int)
@@ -147,10 +146,8 @@ def test_sure_measurements_outweigh_unsure_ones(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_view_counts_by_how_fine_its_pixels_are(tmp_path: Path) -> None:
-    near, far = (
-        flat_frame(0, 1.0, (100, 100, 100)),
-        flat_frame(1, 4.0, (200, 200, 200)),
-    )  # pixels of 5 and 20 mm, voxels of 20
+    # pixels of 5 and 20 mm, voxels of 20
+    near, far = (flat_frame(0, 1.0, (100, 100, 100)), flat_frame(1, 4.0, (200, 200, 200)))
     trajectory = track(2, step_m=0.0)
     trajectory.T_world_camera[:, 2, 3] = [1.0, 4.0]
     build_map([near, far], PAIR, tmp_path, CONFIG, trajectory)
@@ -177,9 +174,8 @@ def test_a_doubtful_color_hardly_counts(tmp_path: Path, why: str) -> None:
 @pytest.mark.slow
 def test_edges_are_not_darkened_by_voxels_without_a_color(tmp_path: Path) -> None:
     frames = [flat_frame(i, altitude_m=2.0) for i in range(5)]
-    for i, frame in enumerate(
-        frames
-    ):  # a box half a meter high, 0.6 m wide, seen from all sides: its rim hides what is below
+    # a box half a meter high, 0.6 m wide, seen from all sides: its rim hides what is below
+    for i, frame in enumerate(frames):
         left = round(80 + 200 * (-0.3 - 0.3 * (i - 2)) / 1.5)
         frame.range_m[44:84, max(left, 0) : max(left + 80, 0)] *= np.float32(0.75)
     build_map(frames, PAIR, tmp_path, CONFIG, track(5, altitude_m=2.0))
@@ -368,9 +364,8 @@ def test_a_ball_is_closed_and_of_its_size() -> None:
     np.testing.assert_allclose(surface.normals, surface.points_m / radius[:, None], atol=0.05)
     assert surface.areas_m2.sum() == pytest.approx(4 * np.pi * 0.3**2, rel=0.01)
     a, b, c = np.moveaxis(surface.points_m[surface.triangles].astype(float), 1, 0)
-    assert (np.cross(a, b) * c).sum() / 6 == pytest.approx(
-        4 / 3 * np.pi * 0.3**3, rel=0.01
-    )  # positive: outside is outside
+    # positive: outside is outside
+    assert (np.cross(a, b) * c).sum() / 6 == pytest.approx(4 / 3 * np.pi * 0.3**3, rel=0.01)
 
 
 @pytest.mark.slow
@@ -393,9 +388,8 @@ def test_a_rough_surface_has_no_holes_but_where_voxels_are_unknown() -> None:
     forth, times = np.unique(sides[:, 0] << 32 | sides[:, 1], return_counts=True)
     assert (times == 1).all()  # a side lies between two triangles that face the same way
     alone = ~np.isin(sides[:, 1] << 32 | sides[:, 0], forth)
-    ends = np.abs(
-        extracted(volume).points_m[sides[alone]] / volume.voxel_m + 4.5
-    )  # the cube's faces are voxels -24 and 15
+    # the cube's faces are voxels -24 and 15
+    ends = np.abs(extracted(volume).points_m[sides[alone]] / volume.voxel_m + 4.5)
     assert (ends.max(axis=2) > 19.5 - 1e-3).all()
 
 

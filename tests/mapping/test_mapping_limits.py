@@ -159,9 +159,8 @@ def test_a_survey_too_long_for_its_voxels_is_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_tile_without_a_surface_is_empty(tmp_path: Path) -> None:
     frames = [flat_frame(i) for i in range(3)]
-    for frame in frames[
-        1:
-    ]:  # ranges of one pixel in eight: no voxel has eight neighbors that are known
+    # ranges of one pixel in eight: no voxel has eight neighbors that are known
+    for frame in frames[1:]:
         hidden = np.ones(frame.range_m.shape, np.bool_)
         hidden[::16, ::16] = False
         frame.range_m[hidden] = np.nan
@@ -223,9 +222,8 @@ def test_ranges_too_uncertain_for_the_voxels_take_no_memory(tmp_path: Path) -> N
         reach_m.append(float(index.points_m[0][index.certain[0], 2].max()))
     assert reach_m == pytest.approx([1.5, 20.0], rel=1e-3)
     noisy = replace(near, range_std_m=np.full_like(near.range_std_m, 5.0))
-    assert (
-        FrameIndex.build([noisy], PAIR, PointSampling(0.08, max_std_m=0.09)).certain[0].all()
-    )  # all alike: none is left out
+    # all alike: none is left out
+    assert FrameIndex.build([noisy], PAIR, PointSampling(0.08, max_std_m=0.09)).certain[0].all()
     build_map([oblique], PAIR, tmp_path, CONFIG, track(1))
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 2].min() > -0.1
 

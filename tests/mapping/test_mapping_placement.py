@@ -77,9 +77,8 @@ def test_frames_out_of_order_are_no_jumps() -> None:
     shuffled = FrameIndex(
         tuple(ordered.names[i] for i in shuffle), ordered.timestamps_s[shuffle], ordered.points_m
     )
-    placement = place(
-        shuffled, by_name(line(40, step_m=2.5)), CONFIG
-    )  # neighbors in the list lie up to 100 m apart
+    # neighbors in the list lie up to 100 m apart
+    placement = place(shuffled, by_name(line(40, step_m=2.5)), CONFIG)
     assert placement.components.tolist() == [0] * 40
     assert not placement.unplaced
     assert not placement.warnings

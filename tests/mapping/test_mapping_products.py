@@ -67,9 +67,8 @@ def test_rough_ground_has_a_higher_dimension() -> None:
 
 
 def test_squares_exist_only_where_something_was_seen(tmp_path: Path) -> None:
-    grid = Grid(
-        0.0, 2000.0, CELL_M, (200_000, 300_000)
-    )  # 2 by 3 km: as one array it would take 240 GB
+    # 2 by 3 km: as one array it would take 240 GB
+    grid = Grid(0.0, 2000.0, CELL_M, (200_000, 300_000))
     terrain = BlockRaster(tmp_path / "terrain", grid, 1, np.float32, np.nan)
     terrain.write(slice(150_000, 150_200), slice(100_000, 100_100), np.zeros((1, 200, 100)))
     squares = measure_squares(terrain, 1.0, tmp_path / "squares")
@@ -181,9 +180,8 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
         ).transform(0.0, 0.0)
     assert (latitude, longitude) == pytest.approx((-23.5, 152.0), abs=1e-9)
     with laspy.open(tmp_path / "cloud.laz") as file:
-        assert pyproj.CRS.from_wkt(crs.to_wkt()).equals(
-            file.header.parse_crs()
-        )  # one system in all
+        # one system in all
+        assert pyproj.CRS.from_wkt(crs.to_wkt()).equals(file.header.parse_crs())
     for name in ("cloud.ply", "mesh.ply"):
         assert (
             b"comment crs transverse Mercator around latitude -23.5"
@@ -227,9 +225,8 @@ def test_the_mosaic_has_the_mean_color_of_all_views_and_no_step_between_them(
     with rasterio.open(tmp_path / "orthomosaic.tif") as file:
         red = file.read(1).astype(int)
     rows, columns = (size // 2 for size in red.shape)
-    middle = red[
-        rows - 10 : rows + 10, columns - 20 : columns + 20
-    ]  # seen by as many bright frames as dim ones
+    # seen by as many bright frames as dim ones
+    middle = red[rows - 10 : rows + 10, columns - 20 : columns + 20]
     assert np.abs(middle - 180).max() <= 6
     assert np.abs(np.diff(middle, axis=1)).max() <= 2
 
@@ -244,9 +241,8 @@ def test_the_mosaic_is_painted_up_to_both_sides_of_a_step_of_the_terrain(tmp_pat
     cells = mosaic._cells(
         terrain, Grid(-0.2025, 0.2025, 0.005, (81, 81)), slice(0, 81), slice(0, 81)
     )
-    edge_m = (
-        -0.01
-    )  # between the last low cell's center and the first high one's: the wall stands there
+    # between the last low cell's center and the first high one's: the wall stands there
+    edge_m = -0.01
     T = np.diag([1.0, -1, -1, 1])
     T[:3, 3] = edge_m, 0, 1.5
     before, on_top = (200, 120, 40), (40, 120, 200)
@@ -259,10 +255,8 @@ def test_the_mosaic_is_painted_up_to_both_sides_of_a_step_of_the_terrain(tmp_pat
         cells, [(mosaic._Sight(color, range_m, np.zeros((128, 160), np.bool_)), T)], PAIR
     )
     assert (rgba[3] == 255).all()
-    low, high = (
-        cells.x_m < edge_m - 0.01,
-        cells.x_m > edge_m + 0.01,
-    )  # a pixel of the frame is 7 mm wide
+    # a pixel of the frame is 7 mm wide
+    low, high = (cells.x_m < edge_m - 0.01, cells.x_m > edge_m + 0.01)
     np.testing.assert_array_equal(
         np.unique(rgba[:3][:, :, low].reshape(3, -1), axis=1).ravel(), before
     )
@@ -302,9 +296,8 @@ def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_
     T[2, 3] = 1.5
     range_m = np.full((128, 160), 1.5, np.float32) * PAIR.ray_length
     down, right = (round(PAIR.focal_px * 0.04 / 1.5 + c) for c in (PAIR.cy_px, PAIR.cx_left_px))
-    range_m[down - 1 : down + 2, right - 1 : right + 2] += (
-        0.3  # what the frame shows of cell (22, 22) lies in a crack
-    )
+    # what the frame shows of cell (22, 22) lies in a crack
+    range_m[down - 1 : down + 2, right - 1 : right + 2] += 0.3
     sight = mosaic._Sight(
         np.full((128, 160, 3), 90, np.uint8), range_m, np.zeros((128, 160), np.bool_)
     )

@@ -43,9 +43,8 @@ def test_near_its_expected_place_a_feature_is_found_among_others_that_look_like_
     None
 ):
     rng = np.random.default_rng(2)
-    a = np.repeat(rng.integers(0, 255, (1, 128)), 40, axis=0).astype(
-        np.uint8
-    )  # all look alike but for a little
+    # all look alike but for a little
+    a = np.repeat(rng.integers(0, 255, (1, 128)), 40, axis=0).astype(np.uint8)
     a[:, :30] = rng.integers(0, 120, (40, 30))
     places = rng.uniform(0, 1, (40, 2))
     order = rng.permutation(40)

@@ -219,9 +219,8 @@ def test_holes_are_closed_and_black_pairs_named_as_by_the_compiled_matcher():
         np.isfinite(off_px) & (wanted.filled == kind) & (found.filled == kind)
         for kind in (False, True)
     )
-    assert (
-        off_px[measured] > 0.1
-    ).mean() < 5e-4  # where rounding decides between two neighbors that are 1 px apart
+    # where rounding decides between two neighbors that are 1 px apart
+    assert (off_px[measured] > 0.1).mean() < 5e-4
     assert filled.sum() > 10_000
     assert (off_px[filled] > 0.1).mean() < 0.03
     black = StereoFrame("black", np.zeros_like(frame.left), frame.right)

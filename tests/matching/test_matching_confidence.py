@@ -75,9 +75,8 @@ def test_samples_are_interpolated_to_the_size_of_the_image() -> None:
         whole = enlarged(samples, shape)
         assert whole.shape == shape
         inside = np.s_[4:-6, 4:-6]
-        np.testing.assert_allclose(
-            whole[inside], (x + y)[inside] + 1, atol=0.01
-        )  # samples stand half a pixel off the middle
+        # samples stand half a pixel off the middle
+        np.testing.assert_allclose(whole[inside], (x + y)[inside] + 1, atol=0.01)
 
 
 @pytest.mark.slow

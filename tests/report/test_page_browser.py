@@ -404,18 +404,16 @@ def test_the_picture_is_zoomed_and_moved_while_it_is_measured_in(
     page.mouse.move(*spot)
     page.mouse.wheel(0, -600)
     until(page, f"document.querySelector('.overlay').getBoundingClientRect().width > {2 * width}")
-    np.testing.assert_allclose(
-        at(60, 40), spot, atol=2
-    )  # stays under the pointer, to a whole pixel times the zoom
+    # stays under the pointer, to a whole pixel times the zoom
+    np.testing.assert_allclose(at(60, 40), spot, atol=2)
     spot = at(60, 40)
     page.mouse.click(*spot)
     page.mouse.move(spot[0] + 80, spot[1] + 60)
     page.mouse.down()
     page.mouse.move(spot[0] + 40, spot[1] + 20, steps=4)
     page.mouse.up()
-    np.testing.assert_allclose(
-        at(60, 40), (spot[0] - 40, spot[1] - 40), atol=1
-    )  # dragging moves it, and sets no point
+    # dragging moves it, and sets no point
+    np.testing.assert_allclose(at(60, 40), (spot[0] - 40, spot[1] - 40), atol=1)
     page.mouse.click(*at(75, 50))
     page.get_by_role("button", name="Finish").click()
     np.testing.assert_allclose(stored(page)[0]["places"], [(60, 40), (75, 50)], atol=0.2)
@@ -732,11 +730,12 @@ def test_measures_on_the_map_are_those_of_the_command_line(
     until_drawn(on_map)
     stop_clock(on_map)
     for number, kind in enumerate(("Length", "Area", "Point"), start=1):
+        # beside earlier ones
         corners = (
             (0.46, 0.4 + 0.05 * number),
             (0.54, 0.4 + 0.05 * number),
             (0.5, 0.46 + 0.05 * number),
-        )  # beside earlier ones
+        )
         on_map.get_by_role("button", name=kind, exact=True).click()
         box = box_of(on_map.locator(".map-stage"))
         places = [(box["x"] + box["width"] * x, box["y"] + box["height"] * y) for x, y in corners]

@@ -207,9 +207,8 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
     fuse(out, tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"mosaic_m": 0.04})))
     report(out)
     levels_now = {path.name for path in (out / "page/map/mosaic").iterdir()}
-    assert levels_now == {
-        str(int(coarsest) - 1)
-    }  # half as many pixels a side; the earlier mosaic is gone
+    # half as many pixels a side; the earlier mosaic is gone
+    assert levels_now == {str(int(coarsest) - 1)}
 
 
 @pytest.mark.slow
@@ -227,9 +226,8 @@ def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pict
     report(out)
     (tile,) = (out / "page/map/raw").rglob("0_0.webp")
     found = cv2.imdecode(np.frombuffer(tile.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    alpha = (
-        found[..., 3] if found.shape[2] == 4 else np.full(found.shape[:2], 255)
-    )  # WebP leaves out an opacity that is whole
+    # WebP leaves out an opacity that is whole
+    alpha = found[..., 3] if found.shape[2] == 4 else np.full(found.shape[:2], 255)
     assert (alpha > 0).mean() > 0.5
     assert abs(found[alpha > 250][:, :3].mean(axis=0) - (200, 90, 30)).max() < 4
     assert (out / "page/map/0_0_0_raw.js").exists()

@@ -477,9 +477,8 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(
 @pytest.mark.slow
 def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    options = RunOptions(
-        workers=1, listener=AtPair(11, KeyboardInterrupt)
-    )  # of three: ranges, light, waters, colors
+    # of three: ranges, light, waters, colors
+    options = RunOptions(workers=1, listener=AtPair(11, KeyboardInterrupt))
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
     corrected = {path.stem for path in (out / "corrected").iterdir()}
     assert {name for name, status in statuses(out).items() if status == "ok"} == corrected

@@ -15,12 +15,8 @@ from calibration import Camera, StereoRig
 from calibration.geometry import rigid
 
 SIZE = (640, 480)
-STORED = {
-    "f8": (6, 9),
-    "u1": (9, 2),
-    "u2": (11, 4),
-    "u4": (13, 6),
-}  # class of array, type of element
+# class of array, type of element
+STORED = {"f8": (6, 9), "u1": (9, 2), "u2": (11, 4), "u4": (13, 6)}
 REFERENCE = 0xDD000000
 
 

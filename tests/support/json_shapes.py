@@ -2,9 +2,8 @@
 
 from typing import Any
 
-Shape = (
-    Any  # a type, a tuple of types and None, [shape], {key: shape}, or {str: shape} for any keys
-)
+# a type, a tuple of types and None, [shape], {key: shape}, or {str: shape} for any keys
+Shape = Any
 NUMBER = (int, float)
 UNKNOWN = (int, float, None)
 """A number, or null where it is not known."""

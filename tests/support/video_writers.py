@@ -28,9 +28,8 @@ def swell(times_s: np.ndarray, seed: int = 0) -> np.ndarray:
     """(n, 2) pixels: where a rig that drifts in waves points to."""
     rng = np.random.default_rng(seed)
     shift = np.zeros((len(times_s), 2))
-    for frequency in np.exp(
-        rng.uniform(np.log(0.1), np.log(2.0), 16)
-    ):  # many: a few waves would repeat themselves
+    # many: a few waves would repeat themselves
+    for frequency in np.exp(rng.uniform(np.log(0.1), np.log(2.0), 16)):
         phase, size = rng.uniform(0, 2 * np.pi, 2), rng.uniform(1, 3, 2) / frequency**0.5
         shift += size * np.sin(2 * np.pi * frequency * times_s[:, None] + phase)
     return shift

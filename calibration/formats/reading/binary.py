@@ -105,9 +105,8 @@ def _parsed(name: str, content: bytes, most_bytes: int) -> Any:
         else np.lib.format.read_array_header_2_0
     )
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # files written by Python 2, as VIAME's are, say "3L" for 3
+        # files written by Python 2, as VIAME's are, say "3L" for 3
+        warnings.simplefilter("ignore", UserWarning)
         shape, fortran, dtype = header(stream)
     if dtype.hasobject:
         raise CalibrationError(

@@ -128,9 +128,8 @@ def find(content: Mapping[str, Any]) -> Parts:
     for role, leaf in found:
         table.setdefault((role, _side(marks[id(leaf)], first)), []).append(leaf)
     doubts: tuple[str, ...] = ()
-    if (
-        len(lenses) == 2 and len(table.get(("K", ""), [])) == 2
-    ):  # cameras under two names that tell no side
+    # cameras under two names that tell no side
+    if len(lenses) == 2 and len(table.get(("K", ""), [])) == 2:
         own = _in_order([leaf for leaf, _ in lenses], found)
         table |= own
         if own:

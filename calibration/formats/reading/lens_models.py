@@ -26,12 +26,10 @@ Size = tuple[int, int]
 class FitLimits:
     """Decides where another model may stand for a lens."""
 
-    error_px: float = (
-        0.1  # anywhere in the image: a fifth of what calibrations of such lenses leave
-    )
-    widest_deg: float = (
-        110.0  # from the axis: beyond the corners of all lenses that are used for stereo
-    )
+    # anywhere in the image: a fifth of what calibrations of such lenses leave
+    error_px: float = 0.1
+    # from the axis: beyond the corners of all lenses that are used for stereo
+    widest_deg: float = 110.0
     pinhole_deg: float = 80.0  # a plane image reaches no farther
     steps: tuple[int, int] = (111, 24)  # from the axis, and around it
 

@@ -145,12 +145,8 @@ def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
         return next(
             ((leaf, side) for side in ("both", "reversed") if (leaf := parts.get(role, side))), None
         )
-    sides: tuple[Side, ...] = (
-        "",
-        "both",
-        "reversed",
-        "right",
-    )  # the left camera's own place is not a transform to the right one
+    # the left camera's own place is not a transform to the right one
+    sides: tuple[Side, ...] = ("", "both", "reversed", "right")
     found = next(((leaf, side) for side in sides if (leaf := parts.get(role, side))), None)
     return (found[0], "") if found and found[1] == "right" else found
 

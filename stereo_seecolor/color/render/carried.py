@@ -314,9 +314,8 @@ def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
         if np.count_nonzero(lit) < SETTINGS.fewest:
             return None
         own, others = seen[lit, c], others[lit]
-        bounds.most[c] = max(
-            np.quantile(own / others.max(axis=1), SETTINGS.quantile), 1.0
-        )  # gray is always within the bounds
+        # gray is always within the bounds
+        bounds.most[c] = max(np.quantile(own / others.max(axis=1), SETTINGS.quantile), 1.0)
         if c in (RED, GREEN):
             shorter = 1 - SETTINGS.quantile if c == RED else SETTINGS.green
             bounds.least[c] = min(np.quantile(own / others.min(axis=1), shorter), 1.0)

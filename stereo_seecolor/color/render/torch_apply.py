@@ -37,9 +37,8 @@ def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Ten
         3, RANGE_BINS + 1, values
     )
     sums = torch.zeros(RANGE_BINS + 1, dtype=torch.int64, device=pixels.device)
-    sums.index_add_(
-        0, range_bin, (position & ((1 << LOW_BITS) - 1)).to(torch.int64)
-    )  # integers: the order does not matter
+    # integers: the order does not matter
+    sums.index_add_(0, range_bin, (position & ((1 << LOW_BITS) - 1)).to(torch.int64))
     return counts[:, :RANGE_BINS], sums[:RANGE_BINS]
 
 

@@ -197,9 +197,8 @@ def check_pair(image: Image, range_m: Map) -> None:
 @compiled
 def position_of(bits: Any) -> Any:
     """Position of a range (float32 bits) from the first bin's edge; LAST + 1 where unknown."""
-    known = (bits > np.int32(0)) & (
-        bits < INFINITY
-    )  # NaN, infinities, zero and negative numbers are not
+    # NaN, infinities, zero and negative numbers are not
+    known = (bits > np.int32(0)) & (bits < INFINITY)
     return U(min(max(bits - FIRST, np.int32(0)), np.int32(LAST))) if known else U(LAST + 1)
 
 

@@ -46,9 +46,8 @@ def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuan
     first = _first_of_groups(table.pixels)
     size = np.add.reduceat(table.pixels, first).astype(np.float64)
     end = int(np.flatnonzero(table.pixels)[-1]) + 1
-    bounds = itertools.pairwise(
-        [*first.tolist(), end]
-    )  # sums of slices: numpy's reduceat takes twice as long
+    # sums of slices: numpy's reduceat takes twice as long
+    bounds = itertools.pairwise([*first.tolist(), end])
     values = _quantiles(np.stack([table.counts[:, a:b].sum(axis=1) for a, b in bounds], axis=1))
     full = 2.0**table.bit_depth - 1
     step, offset = (1.0, 0.0) if table.bit_depth == 8 else (16.0, 7.5)
@@ -94,9 +93,8 @@ def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
 def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """(3, G, 9) quantiles of counts (3, G, V), in value bins, within which pixels are even."""
     each = counts.reshape(-1, counts.shape[2])
-    below = np.cumsum(each).reshape(
-        each.shape
-    )  # over all groups, one after the other: so one search finds all
+    # over all groups, one after the other: so one search finds all
+    below = np.cumsum(each).reshape(each.shape)
     start = below[:, -1:] - each.sum(axis=1, keepdims=True)
     wanted = FRACTIONS * (below[:, -1:] - start)
     at = np.searchsorted(below.ravel(), start + wanted)

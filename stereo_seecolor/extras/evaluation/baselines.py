@@ -21,13 +21,10 @@ from stereo_seecolor.records import Image
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array], Array]
 
-STRETCHED_FRACTION = (
-    0.01  # of the pixels of each channel that become black, and white: the usual contrast stretch
-)
-DARK_FRACTION, DARK_BINS = (
-    0.01,
-    10,
-)  # darkest pixels of each bin of range (Akkaynak and Treibitz, CVPR 2019)
+# of the pixels of each channel that become black, and white: the usual contrast stretch
+STRETCHED_FRACTION = 0.01
+# darkest pixels of each bin of range (Akkaynak and Treibitz, CVPR 2019)
+DARK_FRACTION, DARK_BINS = (0.01, 10)
 CLIPPED_FRACTION = 0.0005  # of the pixels at full scale, at most 1 in 2000
 LEAST_ATTENUATION = 1e-3  # 1/m: below, a logarithm of a ratio is noise
 _GRID_WIDTH, _AVERAGING_STEPS = 160, 600  # pixels, and steps of the local averaging of Sea-thru

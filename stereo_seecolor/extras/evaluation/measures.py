@@ -22,9 +22,10 @@ Pixels = NDArray[np.floating]
 CLIPPED = 254 / 255
 """Fraction of full scale from which a channel counts as clipped."""
 
+# IEC 61966-2-1
 _XYZ_FROM_LINEAR = np.array(
     [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-)  # IEC 61966-2-1
+)
 _WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
 
 
@@ -65,9 +66,8 @@ def angle_deg(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
     (r, g, b), (x, y, z) = (
         np.moveaxis(np.asarray(colors, dtype=np.float64), -1, 0) for colors in (pixels, truth)
     )
-    cross = np.sqrt(
-        (g * z - b * y) ** 2 + (b * x - r * z) ** 2 + (r * y - g * x) ** 2
-    )  # arctan2 keeps what arccos rounds away
+    # arctan2 keeps what arccos rounds away
+    cross = np.sqrt((g * z - b * y) ** 2 + (b * x - r * z) ** 2 + (r * y - g * x) ** 2)
     known = (r * r + g * g + b * b > 0) & (x * x + y * y + z * z > 0)
     return np.where(known, np.degrees(np.arctan2(cross, r * x + g * y + b * z)), np.nan)
 
@@ -182,9 +182,10 @@ def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
     scikit-image.
     """
     try:
+        # half a second that other commands need not wait for
         from skimage.color import (
             deltaE_ciede2000,
-        )  # half a second that other commands need not wait for
+        )
     except ImportError as error:
         raise DeviceError(
             f"color differences need scikit-image ({error}): pip install "

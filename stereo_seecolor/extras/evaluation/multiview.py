@@ -198,9 +198,10 @@ def _model(x: Array, range_m: Array) -> Model:
     import torch
 
     z, fall = torch.from_numpy(range_m)[:, None], torch.from_numpy(near_against_far())
+    # an observation's own copies
     logarithms = (
         torch.from_numpy(x).view(3, 1, 3).expand(3, len(range_m), 3).clone().requires_grad_()
-    )  # an observation's own copies
+    )
     far, beta, saturated = logarithms.exp()
     log_a = -optical_depth(z, far * (fall - 1), RATE_OF_CHANGE, far, 0.0)
     veil = backscatter(z, saturated, beta, 0.0, 0.0)

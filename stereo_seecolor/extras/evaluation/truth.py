@@ -237,9 +237,8 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
     calibration, which names of images do not show.
     """
     run = open_run(out)
-    true_frames(
-        truth
-    )  # what is not a folder of truth is named as that, and not by what is missing beside it
+    # what is not a folder of truth is named as that, and not by what is missing beside it
+    true_frames(truth)
     if run.geometry is not None:
         _check_geometry(run.geometry, out, truth)
     _check_images(run.frames, out, truth)

@@ -221,9 +221,8 @@ class _TargetSearch:
         image, range_m = self.raw.rectified(name), self.frames[number].range_m
         found = targets_of(self.targets[name] if self.targets else [], image, range_m)
         if any(target.type is None for target in found):
-            range_m = carry_ranges(
-                image, range_m
-            )  # a card or sand may be too even to be matched but at its border
+            # a card or sand may be too even to be matched but at its border
+            range_m = carry_ranges(image, range_m)
         if self.light and found:
             light = self.light.on(name, (image.shape[1], image.shape[0]))
             image = divide_illumination(image, range_m, light, self.water.input_encoding)

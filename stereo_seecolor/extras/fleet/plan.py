@@ -142,9 +142,8 @@ def _stage_seconds(summary: RunSummary, passes: dict[str, float]) -> dict[str, f
     """The passes' processor time a pair, divided among the stages in proportion to their elapsed
     time in the summary.
     """
-    elapsed = (
-        summary.stage_seconds()
-    )  # also counts time in which the processor worked for other programs
+    # also counts time in which the processor worked for other programs
+    elapsed = summary.stage_seconds()
     light_s = passes.get("light", 0.0)
     working = sum(passes.values()) - light_s
     stages = {stage: working * value / sum(elapsed.values()) for stage, value in elapsed.items()}

@@ -28,9 +28,8 @@ class TerrainLimits:
     layer_cells: float = 2.0  # step between object and ground, in cells: steeper than 63 degrees
     layer_stds: float = 6.0  # no step is smaller than the noise
     step_cells: float = 2.0  # along a line: windows that overlap little
-    step_stds: float = (
-        6.0  # a step along the ground is longer than its noise, which would lengthen it
-    )
+    # a step along the ground is longer than its noise, which would lengthen it
+    step_stds: float = 6.0
     # squared slope by errors alone, of planes through 3x3 cells, in squares of a height's error
     # over a cell
     noise: float = 0.25

@@ -110,9 +110,8 @@ def measure(out: Path, points: Path) -> list[Measurement]:
             results.append(measured_on_map(ground, each, calibration))
             continue
         if each.frame not in surfaces:
-            surfaces = {
-                each.frame: surface_of(run, each.frame)
-            }  # tables are sorted by frame: one is kept
+            # tables are sorted by frame: one is kept
+            surfaces = {each.frame: surface_of(run, each.frame)}
         results.append(measured(surfaces[each.frame], each, calibration))
     return results
 
@@ -128,9 +127,8 @@ def surface_of(run: FinishedRun, name: str) -> FrameSurface:
         std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
     else:
         std_m = estimated_range_std_m(range_m, geometry)
-    return FrameSurface(
-        geometry, range_m, std_from_codes(std_codes(std_m))
-    )  # as the page holds them
+    # as the page holds them
+    return FrameSurface(geometry, range_m, std_from_codes(std_codes(std_m)))
 
 
 def ground_of(run: FinishedRun) -> Ground:

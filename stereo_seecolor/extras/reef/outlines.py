@@ -220,10 +220,8 @@ def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
         raise ValueError(f"no image of {size[0]} x {size[1]} px, the size of {MOSAIC}")
 
     def turn(ring: list[Any]) -> Ring:
-        corner, scale = (
-            np.array([transform.c, transform.f]),
-            np.array([transform.a, transform.e]),
-        )  # north is up
+        # north is up
+        corner, scale = (np.array([transform.c, transform.f]), np.array([transform.a, transform.e]))
         return np.asarray(
             corner + scale * (np.array(ring, np.float64)[:, :2] + 0.5) - posed.offset_m[:2]
         )

@@ -158,9 +158,8 @@ def terrain_of(mesh: SiteMesh, grid: Grid) -> Terrain:
 class ErrorSettings:
     """Which ranges count as a view of a cell."""
 
-    gate_sigmas: float = (
-        6.0  # a range further off than this shows something else: a fish, a branch before the cell
-    )
+    # a range further off than this shows something else: a fish, a branch before the cell
+    gate_sigmas: float = 6.0
     gate_voxels: float = 3.0  # and further than this, since voxels round off what is finer
     reach_step_px: int = 16  # of the pixels that show which cells a frame can see
     match_px: float = 3.0  # errors of neighboring pixels are alike over about half a census window

@@ -133,9 +133,8 @@ def _march(
     last = (start[2] - low) / fall + 0.01
     level = max(np.hypot(ray[0], ray[1]), 1e-6)
     block_m = CELL_M * BLOCK_CELLS
-    shortest = min(
-        max(0.0006, 0.3 * CELL_M / level), 0.004
-    )  # a smooth surface hides nothing within a third of a cell
+    # a smooth surface hides nothing within a third of a cell
+    shortest = min(max(0.0006, 0.3 * CELL_M / level), 0.004)
     before = reach
     while reach < last:
         x, y = start[0] + reach * ray[0] - x0, start[1] + reach * ray[1] - y0

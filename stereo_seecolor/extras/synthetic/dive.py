@@ -32,12 +32,8 @@ _FOLDERS = {
 _SPEC = Path("truth/water.json")
 """Written first: it tells whether a folder holds the same survey."""
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED]
-_FLOAT_TIFF = [
-    cv2.IMWRITE_TIFF_COMPRESSION,
-    8,
-    cv2.IMWRITE_TIFF_PREDICTOR,
-    3,
-]  # deflate, floating point
+# deflate, floating point
+_FLOAT_TIFF = [cv2.IMWRITE_TIFF_COMPRESSION, 8, cv2.IMWRITE_TIFF_PREDICTOR, 3]
 _RANGE_STEPS_PER_M = 4096
 """Ranges are rounded to 0.24 mm, a tenth of what stereo can tell here, so that they compress."""
 

@@ -332,9 +332,8 @@ def _crust(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None
     patch = bottom.patch(x, y, 1.4 * radius_m)
     noise = fractal_noise(patch.u_m.shape, 0.5 * radius_m / bottom.cell_m, 4, rng)
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m + 0.25 * noise
-    on_rock = np.clip(
-        (bottom.texture[patch.rows, patch.columns] - 0.15) / 0.05, 0, 1
-    )  # nothing crusts over loose sand
+    # nothing crusts over loose sand
+    on_rock = np.clip((bottom.texture[patch.rows, patch.columns] - 0.15) / 0.05, 0, 1)
     bottom.paint(
         patch,
         (on_rock * np.clip((1 - distance) * 5, 0, 0.85)).astype(np.float32),

@@ -179,21 +179,17 @@ class OpticalConstants:
 
     dissolved_slope: float = 0.0176  # 1/nm, mean of European coasts; Babin et al. 2003
     sediment_slope: float = 0.0123  # 1/nm, non-algal particles; the same
-    sediment_scattering: float = (
-        0.5  # m^2/g at 555 nm, mean of coastal waters, nearly flat in wavelength; Babin et al. 2003
-    )
+    # m^2/g at 555 nm, mean of coastal waters, nearly flat in wavelength; Babin et al. 2003
+    sediment_scattering: float = 0.5
     water_scattering: float = 0.00288  # 1/m at 500 nm, seawater; Morel 1974
     water_scattering_exponent: float = -4.32  # the same
-    algae_scattering: float = (
-        0.416  # 1/m at 550 nm and 1 mg/m^3, falling with wavelength; Loisel and Morel 1998
-    )
+    # 1/m at 550 nm and 1 mg/m^3, falling with wavelength; Loisel and Morel 1998
+    algae_scattering: float = 0.416
     algae_scattering_exponent: float = 0.766  # of chlorophyll; the same
-    water_back: float = (
-        0.5  # backscattered fraction of molecules, which scatter forward and back alike
-    )
-    particle_back: float = (
-        0.0183  # of particles, mean of Petzold's waters; Mobley 1994, Light and Water
-    )
+    # backscattered fraction of molecules, which scatter forward and back alike
+    water_back: float = 0.5
+    # of particles, mean of Petzold's waters; Mobley 1994, Light and Water
+    particle_back: float = 0.0183
     diffuse: float = 1.0395  # Kd cos(angle) / (a + b_b); Gordon 1989
     refractive_index: float = 1.34  # seawater
 

@@ -32,19 +32,15 @@ Array = NDArray[np.float64]
 class MosaicSettings:
     """How views are chosen."""
 
-    views_a_meter: int = (
-        12  # frames that a block is painted from, for each meter of its edge: more never win
-    )
-    repaints: int = (
-        3  # rounds of painting: each chooses views for what those before it did not see,
-    )
+    # frames that a block is painted from, for each meter of its edge: more never win
+    views_a_meter: int = 12
+    # rounds of painting: each chooses views for what those before it did not see,
+    repaints: int = 3
     unpainted: float = 0.01  # as long as that is more than this fraction of the cells
-    windows_at_once: int = (
-        2  # one is blended while the cells of the other are looked up on all cores
-    )
-    cached_frames: int = (
-        16  # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
-    )
+    # one is blended while the cells of the other are looked up on all cores
+    windows_at_once: int = 2
+    # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
+    cached_frames: int = 16
     # cost of a color a tenth of full scale off the median of all views, in tangents of the angle
     disagreement: float = 4.0
     # of 255: a color so far off the median of all views, a tenth of full scale, weighs half in
@@ -54,9 +50,8 @@ class MosaicSettings:
     # painted
     closed: float = 0.5
     hidden_m: float = 0.05  # a view whose range is off by more than this,
-    hidden_fraction: float = (
-        0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
-    )
+    # and this fraction of it, shows something else: it stands before the cell, or moved
+    hidden_fraction: float = 0.02
     doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
 
 
@@ -353,9 +348,8 @@ def _project(
 class MosaicCellSettings:
     """How the cell size is chosen."""
 
-    cells: float = (
-        16e6  # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
-    )
+    # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
+    cells: float = 16e6
 
 
 MOSAIC_CELL_SETTINGS = MosaicCellSettings()

@@ -22,15 +22,13 @@ class BlendSettings:
     # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
     smooth_px: int = 21
     feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
-    feather_reach: float = (
-        5.0  # standard deviations beyond which nothing is blended: OpenCV's kernels end at four
-    )
+    # standard deviations beyond which nothing is blended: OpenCV's kernels end at four
+    feather_reach: float = 5.0
     # standard deviation, cells: coarser color is that of the mean of all views, finer that of the
     # best view
     band_px: float = 6.0
-    coarser: int = (
-        2  # cells along an axis to one of the image in which the coarse color is computed
-    )
+    # cells along an axis to one of the image in which the coarse color is computed
+    coarser: int = 2
     most_change: float = 2.0  # factor, up and down: views that differ by more do not show the same
 
 
@@ -78,10 +76,8 @@ def _as_the_mean(
     reach = int(np.ceil(2 * SETTINGS.band_px))
     rows, columns = window
     top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
-    wide = (
-        slice(top, rows.stop + reach),
-        slice(left, columns.stop + reach),
-    )  # the blur at the window's edge reaches so far
+    # the blur at the window's edge reaches so far
+    wide = (slice(top, rows.stop + reach), slice(left, columns.stop + reach))
     own, is_seen = color[wide].astype(np.float32), seen[wide][..., None]
     own_band, mean_band = _coarse_band(own * is_seen), _coarse_band(mean[wide] * is_seen)
     factor = np.clip(
@@ -220,9 +216,8 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any, y: int, x: 
     known = ((a < NEIGHBOR) | np.isfinite(range_m[row, column])) & (
         (b < NEIGHBOR) | np.isfinite(range_m[row, next_column])
     )
-    known &= (c < NEIGHBOR) | np.isfinite(
-        range_m[next_row, column]
-    )  # not "or": branches that hang on fractions take twice as long
+    # not "or": branches that hang on fractions take twice as long
+    known &= (c < NEIGHBOR) | np.isfinite(range_m[next_row, column])
     known &= (d < NEIGHBOR) | np.isfinite(range_m[next_row, next_column])
     if not known:
         return False

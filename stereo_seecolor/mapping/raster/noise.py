@@ -31,12 +31,10 @@ class CorrectionSettings:
     # squares
     of_noise: float = 0.75
     of_scale: float = 0.5  # no reef is the same fractal at all scales
-    smoother: float = (
-        2.0  # of the scale that is resolved: far enough to tell how the number goes with it
-    )
-    of_match: float = (
-        0.85  # standard deviation of what matching smooths, in correlation lengths of its errors
-    )
+    # of the scale that is resolved: far enough to tell how the number goes with it
+    smoother: float = 2.0
+    # standard deviation of what matching smooths, in correlation lengths of its errors
+    of_match: float = 0.85
     of_voxel: float = 0.5  # and of what voxels smooth, in voxels: both as found on drawn reefs
     # a smoothing of that standard deviation squared, times this, counts as the square of a cell
     steps: float = 4.0
@@ -115,9 +113,8 @@ def corrected(
 
     noises = _noises(noise_m, correlation_cells, draws // 2)
     mapped = both(height_m)
-    drawn = np.array(
-        [both(height_m + sign * noise) for noise in noises for sign in (1, -1)]
-    )  # what is odd cancels
+    # what is odd cancels
+    drawn = np.array([both(height_m + sign * noise) for noise in noises for sign in (1, -1)])
     fine, coarse = 2 * mapped - drawn.mean(axis=0)
     sharp = smoothing.undone(fine, coarse, scale_cells, resolved)
     raw, smooth, values = derive(mapped[0]), derive(fine), derive(sharp)

@@ -275,9 +275,8 @@ def _loops(case: int) -> list[list[int]]:
         inside = [bool(case >> corner & 1) for corner in face]
         crossed = [_EDGE_BETWEEN[frozenset((face[i - 1], face[i]))] for i in range(4)]
         for i in range(4):
-            if (
-                inside[i] and not inside[i - 1]
-            ):  # a run of corners inside begins: it ends before the next one outside
+            # a run of corners inside begins: it ends before the next one outside
+            if inside[i] and not inside[i - 1]:
                 end = next(j % 4 for j in range(i + 1, i + 4) if not inside[j % 4])
                 following[crossed[i]] = crossed[end]
     loops = []

@@ -297,9 +297,8 @@ def integrate(
                 signed, reach_m = (measured - z) * ray_length, truncation_m * stretch[row, column]
                 if signed < -reach_m:
                     continue
-                if (
-                    signed > reach_m
-                ):  # free space: as certain as a measurement at the voxel's own distance
+                # free space: as certain as a measurement at the voxel's own distance
+                if signed > reach_m:
                     w *= (measured / z) ** 4
                 total = weight[b, k, j, i] + w
                 value = min(1.0, signed / reach_m)

@@ -125,9 +125,8 @@ def _own_part(mesh: Any, tile: Tile, tiling: Tiling) -> Surface:
     """The triangles of a mesh in the tile's own column, in an order that does not hang on Open3D's
     threads.
     """
-    points = mesh.vertex.positions.numpy() + np.float32(
-        0
-    )  # -0.0 is 0.0, as in the neighboring tile
+    # -0.0 is 0.0, as in the neighboring tile
+    points = mesh.vertex.positions.numpy() + np.float32(0)
     triangles = mesh.triangle.indices.numpy()
     column = np.floor(points[triangles].mean(axis=1, dtype=np.float64)[:, :2] / tiling.tile_m)
     chosen, triangles = only_used(triangles[(column == tile.column).all(axis=1)], len(points))

@@ -119,9 +119,8 @@ def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) ->
     low = np.floor((points - reach_m) / block_m).astype(np.int64)
     high = np.floor((points + reach_m) / block_m).astype(np.int64)
     lowest = packed(*low.T)
-    x, y, z = (high - low).T << np.array(
-        [[2 * BITS], [BITS], [0]]
-    )  # 0 or 1 step along an axis, as a difference of packed numbers
+    # 0 or 1 step along an axis, as a difference of packed numbers
+    x, y, z = (high - low).T << np.array([[2 * BITS], [BITS], [0]])
     return np.unique(
         np.concatenate([lowest + i * x + j * y + k * z for i, j, k in np.ndindex(2, 2, 2)])
     )

@@ -36,22 +36,16 @@ Array = NDArray[np.float64]
 class BundleSettings:
     """How poses and points are adjusted."""
 
-    tolerances: tuple[float, ...] = (
-        1e-3,
-        1e-3,
-        1e-5,
-    )  # of the cost, when to stop, for each round: the scales of standard errors,
+    # of the cost, when to stop, for each round: the scales of standard errors,
+    tolerances: tuple[float, ...] = (1e-3, 1e-3, 1e-5)
     # which the residuals of one round give the next, are known long before a track without loops
     # has found its place
-    scales: tuple[float, float] = (
-        0.1,
-        5.0,
-    )  # limits of that factor: exact synthetic images would make errors zero
+    # limits of that factor: exact synthetic images would make errors zero
+    scales: tuple[float, float] = (0.1, 5.0)
     iterations: int = 20  # of Levenberg-Marquardt; it takes 5
     damping: float = 1e-5  # at the start: the pose graph's poses are near
-    damping_step: float = (
-        10.0  # by which it shrinks after a step that helped, and grows after one that did not
-    )
+    # by which it shrinks after a step that helped, and grows after one that did not
+    damping_step: float = 10.0
     held_std: float = 1e-6  # meters and radians, of the frame that stays where it is
 
 
@@ -169,17 +163,14 @@ def _std(problem: BundleProblem, state: State) -> Array:
 class RefinementSettings:
     """How much is adjusted at once."""
 
-    most_observations: int = (
-        1_000_000  # 0.95 GiB, half a minute; with fewer than 400 a frame nothing is won
-    )
-    most_a_frame: int = (
-        1200  # on average: what views of more overlap have beyond that leaves no less error
-    )
+    # 0.95 GiB, half a minute; with fewer than 400 a frame nothing is won
+    most_observations: int = 1_000_000
+    # on average: what views of more overlap have beyond that leaves no less error
+    most_a_frame: int = 1200
     most_frames: int = 2500  # so many have 400 each; longer tracks are adjusted by windows
     window: int = 1000  # frames, which then keep all of their observations
-    overlap: int = (
-        50  # frames that two windows share, several times the reach of an edge between neighbors
-    )
+    # frames that two windows share, several times the reach of an edge between neighbors
+    overlap: int = 50
 
 
 REFINEMENT_SETTINGS = RefinementSettings()

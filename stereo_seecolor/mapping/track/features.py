@@ -62,9 +62,8 @@ def match_descriptors(
     if min(len(a), len(b)) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     from_a = np.column_stack([-2 * a, (a * a).sum(1), np.ones(len(a), np.float32)])
-    from_b = np.column_stack(
-        [b, np.ones(len(b), np.float32), (b * b).sum(1)]
-    ).T  # one product gives squared distances
+    # one product gives squared distances
+    from_b = np.column_stack([b, np.ones(len(b), np.float32), (b * b).sum(1)]).T
     nearest, least, second = np.zeros(len(a), np.int64), *np.zeros((2, len(a)), np.float32)
     least_of_b = np.full(len(b), np.inf, np.float32)
     for start in range(0, len(a), AT_ONCE):
@@ -157,15 +156,10 @@ class ContrastSettings:
     # image
     noise: float = 0.02
     gain: float = 40.0  # gray levels for a standard deviation: three fit into 8 bits
-    offset: float = (
-        4.0  # added before the logarithm, gray levels: rounding to 8 bits makes dark pixels noisy
-    )
-    fill_px: tuple[int, ...] = (
-        9,
-        33,
-        129,
-        513,
-    )  # widths of the means that fill in what was painted black
+    # added before the logarithm, gray levels: rounding to 8 bits makes dark pixels noisy
+    offset: float = 4.0
+    # widths of the means that fill in what was painted black
+    fill_px: tuple[int, ...] = (9, 33, 129, 513)
     fill_known: float = 0.02  # of such a window: fewer known pixels make no mean
 
 
@@ -218,14 +212,12 @@ Map = NDArray[np.float32]
 class SmoothingSettings:
     """When the depth around a pixel is used."""
 
-    window_px: int = (
-        9  # inverse depths are averaged over it: as wide as their errors are correlated
-    )
+    # inverse depths are averaged over it: as wide as their errors are correlated
+    window_px: int = 9
     min_known: float = 0.6  # fraction of the window with a range
     max_spread_std: float = 3.0  # spread around a plane, in standard errors,
-    max_spread: float = (
-        0.005  # and as a fraction of the inverse depth: more is an edge, such as a fish's
-    )
+    # and as a fraction of the inverse depth: more is an edge, such as a fish's
+    max_spread: float = 0.005
     unknown_std: float = 0.01  # standard error as a fraction of the range where it is not known
 
 
@@ -321,15 +313,12 @@ class FeatureSettings:
     """How features are found."""
 
     # Both were measured: docs/lab/mapping.md.
-    max_features: int = (
-        2000  # a frame: some 300 matches remain at 60 % overlap; fewer make some tracks worse
-    )
-    max_width_px: int = (
-        640  # images are reduced to it: a track is as exact as at 960, in half of the time
-    )
-    lateral_std_px: float = (
-        0.3  # how well SIFT finds a point again (measured on the synthetic reef)
-    )
+    # a frame: some 300 matches remain at 60 % overlap; fewer make some tracks worse
+    max_features: int = 2000
+    # images are reduced to it: a track is as exact as at 960, in half of the time
+    max_width_px: int = 640
+    # how well SIFT finds a point again (measured on the synthetic reef)
+    lateral_std_px: float = 0.3
 
 
 FEATURES_SETTINGS = FeatureSettings()

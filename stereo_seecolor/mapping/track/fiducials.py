@@ -45,9 +45,8 @@ class MarkSettings:
 
     # of a rig's scale: what calibrations leave, as for measures without another statement
     rig_scale_std: float = 0.005
-    given_std: float = (
-        5e-4  # of a given length, a fraction of it: a printed tag, a bar measured by tape
-    )
+    # of a given length, a fraction of it: a printed tag, a bar measured by tape
+    given_std: float = 5e-4
     told_sigmas: float = 3.0  # beyond which a disagreement is named
     elsewhere_sigmas: float = 10.0  # of navigation, by which surveyed places may differ from it,
     elsewhere_m: float = 1.0  # and so far in any case

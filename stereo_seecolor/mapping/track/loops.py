@@ -246,9 +246,8 @@ def _reduced(describe: Description, chosen: Sequence[int]) -> Description:
     known = np.stack([vector for i in chosen if len(vector := describe(i))])
     mean = known.mean(axis=0)
     off = known - mean
-    strengths, mixes = np.linalg.eigh(
-        off @ off.T
-    )  # far smaller than the covariance of 4096 numbers
+    # far smaller than the covariance of 4096 numbers
+    strengths, mixes = np.linalg.eigh(off @ off.T)
     axes = (
         off.T
         @ mixes[:, ::-1][:, : PLACE_RECOGNITION_SETTINGS.axes][

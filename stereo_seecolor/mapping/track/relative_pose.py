@@ -208,17 +208,15 @@ class RelativePoseSettings:
     little: float = 0.25  # of a frame's features that another shows: too few are seldom found again
     min_inliers: int = 25  # fewer agree by chance, on repetitive bottoms
     min_inlier_fraction: float = 0.3  # of the matches
-    min_spread: float = (
-        0.06  # of the image's sides: points in one small corner, such as on one fish, hold no pose
-    )
+    # of the image's sides: points in one small corner, such as on one fish, hold no pose
+    min_spread: float = 0.06
     ransac_rounds: int = 300  # finds 30 % inliers by triples with 99.97 % probability
     reprojection_px: float = 3.0  # RANSAC's inliers, pixels: ten standard errors of a feature
     outlier_sigmas: float = 4.0  # scale of the Cauchy kernel, and limit of an inlier afterwards
     near_sigmas: float = 5.0  # matches within so many of a first fit take part in the second
     rounds: int = 15  # of Gauss-Newton; it takes 5
-    systematic_rad: float = (
-        5e-4  # added to the error of a turn: what calibration leaves at the image's borders
-    )
+    # added to the error of a turn: what calibration leaves at the image's borders
+    systematic_rad: float = 5e-4
     systematic_m: float = 1e-3  # added to the error of a shift, meters
 
 

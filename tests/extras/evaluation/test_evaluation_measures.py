@@ -59,9 +59,8 @@ def test_lab_agrees_with_opencv():
 
     linear = np.random.default_rng(0).uniform(0, 1, (50, 1, 3)).astype(np.float32)
     opencv = cv2.cvtColor(linear, cv2.COLOR_LRGB2Lab)
-    np.testing.assert_allclose(
-        measures.lab_from_linear(linear), opencv, atol=0.2
-    )  # OpenCV interpolates in a table
+    # OpenCV interpolates in a table
+    np.testing.assert_allclose(measures.lab_from_linear(linear), opencv, atol=0.2)
 
 
 @pytest.mark.slow

@@ -71,9 +71,8 @@ def test_another_white_is_as_bright() -> None:
     after = with_white(before, np.array([2.0, 1.0, 1.0]), np.full(3, 0.02))
     assert np.log(after.white).mean() == pytest.approx(np.log(before.white).mean())
     assert before.exposure and after.exposure
-    gray = (
-        after.exposure / before.exposure * before.white / after.white
-    )  # of what was gray of light 1 before
+    # of what was gray of light 1 before
+    gray = after.exposure / before.exposure * before.white / after.white
     assert gray @ LUMINANCE == pytest.approx(1.0)
 
 

@@ -116,9 +116,8 @@ def test_a_campaign_that_is_stopped_says_so_of_its_dive_and_goes_on(make_dive, t
         "not begun",
     ]
     campaign(write(tmp_path / "one.yaml", entries[0]))
-    stopped = campaign(
-        file, RunOptions(listener=Interrupts("ranges")), only_failed=True
-    )  # in the fit of the site's water
+    # in the fit of the site's water
+    stopped = campaign(file, RunOptions(listener=Interrupts("ranges")), only_failed=True)
     assert [found.state for found in stopped.dives] == ["done", "stopped", "not begun"]
     with stopped.table.open() as table:
         assert [row["state"] for row in csv.DictReader(table)] == ["done", "stopped", "not begun"]

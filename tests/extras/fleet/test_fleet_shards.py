@@ -191,14 +191,12 @@ def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> No
     ranges = Progress("ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected)  # as fast as expected
     assert ranges.ends_s == 1200
     assert ranges.run_ends_s == 1200 + 100 * (1 + 3)
-    light = Progress(
-        "light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected
-    )  # by two workers
+    # by two workers
+    light = Progress("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)
     assert light.ends_s is None
     assert light.run_ends_s == 1000 + 100 * (1 + 3) / 2
-    kept = Progress(
-        "ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected
-    )  # nothing tells how fast it goes
+    # nothing tells how fast it goes
+    kept = Progress("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)
     assert kept.run_ends_s is None
     assert kept.to_come == ["light", "colors"]
     tiles = Progress("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], ExpectedPasses({}))

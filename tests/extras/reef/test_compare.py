@@ -204,9 +204,8 @@ def test_bleaching_is_found_by_color(found: Comparison) -> None:
     ]
     assert [patch.kind for patch in near] == ["paler"]
     assert near[0].lightness > 5 and near[0].chroma < 0
-    assert near[0].area_cm2 == pytest.approx(
-        1e4 * np.pi * BLEACHED.radius_m**2, rel=0.6
-    )  # averaged over a window
+    # averaged over a window
+    assert near[0].area_cm2 == pytest.approx(1e4 * np.pi * BLEACHED.radius_m**2, rel=0.6)
     kinds = {
         patch.kind
         for patch in found.change.patches
@@ -484,9 +483,8 @@ def test_a_faint_change_is_found_by_the_wide_window_and_its_edge_stays_where_it_
         dz, std, ~around(patch, 3), 1.0, 0 * std, *in_spreads(dz, std, ~around(patch, 3))
     )
     ((kind, mask),) = height_patches(found, SurfaceDistances(dz, 0.5 * found.lod_m), 0.01)
-    assert (
-        kind == "growth" and mask[patch].mean() > 0.85
-    )  # by the narrow window alone 0.6, in two pieces
+    # by the narrow window alone 0.6, in two pieces
+    assert kind == "growth" and mask[patch].mean() > 0.85
     assert (mask & ~around(patch, 2)).sum() < 0.1 * patch.sum()
 
 

@@ -279,9 +279,8 @@ def test_200_known_lengths_are_found_and_their_intervals_hold(reef: FinishedRun)
     true_m, found_m, std_m = np.array(list(known_lengths(reef, 200, seed=11))).T
     relative, inside = (found_m - true_m) / true_m, abs(found_m - true_m) < 1.96 * std_m
     assert abs(found_m.sum() / true_m.sum() - 1) < 0.005
-    assert abs(relative.mean()) < 3 * relative.std() / np.sqrt(
-        relative.size
-    )  # short lines scatter by more than half a percent
+    # short lines scatter by more than half a percent
+    assert abs(relative.mean()) < 3 * relative.std() / np.sqrt(relative.size)
     assert 0.93 <= inside.mean() <= 0.97
 
 

@@ -160,12 +160,10 @@ def test_a_half_sphere_has_its_volume_surface_and_height() -> None:
     assert colony.measured.planar_m2 == pytest.approx(np.pi * RIM_M**2, rel=0.01)
     assert colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
     assert colony.measured.height_m == pytest.approx(0.15, abs=1e-3)
-    assert colony.measured.mesh_m2 == pytest.approx(
-        2 * np.pi * 0.15**2 + ring_m2, rel=0.03
-    )  # steep cells at the foot
-    assert colony.measured.surface_m2 == pytest.approx(
-        2 * np.pi * 0.15**2 + ring_m2, rel=0.05
-    )  # which three cells show less of
+    # steep cells at the foot
+    assert colony.measured.mesh_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.03)
+    # which three cells show less of
+    assert colony.measured.surface_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.05)
     assert (colony.views, colony.unseen) == (4, 0)
 
 
@@ -192,9 +190,8 @@ def test_the_mesh_counts_what_overhangs() -> None:
     terrain, errors = site(both)
     (scale, *_) = structure(both, terrain, errors)
     assert scale.mapped.rugosity_area == pytest.approx(1, abs=1e-9)
-    assert scale.mapped.mesh_rugosity == pytest.approx(
-        2, abs=0.05
-    )  # a cell at the edge is half covered
+    # a cell at the edge is half covered
+    assert scale.mapped.mesh_rugosity == pytest.approx(2, abs=0.05)
 
 
 @pytest.mark.slow
@@ -331,9 +328,10 @@ def test_outlines_that_overlap_count_what_they_share_once() -> None:
         )
         if each
     ]
+    # in whole cells
     assert sum(each.planar_m2 for each in cover(inner, 1.0)) == pytest.approx(
         inner[0].measured.planar_m2, rel=0.01
-    )  # in whole cells
+    )
 
 
 def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:
@@ -375,9 +373,8 @@ def test_terrain_is_surer_where_more_frames_saw_it(fused: Path) -> None:
     errors = terrain_errors(posed, terrain)
     assert errors.views.max() >= 3
     once, often = errors.views == 1, errors.views == 3
-    single_m = (
-        0.004 * 1.5**2
-    )  # straight below; further out the range and its error grow, and the ray leans
+    # straight below; further out the range and its error grow, and the ray leans
+    single_m = 0.004 * 1.5**2
     assert np.nanmin(errors.std_m[once]) == pytest.approx(single_m, rel=0.2)
     assert np.nanmedian(errors.std_m[often]) == pytest.approx(single_m / np.sqrt(3), rel=0.25)
     assert np.isnan(errors.std_m[errors.views == 0]).all()
@@ -512,9 +509,8 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: Samp
     with rasterio.open(made.folder / "dem.tif") as file:
         assert np.isfinite(file.read(1)).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2)
     with rasterio.open(made.folder / "orthomosaic.tif") as file:
-        assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(
-            made.area_m2, rel=0.005
-        )  # edges, in other cells
+        # edges, in other cells
+        assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2, rel=0.005)
     assert metrics(sample_run.out).area_m2 == pytest.approx(made.area_m2)
     facts = DiveFacts.of(open_run(sample_run.out))
     said = digits(made.area_m2)

@@ -53,9 +53,8 @@ def odometry(suffix: str, number: int) -> Sent:
 
 def images() -> list[Sent]:
     pixels = np.zeros((8, 8, 3), np.uint8)
-    return [
-        raw(f"{camera}/image_raw", START_NS, pixels, "rgb8") for camera in (LEFT, RIGHT)
-    ]  # stamped with the frame "camera"
+    # stamped with the frame "camera"
+    return [raw(f"{camera}/image_raw", START_NS, pixels, "rgb8") for camera in (LEFT, RIGHT)]
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

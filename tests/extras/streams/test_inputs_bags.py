@@ -473,9 +473,8 @@ def test_a_cut_bag_is_read_as_far_as_it_goes(suffix, compressed_chunks, tmp_path
     if compressed_chunks:
         ros2 = [CompressionMode.STORAGE, CompressionFormat.ZSTD]
         options = {"compression": [Writer1.CompressionFormat.LZ4] if suffix == ".bag" else ros2}
-    noise = np.random.default_rng(0).integers(
-        0, 256, (120, 160, 3), np.uint8
-    )  # cannot be compressed: several chunks
+    # cannot be compressed: several chunks
+    noise = np.random.default_rng(0).integers(0, 256, (120, 160, 3), np.uint8)
     stamps = [START_NS + i * STEP_NS for i in range(40)]
     sent = [
         raw(f"{camera}/image_raw", stamp, noise, "rgb8")

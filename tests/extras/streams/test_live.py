@@ -490,9 +490,8 @@ def test_a_geometry_keeps_its_rays_at_a_smaller_size() -> None:
     pair = RectifiedPair(600.0, 320.2, 318.0, 251.7, 0.12, (643, 501))
     small = smaller(pair, 2)
     assert small.image_size == (321, 250)
-    center = np.array(
-        [10.5, 20.5]
-    )  # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
+    # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
+    center = np.array([10.5, 20.5])
     rays = (center - (pair.cx_left_px, pair.cy_px)) / pair.focal_px
     np.testing.assert_allclose(
         (np.array([5, 10]) - (small.cx_left_px, small.cy_px)) / small.focal_px, rays

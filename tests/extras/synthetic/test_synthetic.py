@@ -235,10 +235,8 @@ def test_waters_take_red_first_and_light_away_with_depth(name: WaterName) -> Non
     assert white_patch.max() < 1.0
     if name != "turbid":  # whose veil takes room
         assert white_patch.max() > 0.9
-    for altitude_m in (
-        1.5,
-        4.0,
-    ):  # in turbid water the veil is then three times the patch's own light
+    # in turbid water the veil is then three times the patch's own light
+    for altitude_m in (1.5, 4.0):
         water = lit_water(name, 10.0, 10.0 - altitude_m, altitude_m).water
         seen = water.white * water.attenuation(np.array(altitude_m)) + water.backscatter(
             np.array(altitude_m)

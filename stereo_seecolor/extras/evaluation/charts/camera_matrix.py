@@ -164,9 +164,8 @@ def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, in
             mean = np.average(np.nan_to_num(color[:, patch]), axis=0, weights=w)
             own = float(np.sqrt(1 / w.sum()))
             brightest = float(of[0].published[patch].max())
-            least = max(
-                SETTINGS.print_error * brightest, SETTINGS.least_error
-            )  # more charts do not tell what a patch's paint is
+            # more charts do not tell what a patch's paint is
+            least = max(SETTINGS.print_error * brightest, SETTINGS.least_error)
             found.append((mean, of[0].published[patch], max(own, least)))
             colored += patch not in range(len(error[0]))[of[0].type.grays]
     if not found:

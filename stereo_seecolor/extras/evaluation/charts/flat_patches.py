@@ -66,9 +66,8 @@ def pyramid(picture: Floats) -> Iterator[tuple[Levels, float]]:
     """The image (H, W, 3) at twice its size, then halved repeatedly; each with the width of its
     pixels in those of the image.
     """
-    levels = np.asarray(
-        picture * 65535, np.uint16
-    )  # morphology is several times faster on whole numbers
+    # morphology is several times faster on whole numbers
+    levels = np.asarray(picture * 65535, np.uint16)
     sized = _resized(levels, 2.0)
     for octave in range(FLAT_PATCHES_LIMITS.octaves):
         if min(sized.shape[:2]) < FLAT_PATCHES_LIMITS.window_px:

@@ -302,9 +302,8 @@ def simplify(
     longest_m: no new edge is longer.
     """
     position = np.ascontiguousarray(position_m, np.float64)
-    position = position - (
-        position.mean(axis=0) if len(position) else 0
-    )  # quadrics lose digits far from the origin
+    # quadrics lose digits far from the origin
+    position = position - (position.mean(axis=0) if len(position) else 0)
     left = np.array(triangles, np.int32, order="C")
     head, link = _corners(left, len(position))
     distance2 = collapse_edges(position, left, boundary_edges(left), head, link, bound_m, longest_m)

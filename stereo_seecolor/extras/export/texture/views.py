@@ -263,9 +263,8 @@ def choose(found: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
     ).astype(np.int32)
     rng = np.random.default_rng(0)
     for _ in range(SWEEPS):
-        turn = np.flatnonzero(
-            rng.random(len(cost)) < 0.5
-        )  # half at a time: two neighbors must not swap for ever
+        # half at a time: two neighbors must not swap for ever
+        turn = np.flatnonzero(rng.random(len(cost)) < 0.5)
         beside = np.where(across[turn] >= 0, label[across[turn]], -1)
         differ = (beside[:, None, :] != found.view[turn, :, None]) & (beside[:, None, :] >= 0)
         total = cost[turn] + SEAM * differ.sum(axis=2)

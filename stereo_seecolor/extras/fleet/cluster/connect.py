@@ -91,11 +91,8 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
 
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
 
-    with (
-        dask.config.set(DASK_SETTINGS),
-        _hushed("distributed.client"),
-        opener() as opened,
-    ):  # what it logs is raised, too
+    # what it logs is raised, too
+    with dask.config.set(DASK_SETTINGS), _hushed("distributed.client"), opener() as opened:
         try:
             client: Any = Client(  # type: ignore[no-untyped-call]
                 opened.where,
@@ -155,9 +152,8 @@ def _local(workers: int) -> Iterator[OpenedCluster]:
             started = ends.enter_context(_scheduler(workers, scratch, run_keys(f"local:{workers}")))
             yield OpenedCluster(started, revive=lambda: started.scale(workers))
             return
-        start = ends.enter_context(
-            starter()
-        )  # before the scheduler, whose threads it must not copy
+        # before the scheduler, whose threads it must not copy
+        start = ends.enter_context(starter())
         keys = run_keys(f"local:{workers}")
         started = _scheduler(0, scratch, keys)
         ends.callback(started.close)
@@ -238,9 +234,8 @@ def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
         except (TypeError, ValueError) as error:
             raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
         ends.enter_context(started)
-        with _hushed(
-            "tornado.application", "asyncio"
-        ):  # who tell of a refused job at length, before it is said in one line
+        # who tell of a refused job at length, before it is said in one line
+        with _hushed("tornado.application", "asyncio"):
             _submit(started, content, f"{kind}:{file}")
         revive = (lambda: None) if content.adaptive else lambda: started.scale(jobs=content.jobs)
         yield OpenedCluster(

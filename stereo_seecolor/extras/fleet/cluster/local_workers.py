@@ -123,9 +123,8 @@ def _forked() -> tuple[BinaryIO, Callable[[], object]]:
 
 
 def _started_anew() -> tuple[BinaryIO, Callable[[], object]]:
-    path = os.pathsep.join(
-        filter(None, [str(ROOT), *sys.path])
-    )  # what this process finds, workers must find
+    # what this process finds, workers must find
+    path = os.pathsep.join(filter(None, [str(ROOT), *sys.path]))
     line = f"import sys; from {__name__} import serve; serve(sys.stdin.buffer)"
     started = subprocess.Popen(
         [sys.executable, "-P", "-c", line],
@@ -157,11 +156,8 @@ def serve(pipe: BinaryIO) -> None:
     """Keep the number of workers that was ordered through the pipe, until it closes; then end them
     and delete their files.
     """
-    for name in (
-        "SIGINT",
-        "SIGTERM",
-        "SIGHUP",
-    ):  # of the terminal or the batch system: the client decides what they mean
+    # of the terminal or the batch system: the client decides what they mean
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
@@ -240,11 +236,8 @@ def _work(orders: Orders) -> None:
     import dask
     from distributed import Worker
 
-    for name in (
-        "distributed",
-        "stereo_seecolor",
-        "calibration",
-    ):  # the client's, where this is a copy of it
+    # the client's, where this is a copy of it
+    for name in ("distributed", "stereo_seecolor", "calibration"):
         logging.getLogger(name).handlers.clear()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
 

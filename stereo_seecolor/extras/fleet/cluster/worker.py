@@ -208,7 +208,6 @@ def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
 @lru_cache(maxsize=WORKS_KEPT)
 def _unpickled(work: Parcel) -> Callable[[Any], Any]:
     content = work.read_bytes() if isinstance(work, SharedFile) else work
-    function: Callable[[Any], Any] = pickle.loads(
-        content
-    )  # from the client that this worker serves
+    # from the client that this worker serves
+    function: Callable[[Any], Any] = pickle.loads(content)
     return function

@@ -32,9 +32,8 @@ class ColorSettings:
 
     rounds: int = 8  # of the fit between both surveys' colors
     window_cells: int = 7  # colors are averaged over it: details need not meet to the cell
-    least_sigma: float = (
-        2.0  # CIELAB units: colors of one spot seldom differ less from dive to dive
-    )
+    # CIELAB units: colors of one spot seldom differ less from dive to dive
+    least_sigma: float = 2.0
 
 
 COLOR_CHANGE_SETTINGS = ColorSettings()
@@ -115,9 +114,8 @@ Kind = Literal["growth", "loss", "paler", "darker", "other color"]
 class PatchSettings:
     """When changed ground is a patch."""
 
-    seed_sigmas: float = (
-        5.0  # of a mean over a window: somewhere in a patch it is at least so far off
-    )
+    # of a mean over a window: somewhere in a patch it is at least so far off
+    seed_sigmas: float = 5.0
     # and everywhere so far, or in a mean over a wide window; since that reaches beyond a patch,
     edge_sigmas: float = 2.5
     faint_sigmas: float = 1.0  # then by itself so far, and
@@ -127,12 +125,10 @@ class PatchSettings:
     # its volume over its standard error: a site has hundreds of places for a patch, and three are
     # met by chance
     sure_sigmas: float = 5.0
-    seen: float = (
-        0.1  # of its cells beyond their level of detection have a distance along the normal, and
-    )
-    on_surface: float = (
-        0.5  # of those also differ along the normal: at an edge, heights differ where nothing moved
-    )
+    # of its cells beyond their level of detection have a distance along the normal, and
+    seen: float = 0.1
+    # of those also differ along the normal: at an edge, heights differ where nothing moved
+    on_surface: float = 0.5
 
 
 PATCHES_SETTINGS = PatchSettings()
@@ -179,9 +175,8 @@ def height_patches(
             np.maximum(narrow, faint), _inside(narrow, faint), PATCHES_SETTINGS.fewest_cells
         ):
             volume, std = volume_l(found, mask, cell_m)
-            seen = (
-                mask & known
-            ).sum()  # where something tall is gone, few cylinders reach both surfaces
+            # where something tall is gone, few cylinders reach both surfaces
+            seen = (mask & known).sum()
             agrees = (
                 seen >= PATCHES_SETTINGS.seen * (mask & clear).sum()
                 and moved[mask & known].sum() > PATCHES_SETTINGS.on_surface * seen

@@ -35,16 +35,11 @@ class DifferenceSettings:
     fewest: int = 200  # cells in a bin: its 95 % quantile is then known to 2 % of the cells
     window_cells: int = 5  # differences are averaged over it to tell change from noise,
     wide_cells: int = 9  # and over this where a change is faint
-    sharing_cells: tuple[int, ...] = (
-        5,
-        11,
-        21,
-        41,
-    )  # squares for which it is learned how many cells share one error
+    # squares for which it is learned how many cells share one error
+    sharing_cells: tuple[int, ...] = (5, 11, 21, 41)
     sharing_stable: float = 0.7  # of such a square must be stable
-    sharing_fewest: int = (
-        10  # such squares side by side, or larger ones are taken to be as the last
-    )
+    # such squares side by side, or larger ones are taken to be as the last
+    sharing_fewest: int = 10
     change_sigmas: float = 4.0  # of such a mean, beyond which ground is not taken to be stable
     grow_cells: int = 3  # around it neither
     rounds: int = 3

@@ -24,9 +24,8 @@ class M3c2Settings:
     """The cylinder."""
 
     radius_cells: float = 2.5
-    neighbors: int = (
-        24  # of each surface that are tried: a disk of this radius holds about 20 vertices
-    )
+    # of each surface that are tried: a disk of this radius holds about 20 vertices
+    neighbors: int = 24
     # vertices within a cylinder whose errors are one: those of ranges reach over a few voxels
     correlated: float = 9.0
     fewest: int = 4  # in the cylinder

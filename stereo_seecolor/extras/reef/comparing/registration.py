@@ -252,9 +252,8 @@ class RegistrationSettings:
     """When a registration is accepted."""
 
     tolerance_cells: float = 3.0  # matched points that lie nearer agree
-    fewest: int = (
-        12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
-    )
+    # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
+    fewest: int = 12
     fraction: float = 0.05  # of the matches; RANSAC finds no motion below
     apart_cells: float = 5.0  # most that registrations by features and by surfaces may differ
     # of the ground over both must fit: what moved cannot be told from what did not otherwise

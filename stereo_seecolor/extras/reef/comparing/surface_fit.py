@@ -66,9 +66,8 @@ def surface_fit(a: SiteMesh, b: SiteMesh, T: Array, reach_m: float) -> SurfaceFi
             np.float64,
         )
         T = found.moved(T, step)
-        reach_m = max(
-            min(reach_m, 6 * found.spread_m), first_reach_m / 2
-        )  # vertices lie a voxel apart
+        # vertices lie a voxel apart
+        reach_m = max(min(reach_m, 6 * found.spread_m), first_reach_m / 2)
         if np.abs(step[:3]).max() * found.size_m + np.abs(step[3:]).max() < SETTINGS.settled_m:
             break
     found = _Distances.of(a, tree, transformed(T, moving), reach_m)

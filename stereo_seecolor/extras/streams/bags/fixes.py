@@ -28,9 +28,8 @@ class FixConstants:
 
     most: int = 20_000  # of more fixes every second one is taken, or fewer: poses are interpolated
     reach_s: float = 0.5  # a fix without attitude or pressure so near has none
-    surface_pa: float = (
-        101_325.0  # standard atmosphere: the weather changes it by 2%, 0.2 m of water
-    )
+    # standard atmosphere: the weather changes it by 2%, 0.2 m of water
+    surface_pa: float = 101_325.0
     pa_m: float = 1025.0 * 9.81  # pressure of a meter of sea water of 15 degrees
 
 

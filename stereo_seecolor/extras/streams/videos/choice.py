@@ -121,10 +121,11 @@ def _chosen(
         )
     else:
         pairs = pairs[np.unique(pairs[:, 0] // config.video_every, return_index=True)[1]]
+    # a frame that cannot be decoded has a number, but no signals
     numbers = [
         file.index.numbers_at(side.times_s[column])
         for file, side, column in zip(files, signals, pairs.T, strict=True)
-    ]  # a frame that cannot be decoded has a number, but no signals
+    ]
     return FrameChoice(tuple(numbers[0].tolist()), tuple(numbers[1].tolist()), notes)
 
 

@@ -14,14 +14,12 @@ Array = NDArray[np.float64]
 class LagLimits:
     """Decides what counts as evidence."""
 
-    step_s: float = (
-        0.01  # of the grid of the first search: a third of a frame at 30 frames a second
-    )
+    # of the grid of the first search: a third of a frame at 30 frames a second
+    step_s: float = 0.01
     overlap_s: float = 3.0  # shorter overlaps agree by chance
     overlap_fraction: float = 0.25  # of the shorter recording
-    correlation: float = (
-        0.6  # of the best lag; of unrelated motion the best of all lags has 0.2 to 0.5
-    )
+    # of the best lag; of unrelated motion the best of all lags has 0.2 to 0.5
+    correlation: float = 0.6
     # the best lag's correlation less that of any other peak: a swell of one period repeats itself
     lead: float = 0.15
     # clocks of two cameras differ by some 10 ppm (quartz: at most 50); a drift known worse than

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.extras.streams.videos.lags import LIMITS, Array, Lag, coarse_lag, straight_lag
 from stereo_seecolor.inputs.video_file import SOUND_RATE_HZ, opened, video_stream
 
-ENVELOPE_HZ = (
-    100  # of the loudness that gives the first estimate: half a period is far below REACH_S
-)
+# of the loudness that gives the first estimate: half a period is far below REACH_S
+ENVELOPE_HZ = 100
 WINDOW_S, REACH_S = 2.0, 0.1
 """Pieces of sound that are compared, and how far about the first estimate."""
 

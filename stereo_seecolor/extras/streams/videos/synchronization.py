@@ -28,9 +28,8 @@ from stereo_seecolor.robust_statistics import deviation
 class SyncLimits:
     """Decides what is believed."""
 
-    flash_sigmas: float = (
-        12.0  # a rise of brightness from one frame to the next, against the usual ones
-    )
+    # a rise of brightness from one frame to the next, against the usual ones
+    flash_sigmas: float = 12.0
     flash_gray: float = 8.0  # and in gray values: less is a fish
     # image widths a second: the picture stands still, and what moves is noise (0.0005 on a static
     # scene)
@@ -209,9 +208,8 @@ def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
     times = [_flash(signals) for signals in (left, right)]
     if times[0] is None or times[1] is None:
         return None
-    std_s = float(
-        np.hypot(left.frame_s, right.frame_s) / np.sqrt(12)
-    )  # it came at any time between two frames
+    # it came at any time between two frames
+    std_s = float(np.hypot(left.frame_s, right.frame_s) / np.sqrt(12))
     return Lag(times[1] - times[0], std_s, 0.0, 50e-6, times[0])
 
 
