@@ -151,11 +151,9 @@ def show(rate_hz: float, found: dict[str, Any]) -> None:
     )
     print(
         f"{rate_hz:g} Hz: image {image[0]:.0f} / {image[1]:.0f} ms, products {products[0]:.0f} / "
-        f"{products[1]:.0f} ms "
-        f"(median / p95); {found['done']} done, {found['dropped']} passed over, {found['failed']} "
-        "failed; "
-        f"{1000 * found['processor_s']:.0f} ms of processor a pair; {found['peak_mib']:.0f} MiB "
-        f"{found['reduced']}",
+        f"{products[1]:.0f} ms (median / p95); {found['done']} done, {found['dropped']} passed "
+        f"over, {found['failed']} failed; {1000 * found['processor_s']:.0f} ms of processor a "
+        f"pair; {found['peak_mib']:.0f} MiB {found['reduced']}",
         flush=True,
     )
 

@@ -77,8 +77,7 @@ def main(counts: list[int]) -> None:
         found = len(np.unique(true)) / count
         print(
             f"| {count} | {wall_s:.0f}, {cpu_s:.0f} | {len(pairs)} | {len(true) / len(pairs):.1%} "
-            f"| {found:.1%} | {again_s:.0f} | "
-            f"{len(near)} | {peak:.2f} |",
+            f"| {found:.1%} | {again_s:.0f} | {len(near)} | {peak:.2f} |",
             flush=True,
         )
 

@@ -319,8 +319,7 @@ def main(folder: Path, pairs: int) -> None:
             summary = build_map(survey, survey.pair, out, MappingConfig(), trajectory)
             print(
                 f"{name}: {summary.seconds:.0f} s, components {summary.components}, without a "
-                "place "
-                f"{[u.name for u in summary.unplaced]}, {summary.warnings}"
+                f"place {[u.name for u in summary.unplaced]}, {summary.warnings}"
             )
         columns[name] = score(survey, out)
     print(f"| | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")

@@ -96,10 +96,9 @@ def compare(
         ]
         fraction = 100 * known.sum() / np.isfinite(truth).sum()
         print(
-            f"{name:14s} {way:24s} {1e3 * median(seconds[way]):6.0f} ms  known {fraction:5.1f} %"
-            f"  bad-1 {rates[0]:5.2f}  bad-2 {rates[1]:5.2f}  | seen by both: bad-1 "
-            f"{rates[2]:5.2f}  bad-2 {rates[3]:5.2f}"
-            f"  median error {np.median(error[known & both]):.3f} px",
+            f"{name:14s} {way:24s} {1e3 * median(seconds[way]):6.0f} ms  known {fraction:5.1f} %  "
+            f"bad-1 {rates[0]:5.2f}  bad-2 {rates[1]:5.2f}  | seen by both: bad-1 {rates[2]:5.2f}  "
+            f"bad-2 {rates[3]:5.2f}  median error {np.median(error[known & both]):.3f} px",
             flush=True,
         )
 

@@ -102,9 +102,8 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
             "calibrated in air: behind a flat port under water, ranges come out about a quarter "
-            "wrong; calibrate in water, "
-            f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and its "
-            "thickness)"
+            f"wrong; calibrate in water, or describe the port: --set input.flat_port={FLAT_PORT} "
+            "(lens to window, and its thickness)"
         )
     return tuple(found)
 
@@ -116,10 +115,9 @@ def placement_suspicions(rig: StereoRig) -> list[str]:
     if x_m < -abs(y_m):
         found.append(
             f"the right camera stands {-x_m:.3f} m to the LEFT of the left one: so it is where "
-            "cameras are mounted upside down, or "
-            "where left and right are exchanged in the calibration and the folders alike; "
-            "otherwise left and right are swapped, or "
-            "the transform is inverted: check it on images of the dive"
+            "cameras are mounted upside down, or where left and right are exchanged in the "
+            "calibration and the folders alike; otherwise left and right are swapped, or the "
+            "transform is inverted: check it on images of the dive"
         )
     plan = plan_rectification(rig)
     if abs(plan.diagonal_deg) > DIAGONAL_DEG:
@@ -139,8 +137,7 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > SUSPICIONS_LIMITS.center_offset:
         found.append(
             f"{side}: the principal point ({cx:.0f}, {cy:.0f}) lies far from the middle of "
-            f"{width}x{height} px: "
-            f"is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
+            f"{width}x{height} px: is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
         )
     if abs(fx / fy - 1) > SUSPICIONS_LIMITS.aspect:
         found.append(f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, and pixels are square")
@@ -275,9 +272,8 @@ def _points_near_rows(
     if len(left) < MIN_MATCHES:
         raise CalibrationError(
             f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, "
-            f"{MIN_MATCHES} are needed: "
-            "give pairs with texture, and see whether both images show the same scene at the same "
-            "time"
+            f"{MIN_MATCHES} are needed: give pairs with texture, and see whether both images show "
+            "the same scene at the same time"
         )
     return left, right, numbers
 

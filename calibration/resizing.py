@@ -40,11 +40,9 @@ def refuse_other_resolution(rig: StereoRig, where: str) -> None:
         made = tuple(round(2 * float(center)) for center in rig.left.K[:2, 2])
         raise CalibrationError(
             f"{where}: its principal points lie in the middle of images of about "
-            f"{made[0]}x{made[1]} px, and these are of "
-            f"{_text(images)}: if they were resized since, run: stereo-seecolor convert-calib "
-            f"{where} resized.yaml "
-            f"--size WIDTHxHEIGHT --resize {_text(images)} with the size of the images that it "
-            "was made with"
+            f"{made[0]}x{made[1]} px, and these are of {_text(images)}: if they were resized "
+            f"since, run: stereo-seecolor convert-calib {where} resized.yaml --size WIDTHxHEIGHT "
+            f"--resize {_text(images)} with the size of the images that it was made with"
         )
 
 
@@ -74,9 +72,8 @@ def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") 
         return f"{mismatch}, {_other_shape(images, calibrated)}"
     return (
         f"{mismatch}, {factor:.4g} times the size: if the whole images were binned or resized, "
-        "run: stereo-seecolor convert-calib "
-        f"{calib} resized.yaml --resize {_text(images)}; if they were cut out, use the "
-        "calibration made at this resolution"
+        f"run: stereo-seecolor convert-calib {calib} resized.yaml --resize {_text(images)}; if "
+        "they were cut out, use the calibration made at this resolution"
     )
 
 

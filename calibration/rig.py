@@ -180,9 +180,8 @@ class Camera:
         ):
             raise CalibrationError(
                 "camera matrix K is transposed, as MATLAB's IntrinsicMatrix, its center in its "
-                f"last row, {self.K[2].tolist()}: "
-                "transpose it; of a file of MATLAB also transpose the rotation and take 1 from "
-                "both numbers of the center"
+                f"last row, {self.K[2].tolist()}: transpose it; of a file of MATLAB also transpose "
+                "the rotation and take 1 from both numbers of the center"
             )
         if not np.array_equal(self.K[2], [0, 0, 1]) or self.K[1, 0] != 0:
             raise CalibrationError(
@@ -317,8 +316,7 @@ class StereoRig:
         if isinstance(self.port, FlatPort) and self.medium != "air":
             raise CalibrationError(
                 "port: a flat port is for cameras calibrated in air; a calibration made in water "
-                "holds the port already: "
-                "remove the port, or say medium: air"
+                "holds the port already: remove the port, or say medium: air"
             )
         _check_baseline(T[:3, 3], self.R)
 

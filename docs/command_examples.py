@@ -8,8 +8,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stereo-seecolor run --left left --right right --calib cam.yaml --out survey --set "
         "color.lock=survey --json",
         "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --set "
-        "color.lock=survey "
-        "--poses trajectory.tum --fuse",
+        "color.lock=survey --poses trajectory.tum --fuse",
     ),
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
     "check": (

@@ -269,12 +269,10 @@ class Motion:
     def advice(self) -> str:
         """What is wrong and what to do."""
         return (
-            f"neighboring pairs fit each other only with {self._figures}: images shifted along "
-            "the baseline (a cut-out, "
-            "stabilization, another mode, a wrong principal point), a camera turned sideways or "
-            "another focal length, which rows "
-            "hardly show: give images of the calibrated mode, or calibrate again, and compare a "
-            "known length"
+            f"neighboring pairs fit each other only with {self._figures}: images shifted along the "
+            "baseline (a cut-out, stabilization, another mode, a wrong principal point), a camera "
+            "turned sideways or another focal length, which rows hardly show: give images of the "
+            "calibrated mode, or calibrate again, and compare a known length"
         )
 
     @property

@@ -62,8 +62,7 @@ LIMITS = RowLimits()
 RECTIFIED = "the images are rectified already"
 GIVE_RECTIFIED = (
     "give the calibration of the rectified images (rectified.yaml, P of ROS, P1 and P2 of OpenCV, "
-    "or one focal length without "
-    "distortion and rotation), or the raw images"
+    "or one focal length without distortion and rotation), or the raw images"
 )
 
 
@@ -143,9 +142,8 @@ class RowCheck:
         """
         if self.one_picture:
             return (
-                f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart "
-                "in the images (median): give the "
-                "other camera's images on one of the sides"
+                f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart in "
+                "the images (median): give the other camera's images on one of the sides"
             )
         if self.rectified_already:
             return (
@@ -249,11 +247,9 @@ class RowCheck:
         if self.air_in_water:
             advice.append(
                 f"light bent by a flat port (index {self.index:.2f}) explains the rows, "
-                f"{self.index_unexplained_px:.2f} px left "
-                f"instead of {self.unexplained_px:.2f} px: it looks like a calibration made in "
-                "air; calibrate in water, "
-                f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and "
-                "its thickness)"
+                f"{self.index_unexplained_px:.2f} px left instead of {self.unexplained_px:.2f} px: "
+                "it looks like a calibration made in air; calibrate in water, or describe the "
+                f"port: --set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
             )
         elif self.cut_out:
             factor = self.enlargement.factor
@@ -265,11 +261,9 @@ class RowCheck:
             )
             advice.append(
                 f"images cut out of the calibrated ones and enlarged about {factor:.2f} times, to "
-                "their size, explain the "
-                f"rows, {self.enlargement.unexplained_px:.2f} px left instead of "
-                f"{self.unexplained_px:.2f} px: ranges would be "
-                f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of "
-                "this (or of the stabilized) "
+                f"their size, explain the rows, {self.enlargement.unexplained_px:.2f} px left "
+                f"instead of {self.unexplained_px:.2f} px: ranges would be {1 / factor:.2f} of the "
+                "true ones; give the whole images, or a calibration of this (or of the stabilized) "
                 f"mode{air}"
             )
         else:
@@ -288,9 +282,8 @@ class RowCheck:
         verdict = "acceptable" if self.acceptable else "NOT acceptable"
         return [
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
-            f"{self.row_error_px:.2f} px (median); "
-            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll "
-            f"{self.roll_deg:+.3f} degrees leave "
+            f"{self.row_error_px:.2f} px (median); offset {self.offset_px:+.2f} px, vertical scale "
+            f"{self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
             f"{self.unexplained_px:.2f} px",
             *(
                 []
@@ -309,10 +302,9 @@ class RowCheck:
         if not self._is_drift:
             return (
                 f"a vertical disparity of {self.row_error_px:.2f} px, of which {cause} leave "
-                f"{self.unexplained_px:.2f} px: "
-                f"{self._between}pairs that are not of one moment, another lens or another rig "
-                "than the calibrated one, moving "
-                "things or a shutter out of step"
+                f"{self.unexplained_px:.2f} px: {self._between}pairs that are not of one moment, "
+                "another lens or another rig than the calibrated one, moving things or a shutter "
+                "out of step"
             )
         moved = (
             f"a vertical disparity of {self.row_error_px:.2f} px, as after {cause}: a camera "
@@ -337,10 +329,8 @@ class RowCheck:
             return ""
         return (
             f", or the images are cut out of the calibrated ones and enlarged {factor:.2f} times "
-            "to their size (stabilized, a "
-            f"digital zoom), which would leave {left_px:.2f} px: ranges would be {1 / factor:.2f} "
-            "of the true ones, and "
-            "refining would hide it"
+            f"to their size (stabilized, a digital zoom), which would leave {left_px:.2f} px: "
+            f"ranges would be {1 / factor:.2f} of the true ones, and refining would hide it"
         )
 
 

@@ -76,9 +76,8 @@ WHOLE_RIG = (
 ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}
 READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)
 NO_POSE = (
-    "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into "
-    "a third file and give a folder "
-    "with all three"
+    "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into a "
+    "third file and give a folder with all three"
 )
 MAX_AROUND = 3  # mappings around a calibration: /ns, ros__parameters, stereo
 Size = tuple[int, int]

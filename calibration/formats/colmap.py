@@ -23,8 +23,7 @@ Size = tuple[int, int]
 CAMERAS, RIGS = ("cameras.txt of COLMAP", "rigs.txt of COLMAP")
 MODEL_SCALE = (
     "the rig of a COLMAP model has the scale of the model, metric only if that was given one: "
-    "measure a known length, or give the "
-    "rig that was calibrated"
+    "measure a known length, or give the rig that was calibrated"
 )
 MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
     "SIMPLE_PINHOLE": (1, (), "pinhole"),
@@ -67,8 +66,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     if not lenses:
         raise CalibrationError(
             f"{document.where}: holds cameras and no rig: give the file of the rig too, as "
-            "rigs.txt,cameras.txt or "
-            "rig_config.json,cameras.txt"
+            "rigs.txt,cameras.txt or rig_config.json,cameras.txt"
         )
     T = poses[1] @ inverse_transform(poses[0])
     T[:3, 3], doubts = to_meters(T[:3, 3], None)

@@ -175,9 +175,8 @@ def _camera(section: Section, image_size: Size | None) -> Camera:
         )
     else:
         raise CalibrationError(
-            f"{section.where}: no 'K' (nor IntrinsicMatrix): MATLAB's fisheye and other models "
-            "are not supported; "
-            "calibrate with the standard model"
+            f"{section.where}: no 'K' (nor IntrinsicMatrix): MATLAB's fisheye and other models are "
+            "not supported; calibrate with the standard model"
         )
     K[:2, 2] -= 1  # MATLAB's first pixel is 1
     radial, tangential = (

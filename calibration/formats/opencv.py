@@ -123,8 +123,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     if pose is None:
         raise CalibrationError(
             f"{document.where}: holds no R and T between the cameras: give the extrinsics file "
-            "too, with a comma between "
-            "(two single-camera calibrations hold no stereo geometry)"
+            "too, with a comma between (two single-camera calibrations hold no stereo geometry)"
         )
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
     rigs = []

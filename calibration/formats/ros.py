@@ -114,8 +114,7 @@ def transform_of_projections(
     if not all(P[0, 0] * P[1, 1] > 0 for P in projections):
         raise CalibrationError(
             "a projection matrix has no focal length, or one of another sign across than down: "
-            "calibrate the two cameras as a "
-            "stereo pair"
+            "calibrate the two cameras as a stereo pair"
         )
     rotations = [
         (TURNED @ R if P[0, 0] < 0 else R) for R, P in zip(rotations, projections, strict=True)
@@ -125,8 +124,7 @@ def transform_of_projections(
     if not offset.any():
         raise CalibrationError(
             "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations "
-            "without a baseline; "
-            "calibrate the two cameras as a stereo pair"
+            "without a baseline; calibrate the two cameras as a stereo pair"
         )
     return rigid(rotations[1].T @ rotations[0], rotations[1].T @ offset)
 

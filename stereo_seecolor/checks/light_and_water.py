@@ -132,8 +132,7 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     if given and np.nanmedian(rates[:, 0] / rates[:, 1]) < LEAST_RED_TO_GREEN:
         return (
             f"{said}: red less than green, as in brown water alone: if it was not brown, the maps "
-            "hold near and far exchanged, as "
-            "disparities and inverse depth do",
+            "hold near and far exchanged, as disparities and inverse depth do",
         )
     cause = (
         "the unit of the maps (input.range_units_per_m)"

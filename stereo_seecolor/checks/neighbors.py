@@ -151,9 +151,8 @@ def constant_shift(
         )
     return (
         f"left and right are {counted(abs(shifts.pop()), 'image')} out of step: {example}, alike "
-        f"in {counted(len(sample), 'pair')} "
-        "over the dive: number both sides alike, or correct the clock in the names of one (of "
-        "videos: input.video_offset_s)"
+        f"in {counted(len(sample), 'pair')} over the dive: number both sides alike, or correct the "
+        "clock in the names of one (of videos: input.video_offset_s)"
     )
 
 
@@ -216,10 +215,8 @@ def _slip(
     first, last, images = misfits[0][1].name, misfits[-1][1].name, counted(abs(shift), "image")
     return (
         f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are "
-        f"{images} out of step: "
-        f"{_fits(pair, other)}; {short} lacks {images} before {first}, or {long} holds too many: "
-        "number both sides alike from "
-        "there on"
+        f"{images} out of step: {_fits(pair, other)}; {short} lacks {images} before {first}, or "
+        f"{long} holds too many: number both sides alike from there on"
     )
 
 

@@ -101,8 +101,7 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
     tested = f"; vertical disparity {rows.row_error_px:.2f} px" if rows else ""
     return [
         f"calibration: {calibration.path} ({calibration.format}): cameras {arranged}, baseline "
-        f"{rig.baseline_m * 1000:.1f} mm, "
-        f"focal length {rig.focal_px:.0f} px{tested}"
+        f"{rig.baseline_m * 1000:.1f} mm, focal length {rig.focal_px:.0f} px{tested}"
     ]
 
 
@@ -118,8 +117,7 @@ def _measured_lines(measured: "SampleMeasures") -> list[str]:
     light = "strobes or lamps" if measured.strobes else "daylight"
     return [
         f"range: {measured.median_range_m:.2f} m (median), known for {measured.coverage:.0%} of "
-        "the pixels; "
-        f"{measured.ground_resolution_m * 1000:.2f} mm a pixel",
+        f"the pixels; {measured.ground_resolution_m * 1000:.2f} mm a pixel",
         f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the "
         "corners",
         f"a run takes about {_duration(measured.seconds)} here and "

@@ -65,8 +65,7 @@ Bag = Annotated[
         "--bag",
         "BAG",
         "ROS bag instead of two folders: .bag, .db3, .mcap, or the folder of a split bag. A "
-        "calibration is then optional: the "
-        "default is the camera_info of the bag.",
+        "calibration is then optional: the default is the camera_info of the bag.",
     ),
 ]
 Topics = Annotated[

@@ -212,8 +212,7 @@ def _rig_lines(rig: "RigFacts") -> list[str]:
         f"{rig.camera_model} cameras of {width}x{height} px, baseline "
         f"{rig.baseline_m * 1000:.1f} mm, calibrated in {rig.medium}",
         f"rectified: focal length {rig.focal_px:.1f} px, {rig.field_deg:.0f} degrees across; a "
-        "point at 1 m has a disparity of "
-        f"{rig.disparity_at_1_m_px:.1f} px",
+        f"point at 1 m has a disparity of {rig.disparity_at_1_m_px:.1f} px",
     ]
     if rig.port == "flat":
         listed = ", ".join(f"{error:.2%} at {range_m:.2g} m" for range_m, error in rig.port_error)

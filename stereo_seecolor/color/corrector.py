@@ -240,6 +240,5 @@ class Corrector:
         if water.input_encoding != self.config.input_encoding:
             raise ColorError(
                 f"water: was fitted to images read as {water.input_encoding}, and these are read "
-                f"as {self.config.input_encoding}; "
-                f"set color.input_encoding={water.input_encoding}"
+                f"as {self.config.input_encoding}; set color.input_encoding={water.input_encoding}"
             )

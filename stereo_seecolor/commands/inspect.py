@@ -105,9 +105,8 @@ def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[
     if doubtful:
         problems.append(
             f"no name says which images are left and which right, and {sides.left} and "
-            f"{sides.right} show too little in common to "
-            "be the two sides: give them by hand, a folder for each or a pattern ('*/im0.png' and "
-            "'*/im1.png')"
+            f"{sides.right} show too little in common to be the two sides: give them by hand, a "
+            "folder for each or a pattern ('*/im0.png' and '*/im1.png')"
         )
     elif sides.guessed:
         problems.append("no name says which side is left and which right: they were taken in order")
@@ -117,9 +116,8 @@ def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[
     if sides.others:
         problems.append(
             f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: "
-            f"{sides.others[0]}: each pair of "
-            "them is a run of its own, which stereo-seecolor campaign does one after the "
-            f"other{_together(sides)}"
+            f"{sides.others[0]}: each pair of them is a run of its own, which stereo-seecolor "
+            f"campaign does one after the other{_together(sides)}"
         )
     return tuple(problems)
 
@@ -267,8 +265,7 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
     if left.bits == right.bits == FLOAT_BITS:
         raise InputError(
             f"{sides.left} and {sides.right}: hold floating-point numbers, images need 8 or 16 "
-            "bits a channel: save them as "
-            "16-bit PNG or TIFF (values of 0 to 1 times 65535)"
+            "bits a channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times 65535)"
         )
     if FLOAT_BITS in (left.bits, right.bits):
         command = shlex.join(
@@ -433,9 +430,8 @@ def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) 
             problems.append(tested.mistake.line)
         elif not tested.fitting:
             problems.append(
-                "no sample pair shows one scene with this calibration: bring left and right "
-                "images of the same moments together "
-                "first, or give the calibration of this rig"
+                "no sample pair shows one scene with this calibration: bring left and right images "
+                "of the same moments together first, or give the calibration of this rig"
             )
         elif tested.rows is None:
             problems.append(

@@ -64,15 +64,13 @@ class PaperConfig(StageConfig):
         default=20,
         ge=1,
         description="Steps on a frame of a stream, from the water of the frame before: in live, "
-        "with a number as lock, and with lock "
-        "frame where run finds that it shows the same spots. live takes fewer where --budget-ms "
-        "leaves no time for them.",
+        "with a number as lock, and with lock frame where run finds that it shows the same spots. "
+        "live takes fewer where --budget-ms leaves no time for them.",
     )
     final_sigmoid: bool = Field(
         default=False,
         description="true: the backscatter network ends in a sigmoid, as printed. false: its two "
-        "intensities pass through one "
-        "each.",
+        "intensities pass through one each.",
     )
 
 
@@ -82,8 +80,7 @@ class ColorConfig(StageConfig):
     method: Literal["robust", "paper"] = Field(
         default="robust",
         description="robust: physics with a white point, from quantiles of color over range. "
-        "paper: DeepSeeColor as published, its "
-        "two networks trained by Adam.",
+        "paper: DeepSeeColor as published, its two networks trained by Adam.",
     )
 
     @field_validator("method", mode="before")
@@ -98,11 +95,10 @@ class ColorConfig(StageConfig):
     lock: Literal["auto", "frame", "survey"] | Annotated[int, Field(ge=1)] = Field(
         default="auto",
         description="auto: one water for all frames that share it; where they do not (several "
-        "sites, a change of depth), one for "
-        "each segment of the dive. correct, whose pictures may be unrelated, takes auto as frame. "
-        "frame: each frame its own water. "
-        "survey: one water for all frames. A number, such as 20: the water of so many last frames "
-        "together; live takes 20 where no number is set.",
+        "sites, a change of depth), one for each segment of the dive. correct, whose pictures may "
+        "be unrelated, takes auto as frame. frame: each frame its own water. survey: one water for "
+        "all frames. A number, such as 20: the water of so many last frames together; live takes "
+        "20 where no number is set.",
     )
 
     @property
@@ -123,10 +119,9 @@ class ColorConfig(StageConfig):
     camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
         default="auto",
         description="auto: a gain for each frame, from spots that several frames of run show, "
-        "where that makes them agree better. "
-        "fixed: the camera held its exposure through the survey. brightness: each frame is "
-        "brought to one exposure by its "
-        "brightness at equal ranges.",
+        "where that makes them agree better. fixed: the camera held its exposure through the "
+        "survey. brightness: each frame is brought to one exposure by its brightness at equal "
+        "ranges.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
@@ -137,24 +132,20 @@ class ColorConfig(StageConfig):
     lights: Literal["auto", "none"] = Field(
         default="auto",
         description="auto: the pattern of lamps and lens over picture and range, and sunlight and "
-        "shadows that move, are solved "
-        "from spots that several frames of run show, and divided out where that makes them agree "
-        "better. "
-        "none: nothing is divided out.",
+        "shadows that move, are solved from spots that several frames of run show, and divided out "
+        "where that makes them agree better. none: nothing is divided out.",
     )
     median_luminance: float = Field(
         default=0.18,
         gt=0,
         le=0.5,
         description="How bright frames are shown: the median luminance of all frames that share a "
-        "water, in linear light, as a "
-        "fraction of full scale. 0.18 is mid-gray. Light above it is compressed where the "
-        "brightest would clip. Not for images read as as-is.",
+        "water, in linear light, as a fraction of full scale. 0.18 is mid-gray. Light above it is "
+        "compressed where the brightest would clip. Not for images read as as-is.",
     )
     unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
         default="interpolate",
         description="What is painted where no range was measured. interpolate: corrected with a "
-        "range carried over from measured "
-        "neighbors of the same color (mask 2; range/ stays as measured). black: black. raw: the "
-        "pixel as the camera saw it.",
+        "range carried over from measured neighbors of the same color (mask 2; range/ stays as "
+        "measured). black: black. raw: the pixel as the camera saw it.",
     )

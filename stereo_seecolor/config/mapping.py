@@ -79,9 +79,8 @@ class MappingConfig(StageConfig):
     engine: str = Field(
         default="tiles",
         description="What fuses the frames. tiles: weighs each measurement by its standard error. "
-        "open3d: Open3D's VoxelBlockGrid, "
-        "equal weights (needs the open3d extra). Or one that another package adds "
-        "(docs/extending.md).",
+        "open3d: Open3D's VoxelBlockGrid, equal weights (needs the open3d extra). Or one that "
+        "another package adds (docs/extending.md).",
     )
     voxel_m: float | None = Field(
         default=0.01,
@@ -100,9 +99,8 @@ class MappingConfig(StageConfig):
     crs: Literal["auto", "utm", "local"] = Field(
         default="auto",
         description="Coordinates of all products. auto: meters around the survey's origin on "
-        "Earth, where the poses say it, by "
-        "transverse Mercator at scale 1. utm: of its UTM zone (needs the geo extra). local: "
-        "meters without a place on Earth.",
+        "Earth, where the poses say it, by transverse Mercator at scale 1. utm: of its UTM zone "
+        "(needs the geo extra). local: meters without a place on Earth.",
     )
     fixes: FilePath | None = Field(
         default=None,
@@ -114,9 +112,8 @@ class MappingConfig(StageConfig):
     poses: Literal["given", "prior"] = Field(
         default="prior",
         description="How a trajectory is used. prior: frames are placed by its poses and by the "
-        "pictures, each weighted by its "
-        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are taken "
-        "as they are, for exact poses.",
+        "pictures, each weighted by its errors (needs the slam extra, GTSAM; without it as given). "
+        "given: its poses are taken as they are, for exact poses.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",

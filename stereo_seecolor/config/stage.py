@@ -67,32 +67,27 @@ class InputConfig(StageConfig):
     )
     bayer: Literal["auto", "none", "rggb", "bggr", "gbrg", "grbg"] = Field(
         default="auto",
-        description="Color filter pattern of single-channel raw images, by the first two pixels "
-        "of the first two rows. auto: "
-        "recognized from pairs spread over the dive, assuming that red is darker than blue; "
-        "correct, and live with folders, "
-        "take auto as none.",
+        description="Color filter pattern of single-channel raw images, by the first two pixels of "
+        "the first two rows. auto: recognized from pairs spread over the dive, assuming that red "
+        "is darker than blue; correct, and live with folders, take auto as none.",
     )
     significant_bits: Literal["auto", None, 10, 12, 14] = Field(
         default="auto",
         description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); "
-        "scaled to full. auto: the "
-        "fewest that hold the values of pairs spread over the dive; correct, and live with "
-        "folders, take all 16. none: all 16.",
+        "scaled to full. auto: the fewest that hold the values of pairs spread over the dive; "
+        "correct, and live with folders, take all 16. none: all 16.",
     )
     channels: Literal["rgb", "bgr"] = Field(
         default="rgb",
-        description="bgr: the files hold blue in the place of red, as pictures of OpenCV that "
-        "were written by another library do. "
-        "A run names images that look like it.",
+        description="bgr: the files hold blue in the place of red, as pictures of OpenCV that were "
+        "written by another library do. A run names images that look like it.",
     )
     range_units_per_m: float | None = Field(
         default=None,
         gt=0,
         description="Of range maps given to correct and evaluate: how many of their units are a "
-        "meter: 1000 for millimeters, "
-        "100 for centimeters, 5000 for TUM RGB-D, 256 for KITTI. Not set: 1 for floating point, "
-        "1000 for integers.",
+        "meter: 1000 for millimeters, 100 for centimeters, 5000 for TUM RGB-D, 256 for KITTI. Not "
+        "set: 1 for floating point, 1000 for integers.",
     )
     right_half_first: bool = Field(
         default=False,
@@ -113,10 +108,8 @@ class InputConfig(StageConfig):
     flat_port: str | None = Field(
         default=None,
         description="For cameras that were calibrated in air and look through flat windows under "
-        "water: the distance from lens "
-        "to window and the thickness of the window, such as 30mm:10mm; a third length is the "
-        "range at which ranges are exact "
-        "(1.5m).",
+        "water: the distance from lens to window and the thickness of the window, such as "
+        "30mm:10mm; a third length is the range at which ranges are exact (1.5m).",
     )
     video_step: float = Field(
         default=1.0,
@@ -133,8 +126,7 @@ class InputConfig(StageConfig):
     video_offset_s: float | None = Field(
         default=None,
         description="Of two videos, the time to add to that of a left frame to get that of the "
-        "right one, seconds. Not set: "
-        "measured.",
+        "right one, seconds. Not set: measured.",
     )
 
     @property

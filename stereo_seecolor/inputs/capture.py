@@ -229,8 +229,7 @@ class ExposureTable:
         if not name or not (exposure or gain):
             raise InputError(
                 f"{path}: needs a header with a column of file names ({', '.join(NAMES)}) and "
-                "exposure or gain "
-                f"({', '.join((*EXPOSURES, *GAINS))})"
+                f"exposure or gain ({', '.join((*EXPOSURES, *GAINS))})"
             )
         rows = {}
         for row in reader:

@@ -181,8 +181,7 @@ def stored_notes(given: InputConfig, found: InputConfig) -> tuple[str, ...]:
     if found.bayer != given.bayer and found.bayer != "none":
         notes.append(
             f"input: raw images with a color filter pattern, taken for {found.bayer}, red for "
-            "darker than blue: if colors come out "
-            "exchanged, set input.bayer"
+            "darker than blue: if colors come out exchanged, set input.bayer"
         )
     if found.significant_bits != given.significant_bits and found.significant_bits is not None:
         notes.append(

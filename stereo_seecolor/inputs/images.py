@@ -82,9 +82,8 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(
             f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel: save it "
-            "as a 16-bit PNG or TIFF "
-            "(values of 0 to 1 times 65535), and for linear light add --set "
-            "color.input_encoding=linear"
+            "as a 16-bit PNG or TIFF (values of 0 to 1 times 65535), and for linear light add "
+            "--set color.input_encoding=linear"
         )
     if isinstance(config.significant_bits, int):
         pixels = _scale_to_full(pixels, config.significant_bits, path)

@@ -283,8 +283,7 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         apart = f" (time stamps are {off_s[len(off_s) // 2]:.3f} s apart, median)" if off_s else ""
         raise InputError(
             f"{where}: no left image matches a right one by name or time stamp{example}{apart}: "
-            "give both the same stem, or set "
-            "input.timestamp_tolerance_s"
+            "give both the same stem, or set input.timestamp_tolerance_s"
         )
     if not notes and config.pairing != "name":
         matching.say_how_far(config.timestamp_tolerance_s)

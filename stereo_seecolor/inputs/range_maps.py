@@ -52,9 +52,8 @@ def decode_range_map(content: bytes, path: Path, units_per_m: float | None) -> M
     if stored.kind not in "fiu" or (stored.itemsize == 1 and units_per_m is None):
         raise InputError(
             f"{path}: holds {stored} pixels, a range map is meters in floating point or "
-            "millimeters in 16 bits or more; pictures "
-            "of 8 bits, as networks for single images write them (near is bright: inverse depth), "
-            "have no scale"
+            "millimeters in 16 bits or more; pictures of 8 bits, as networks for single images "
+            "write them (near is bright: inverse depth), have no scale"
         )
     known = np.isfinite(values) & (values > 0)
     if not known.any() and len(np.unique(values[values < 0])) > 1:
@@ -174,8 +173,7 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
     except ImportError as error:
         raise InputError(
             f"{path}: is an OpenEXR file, which needs a library: pip install "
-            "'stereo-seecolor[exr]', or convert it to a TIFF of "
-            "floating point"
+            "'stereo-seecolor[exr]', or convert it to a TIFF of floating point"
         ) from error
     try:
         with OpenEXR.File(io.BytesIO(content), separate_channels=True) as file:
@@ -270,8 +268,7 @@ def _plausible(range_m: Map, path: Path, units_per_m: float) -> Map:
         )
         raise InputError(
             f"{path}: its median is {middle:.4g} m, read as {read_as}, which no range under water "
-            f"is: {_SET_UNITS}; a disparity or "
-            "an inverse depth is to be converted first"
+            f"is: {_SET_UNITS}; a disparity or an inverse depth is to be converted first"
         )
     with np.errstate(invalid="ignore"):
         return np.where(range_m <= FARTHEST_M, range_m, np.float32(np.nan))

@@ -103,9 +103,8 @@ def find_sides(places: Sequence[Path]) -> Sides:
         return _in_one_folder(folder)
     hint = unread_hint(str(path) for folder in folders for path in sorted(folder.rglob("*")))
     raise InputError(
-        f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no "
-        "videos were found, up to "
-        f"{DEEPEST} folders deep: give the folders of the two sides{hint}"
+        f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos "
+        f"were found, up to {DEEPEST} folders deep: give the folders of the two sides{hint}"
     )
 
 

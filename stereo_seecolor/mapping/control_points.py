@@ -48,9 +48,8 @@ class ControlFit:
 
 
 UPSIDE_DOWN = (
-    "the surveyed places put the bottom above the cameras: are x and y (east and north) "
-    "exchanged, or two markers, or is z "
-    "positive downward?"
+    "the surveyed places put the bottom above the cameras: are x and y (east and north) exchanged, "
+    "or two markers, or is z positive downward?"
 )
 
 

@@ -50,9 +50,8 @@ def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None
     if voxel_m < finest_m:
         raise MappingError(
             f"mapping.voxel_m={voxel_m:g}: a pixel of these images covers "
-            f"{1000 * typical_m / geometry.focal_px:.2g} mm at "
-            f"{typical_m:.2g} m; finer voxels than an eighth of that hold nothing: set it to at "
-            f"least {finest_m:.2g}"
+            f"{1000 * typical_m / geometry.focal_px:.2g} mm at {typical_m:.2g} m; finer voxels "
+            f"than an eighth of that hold nothing: set it to at least {finest_m:.2g}"
         )
     if voxel_m > typical_m / LIMITS.voxels_a_range:
         raise MappingError(
@@ -76,9 +75,8 @@ def check_extent(component: Component, voxel_m: float) -> None:
     """Raise MappingError for a survey too long for its voxels."""
     if component.reach_m > LIMITS.float32_reach * voxel_m:
         raise MappingError(
-            f"a part of the survey reaches {component.reach_m / 1000:.3g} km from its middle, "
-            f"more than {LIMITS.float32_reach:.0f} "
-            "voxels: set mapping.voxel_m to at least "
+            f"a part of the survey reaches {component.reach_m / 1000:.3g} km from its middle, more "
+            f"than {LIMITS.float32_reach:.0f} voxels: set mapping.voxel_m to at least "
             f"{component.reach_m / LIMITS.float32_reach:.2g}"
         )
 
@@ -108,10 +106,9 @@ def _check_tiles(tiling: Tiling, cell_m: float, available: float) -> None:
         fit_m = max(tiling.tile_m * np.sqrt(available / needed), 2 * block_m)
         raise MappingError(
             f"a tile of {tiling.tile_m:.3g} m with voxels of {tiling.voxel_m:g} m and terrain "
-            f"cells of {cell_m:g} m needs about "
-            f"{needed / 1e9:.3g} GB of memory, a map may take {available / 1e9:.3g}: set "
-            f"mapping.tile_m to {fit_m:.2g}, or larger "
-            "mapping.voxel_m and mapping.dem_m"
+            f"cells of {cell_m:g} m needs about {needed / 1e9:.3g} GB of memory, a map may take "
+            f"{available / 1e9:.3g}: set mapping.tile_m to {fit_m:.2g}, or larger mapping.voxel_m "
+            "and mapping.dem_m"
         )
 
 
@@ -136,9 +133,8 @@ def _check_squares(square_m: float, cell_m: float, available: float) -> None:
     if needed > available:
         raise MappingError(
             f"mapping.metrics_m={square_m:g}: a square of terrain cells of {cell_m:g} m needs "
-            f"about {needed / 1e9:.3g} GB "
-            f"of memory, a map may take {available / 1e9:.3g}: set it to at most "
-            f"{square_m * np.sqrt(available / needed):.2g}"
+            f"about {needed / 1e9:.3g} GB of memory, a map may take {available / 1e9:.3g}: set it "
+            f"to at most {square_m * np.sqrt(available / needed):.2g}"
         )
 
 

@@ -98,9 +98,8 @@ class Navigation:
             )
         text = (
             f"given poses against the pictures: {self.position_residual_m:.3f} m and "
-            f"{self.attitude_residual_deg:.2f} degrees "
-            f"a relative pose, medians of {self.relative_poses}; depths of overlapping frames "
-            "differ by "
+            f"{self.attitude_residual_deg:.2f} degrees a relative pose, medians of "
+            f"{self.relative_poses}; depths of overlapping frames differ by "
             f"{self.depth_residual_m:.3f} m, by the pictures' poses {self.depth_noise_m:.3f} m"
         )
         if np.isfinite(self.position_std_m):
@@ -296,15 +295,13 @@ def _lever_advice(arm_m: Array) -> str:
     right, down, forward = arm_m
     return (
         f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera "
-        f"({right:+.2f} right, {down:+.2f} down, "
-        f"{forward:+.2f} forward), which was taken into account: where they are a vehicle's, set "
-        "mapping.mount.xyz_m"
+        f"({right:+.2f} right, {down:+.2f} down, {forward:+.2f} forward), which was taken into "
+        "account: where they are a vehicle's, set mapping.mount.xyz_m"
     )
 
 
 def _turn_advice(turn: Turn, config: MappingConfig) -> str:
     return (
         f"the camera is turned by {turn.angle_deg:.1f} degrees against the given poses, which was "
-        "taken into account: where they "
-        f"are a vehicle's, set {mount_with(turn, config.mount)}"
+        f"taken into account: where they are a vehicle's, set {mount_with(turn, config.mount)}"
     )

@@ -160,8 +160,7 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
         return []
     return [
         f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the pictures: "
-        "their scale is off, or the "
-        "calibration's (square size, baseline, calibrated in air)"
+        "their scale is off, or the calibration's (square size, baseline, calibrated in air)"
     ]
 
 

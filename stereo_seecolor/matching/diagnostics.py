@@ -313,9 +313,8 @@ class PairCheck:
         self._check_swapped(name, matched, raw)
         if too_little:
             raise MatchingError(
-                f"{name}: only {matched:.1%} of the pixels match: {NO_OVERLAP} (are they of "
-                "one pair?), or "
-                "all of it lies outside matching.min_range_m to matching.max_range_m"
+                f"{name}: only {matched:.1%} of the pixels match: {NO_OVERLAP} (are they of one "
+                "pair?), or all of it lies outside matching.min_range_m to matching.max_range_m"
             )
         return range_map
 
@@ -346,6 +345,5 @@ class PairCheck:
 def _without_texture(show: str, matched: float) -> str:
     return (
         f"only {matched:.1%} of the pixels match: {show} too little texture to match (open water, "
-        "even sand, turbid water, a dark "
-        "frame): no range is known"
+        "even sand, turbid water, a dark frame): no range is known"
     )

@@ -56,9 +56,8 @@ class SurveyFrames(Lazy[SurveyFrame]):
         if run.stale:
             raise InputError(
                 f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
-                "latest settings, and "
-                f"{len(run.stale)} are of earlier ones ({run.stale[0]}): run the same line again "
-                "first"
+                f"latest settings, and {len(run.stale)} are of earlier ones ({run.stale[0]}): run "
+                "the same line again first"
             )
         if not run.frames or any("corrected" not in frame.products for frame in run.frames):
             raise InputError(

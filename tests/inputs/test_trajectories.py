@@ -22,8 +22,7 @@ EAST_UP = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])
 
 OPLAB = (
     "relative_path,northing [m],easting [m],depth [m],roll [deg],pitch [deg],heading "
-    "[deg],altitude [m],timestamp [s],"
-    "latitude [deg],longitude [deg]\n"
+    "[deg],altitude [m],timestamp [s],latitude [deg],longitude [deg]\n"
 )
 ACFR_HEAD = "% STEREO_POSE_FILE VERSION 2\n%\nORIGIN_LATITUDE -23.5\nORIGIN_LONGITUDE 152.0\n"
 

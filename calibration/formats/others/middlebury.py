@@ -30,8 +30,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     if document.has("cam1") and abs(K_right[0, 2] - K_left[0, 2] - doffs_px) > 0.01:
         raise CalibrationError(
             f"{document.where}: doffs: {doffs_px:g} px, but cam1 and cam0 differ by "
-            f"{K_right[0, 2] - K_left[0, 2]:g} px in cx: "
-            "one is wrong"
+            f"{K_right[0, 2] - K_left[0, 2]:g} px in cx: one is wrong"
         )
     K_right[0, 2] = K_left[0, 2] + doffs_px
     T = np.eye(4)

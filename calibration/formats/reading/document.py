@@ -108,8 +108,7 @@ def _read_text(path: Path) -> str:
         if path.suffix.lower() == ".mat":
             raise CalibrationError(
                 f"{path}: is not a MAT-file of MATLAB 5 or later: save it again, with -v7 (in "
-                "Octave "
-                "too)"
+                "Octave too)"
             ) from error
         raise CalibrationError(
             f"{path}: is not text (byte {error.start}): a calibration is a text file, is it the "
@@ -449,7 +448,6 @@ def foreign(text: str) -> str | None:
         if re.search(pattern, text, re.MULTILINE):
             return (
                 f"holds {name}, which is not read here: write both cameras and the transform "
-                "between them as cam.yaml, "
-                "the native file of docs/calibration.md"
+                "between them as cam.yaml, the native file of docs/calibration.md"
             )
     return None

@@ -114,10 +114,9 @@ class SurveyLight:
             before, after = luminance.before, luminance.after
             parts.append(
                 f"brightness corrected for {luminance.use}: views of one spot differ by "
-                f"{_percent(after.between_views)} "
-                f"(before: {_percent(before.between_views)}), frames by "
-                f"{_percent(after.between_frames)} "
-                f"(before: {_percent(before.between_frames)})"
+                f"{_percent(after.between_views)} (before: {_percent(before.between_views)}), "
+                f"frames by {_percent(after.between_frames)} (before: "
+                f"{_percent(before.between_frames)})"
             )
         if luminance.use.pattern:
             parts.append(f"the uneven light is known to {_percent(luminance.error)}{self._loose}")

@@ -277,9 +277,8 @@ class OtherResults:
             if files.keys().isdisjoint(stems):
                 raise InputError(
                     f"{method}: none of its images is called like one of those to be scored: its "
-                    f"first is {min(files)!r}, "
-                    f"theirs is {min(stems)!r}: give its images the names of those that they were "
-                    "made from"
+                    f"first is {min(files)!r}, theirs is {min(stems)!r}: give its images the names "
+                    "of those that they were made from"
                 )
 
     def corrected(self, stem: str, shape: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:

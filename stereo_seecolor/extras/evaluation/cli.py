@@ -185,8 +185,7 @@ def water(
         if [poses is not None, chart, bool(white or sand)].count(True) != 1:
             raise InputError(
                 "water: give --poses FILE for attenuation and backscatter; or for the white point "
-                "--chart, or spots by --white or "
-                "--sand"
+                "--chart, or spots by --white or --sand"
             )
         result = (
             measure_water(out, poses, settings.load(run=out))
@@ -215,10 +214,8 @@ def truth_text(report: "TruthReport") -> str:
             f"{len(report.frames)} frames against truth, means over frames; no result for "
             f"{len(report.missing)} frames",
             f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off "
-            "by over 1 px "
-            f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured "
-            f"{ranges.coverage:.1%} of the pixels that "
-            "both cameras see",
+            f"by over 1 px {ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured "
+            f"{ranges.coverage:.1%} of the pixels that both cameras see",
         )
         + table(
             ("color", "corrected", "raw image"),
@@ -397,6 +394,5 @@ def _matrix_lines(result: "MeasuredWater") -> list[str]:
         f"color matrix, from {found.patches} patches (noise of red, green, blue times {noise}):",
         *rows,
         f"  median CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with "
-        f"it, {found.left_out:.1f} on "
-        "patches left out of the fit",
+        f"it, {found.left_out:.1f} on patches left out of the fit",
     ]

@@ -307,8 +307,7 @@ def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
         if abs(value - expected) > GEOMETRY_TOLERANCE * abs(expected):
             raise InputError(
                 f"{out}: was made with another calibration than that of {truth}: its {name} is "
-                f"{value:.9g}, not {expected:.9g}: "
-                "give the truth of the dive that was run"
+                f"{value:.9g}, not {expected:.9g}: give the truth of the dive that was run"
             )
 
 
@@ -322,6 +321,5 @@ def _check_images(frames: Iterable[FinishedFrame], out: Path, truth: Path) -> No
         ):
             raise InputError(
                 f"{out}: was made from other images than those beside {truth}: {image} is not the "
-                f"image {frame.name} of the run: "
-                "give the truth of the dive that was run"
+                f"image {frame.name} of the run: give the truth of the dive that was run"
             )

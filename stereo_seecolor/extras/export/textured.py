@@ -63,11 +63,10 @@ class Textured:
         )
         seen, frames = float((self.charts.of_face >= 0).mean()), len(np.unique(self.charts.view))
         return (
-            f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices "
-            f"lie at most {largest_mm:.2f} mm "
-            f"from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} mm); texture at the images' "
-            f"{pixel_mm:.2f} mm a pixel "
-            f"from {frames} frames, on {seen:.1%} of the triangles"
+            f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices lie "
+            f"at most {largest_mm:.2f} mm from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} "
+            f"mm); texture at the images' {pixel_mm:.2f} mm a pixel from {frames} frames, on "
+            f"{seen:.1%} of the triangles"
         )
 
 

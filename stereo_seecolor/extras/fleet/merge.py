@@ -108,8 +108,7 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
         if part.shard.of != first.of:
             raise InputError(
                 f"{given[first].root} is shard {first}, and {part.root} is shard {part.shard}: "
-                "merge shards of one cut: "
-                "those of two hold pairs twice or leave some out"
+                "merge shards of one cut: those of two hold pairs twice or leave some out"
             )
     of = max((shard.of for shard in given), default=0)
     missing = tuple(
@@ -134,8 +133,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         if part.settings != first.settings or part.run.config != first.run.config:
             raise InputError(
                 f"{part.root}: was made with other settings or another rig than {first.root}: run "
-                "it again with the same "
-                "--calib and --config"
+                "it again with the same --calib and --config"
             )
     pipeline = Pipeline(load_rig(str(first.rig)), first.run.config)
     if pipeline.settings != first.settings:

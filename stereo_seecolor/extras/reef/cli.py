@@ -232,9 +232,8 @@ def comparison_text(found: "Comparison") -> str:
     if found.joint:
         head.append(
             f"joint graph: {found.joint.pairs} pairs of frames move the second track by "
-            f"{1000 * found.joint.bent_m:.1f} mm RMS; to "
-            "take that out, fuse it with --poses second_track.tum --set "
-            "mapping.poses_of=rectified --set mapping.poses=given"
+            f"{1000 * found.joint.bent_m:.1f} mm RMS; to take that out, fuse it with --poses "
+            "second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
         )
     return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
 

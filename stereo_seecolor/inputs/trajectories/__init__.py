@@ -26,12 +26,10 @@ from stereo_seecolor.records import Trajectory
 
 FORMATS = (
     "TUM, KITTI, TartanAir, transforms.json (NeRF), reconstruction.json (OpenSfM), COLMAP "
-    "images.txt, "
-    "Metashape cameras (XML) and reference (text), oplab, "
-    "ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2), NMEA, GPX, KML tracks, ROS bags, "
-    "tables of poses or navigation whose header names the columns; or any table with a map of its "
-    "columns, "
-    " nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
+    "images.txt, Metashape cameras (XML) and reference (text), oplab, ACFR stereo_pose_est.data, "
+    "ORCA, Matisse (CSV and dim2), NMEA, GPX, KML tracks, ROS bags, tables of poses or navigation "
+    "whose header names the columns; or any table with a map of its columns,  "
+    "nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
 )
 
 _Reader = Callable[[Lines, MountConfig], Trajectory]

@@ -76,9 +76,8 @@ def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> 
         )
     raise MappingError(
         f"the {len(trajectory.T_world_camera)} poses of the trajectory cannot be matched to the "
-        f"{len(index.names)} frames: no "
-        f"common names (for example {trajectory.names[0]!r} and {index.names[0]!r}), no common "
-        "times, not the same number"
+        f"{len(index.names)} frames: no common names (for example {trajectory.names[0]!r} and "
+        f"{index.names[0]!r}), no common times, not the same number"
     )
 
 
@@ -162,8 +161,7 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
         trajectory = replace(trajectory, timestamps_s=trajectory.timestamps_s + offset_s)
         warnings.append(
             "the times of the poses and of the frames count from different starts; there are as "
-            "many, in the same rhythm: "
-            f"{offset_s:.3f} s were added to those of the poses"
+            f"many, in the same rhythm: {offset_s:.3f} s were added to those of the poses"
         )
     finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
     if not finite.all():
@@ -276,8 +274,7 @@ def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
     by = f"{abs(ahead_h):.3f} h" if abs(ahead_h) < DAYS_H else f"{abs(ahead_h) / 24:.3f} days"
     return (
         f"it begins {by} {'after' if ahead_h > 0 else 'before'} the first frame: if one clock "
-        "showed local time, "
-        "or was not set, shift the times of the file by that"
+        "showed local time, or was not set, shift the times of the file by that"
     )
 
 
@@ -337,8 +334,7 @@ def at_fixes(
             T[frames] = fit.T @ T[frames]
             warnings.append(
                 f"the track lies by {len(fixed)} fixes, which scatter by {fit.scatter_m:.1f} m "
-                "about it; its heading is known to "
-                f"{fit.heading_std_deg:.0f} degrees"
+                f"about it; its heading is known to {fit.heading_std_deg:.0f} degrees"
             )
             continue
         reason = f"{len(fixed)} fixes along its track do not tell its heading"

@@ -316,17 +316,15 @@ class MarkersFit:
         if off > SETTINGS.told_sigmas * rig:
             warnings.append(
                 f"the markers say that the rig's ranges must be {100 * (self.scale - 1):+.2f} % "
-                "longer; calibrations seldom are "
-                f"off by more than {100 * rig:.1f} %: calibrate in water, or look whether the "
-                "lengths are right"
+                f"longer; calibrations seldom are off by more than {100 * rig:.1f} %: calibrate in "
+                "water, or look whether the lengths are right"
             )
         for name, check in self.after.items():
             std = float(np.hypot(check.std, SETTINGS.given_std))
             if abs(check.ratio - 1) > SETTINGS.told_sigmas * std:
                 warnings.append(
-                    f"{name}: with all of the markers the map still says {check.ratio:.5f} of "
-                    "what was given, "
-                    f"{abs(check.ratio - 1) / std:.0f} standard errors off"
+                    f"{name}: with all of the markers the map still says {check.ratio:.5f} of what "
+                    f"was given, {abs(check.ratio - 1) / std:.0f} standard errors off"
                 )
         return (
             (*warnings, f"surveyed places: {self.control.doubt}")

@@ -27,8 +27,7 @@ from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
-    "mapping.markers do not constrain the map: that needs GTSAM and, "
-    "where poses are given, "
+    "mapping.markers do not constrain the map: that needs GTSAM and, where poses are given, "
     "mapping.poses=prior"
 )
 

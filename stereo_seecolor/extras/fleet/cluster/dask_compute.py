@@ -203,9 +203,8 @@ class DaskCompute:
             except KilledWorker as error:
                 raise ClusterError(
                     f"{self._name}: {named(batch)} ended {error.allowed_failures + 1} workers, "
-                    "most likely for want of memory: "
-                    "give workers more memory, or fewer threads (docs/fleets.md); what is done is "
-                    "kept"
+                    "most likely for want of memory: give workers more memory, or fewer threads "
+                    "(docs/fleets.md); what is done is kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
                 raise self._gone(error) from error

@@ -125,10 +125,9 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
         evidence, code = (*evidence, Evidence("time code", code)), None
     if not evidence:
         raise NoEvidence(
-            f"{left} and {right}: nothing tells how their clocks run: no sound, flash or time "
-            "code in common, and pictures move "
-            "too little, or in waves that repeat; clap or turn the rig next time, or set "
-            "input.video_offset_s"
+            f"{left} and {right}: nothing tells how their clocks run: no sound, flash or time code "
+            "in common, and pictures move too little, or in waves that repeat; clap or turn the "
+            "rig next time, or set input.video_offset_s"
         )
     best = min(evidence, key=lambda item: item.lag.std_s).lag
     if rig is not None and (
@@ -139,9 +138,8 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     _refuse_disagreement(left, right, evidence)
     if best.std_s > min(item.frame_s for item in signals) / 2:
         raise InputError(
-            f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not "
-            "to half a frame: set "
-            "input.video_offset_s"
+            f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not to "
+            "half a frame: set input.video_offset_s"
         )
     return replace(paired(signals, best, evidence), time_code=code)
 
@@ -162,10 +160,9 @@ def paired(
         usual, rest_ms = float(np.median(moved)), 1000 * float(np.sqrt(np.mean(rest_s**2)))
         raise InputError(
             f"the two frames of a pair are {rest_ms:.1f} ms apart, in which the picture moves by "
-            f"{usual:.2%} of its width: "
-            f"{1920 * usual:.1f} px of false disparity at 1920 px; film at a higher rate or move "
-            "more slowly, or set "
-            f"input.video_offset_s={lag.offset_s:.4f} to take them all the same"
+            f"{usual:.2%} of its width: {1920 * usual:.1f} px of false disparity at 1920 px; film "
+            f"at a higher rate or move more slowly, or set input.video_offset_s={lag.offset_s:.4f} "
+            "to take them all the same"
         )
     return VideoSync(
         lag, evidence, pairs[good], rest_s[good], moved[good], int((~good).sum()), signals
@@ -229,9 +226,8 @@ def _refuse_disagreement(left: Path, right: Path, evidence: tuple[Evidence, ...]
         if not _agree(a.lag, b.lag):
             raise InputError(
                 f"{left} and {right}: {a.kind} says that the right clock is {a.lag.offset_s:+.3f} "
-                f"s against the left one, {b.kind} "
-                f"says {b.lag.offset_s:+.3f} s: are they of one dive? If so, set "
-                "input.video_offset_s"
+                f"s against the left one, {b.kind} says {b.lag.offset_s:+.3f} s: are they of one "
+                "dive? If so, set input.video_offset_s"
             )
 
 
