@@ -103,8 +103,8 @@ class AprilGrid:
         elsewhere.
 
         Which corner of a tag a detector calls the first, and whether a printer counts rows upwards
-        as Kalibr does or downwards,
-        is told by where the tags lie: of the eight ways, that which most tags fit.
+        as Kalibr does or downwards, is told by where the tags lie: of the eight ways, that which
+        most tags fit.
         """
         if len(tags) < 2:
             return tags[:0], corners[:0]

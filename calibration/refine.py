@@ -134,8 +134,7 @@ class _Fit:
 
     values: (4,) fitted; partial: (folds, 4) fitted without a part. left_out: (n,) vertical
     disparities of matches by the fit without their pair, pixels; squares: (pairs,) their mean loss
-    over each pair, which tells a
-    keystone in the corners as a median does not.
+    over each pair, which tells a keystone in the corners as a median does not.
     """
 
     names: tuple[str, ...]

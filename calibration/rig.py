@@ -344,8 +344,7 @@ class StereoRig:
     @property
     def is_rectified(self) -> bool:
         """Tell whether rows correspond already: no distortion, no rotation, square pixels, one
-        focal length and cy, baseline along
-        +x.
+        focal length and cy, baseline along +x.
 
         The principal points cx may differ (Middlebury's doffs); Rectification honours that.
         """

@@ -51,9 +51,8 @@ AT_TYPICAL_RANGE = (
 
 PAIR_BYTES_A_PIXEL = 68
 """Bytes of memory for each pixel while a pair is measured, corrected and written. For one pair
-alone 57 to 67 were measured at 5,
-12 and 21 megapixels, most while its cloud is written; each further pair at the same time adds 32 to
-65 in runs of at most three, of up to 47 megapixels.
+alone 57 to 67 were measured at 5, 12 and 21 megapixels, most while its cloud is written; each
+further pair at the same time adds 32 to 65 in runs of at most three, of up to 47 megapixels.
 """
 
 

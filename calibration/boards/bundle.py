@@ -1,10 +1,9 @@
 """Bundle adjustment of one or two cameras over many views of a target: all parameters at once.
 
 Levenberg-Marquardt on the reprojection error; each view's pose is eliminated by the Schur
-complement (Triggs et al. 2000,
-Bundle Adjustment: A Modern Synthesis, sec. 6.1). Pinhole and fisheye, one camera and two, whole
-boards and parts of them go the same way here; OpenCV's fisheye calibration takes no board seen in
-part, and gives up where the lens is far from its first guess.
+complement (Triggs et al. 2000, Bundle Adjustment: A Modern Synthesis, sec. 6.1). Pinhole and
+fisheye, one camera and two, whole boards and parts of them go the same way here; OpenCV's fisheye
+calibration takes no board seen in part, and gives up where the lens is far from its first guess.
 """
 
 from collections.abc import Sequence

@@ -39,8 +39,8 @@ class HypothesisLimits:
     left_px, better: what a mistake may leave, and how many times less than the rig as given: on a
     real dive the right one leaves 0.4 px, others 4 px and more. behind_px, better_behind: the most,
     and how many times less, where the points lie behind the cameras: with a camera that has moved
-    too, several mistakes leave a pixel. alike: mistakes within this
-    factor explain the images alike, and the more usual is named.
+    too, several mistakes leave a pixel. alike: mistakes within this factor explain the images
+    alike, and the more usual is named.
     in_front: of the points. rectified_px: rows of rectified images differ by the noise of the
     points alone, and raw ones of a pair that was built parallel by little more.
     """

@@ -41,8 +41,8 @@ class FitSettings:
     """rounds: of Gauss-Newton; poses_first: how many of them leave offset and focal length alone.
 
     noise_px: where the loss turns from squares to absolute values. offset_px, focal: standard
-    deviations of both before anything
-    is seen, the latter of the logarithm: couples that only move sideways hold no focal length.
+    deviations of both before anything is seen, the latter of the logarithm: couples that only move
+    sideways hold no focal length.
     fixed: of one that is not free.
     """
 

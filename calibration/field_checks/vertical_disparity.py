@@ -72,9 +72,8 @@ class RowCheck:
 
     pairs, matches: what it rests on. row_error_px: median absolute value. offset_px, scale,
     roll_deg: the vertical offset, vertical scale (1 = none) and rotation of the right image that
-    explain the most of it; unexplained_px: the median that
-    these leave. behind_fraction: of the matches, those with impossible disparity (points behind
-    infinity).
+    explain the most of it; unexplained_px: the median that these leave. behind_fraction: of the
+    matches, those with impossible disparity (points behind infinity).
     enlargement: of images cut out of those that were calibrated, and what it leaves.
     keystone: what a yaw of the right camera would leave in the rows.
     index: the refractive index of a flat port that explains the matches best, 1 = none;

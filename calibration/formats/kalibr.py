@@ -39,8 +39,7 @@ def stated_errors(camchain: Path, focal_px: NDArray[np.float64]) -> RigErrors | 
     of another calibration.
 
     focal_px: (2, 2) fx, fy of cam0 and cam1. Each line reads ``projection: [fx fy cx cy] +-
-    [...]``, and the baseline's
-    ``t: [x y z] +- [...]``.
+    [...]``, and the baseline's ``t: [x y z] +- [...]``.
     """
     path = camchain.with_name(camchain.name.replace(CAMCHAIN, RESULTS)).with_suffix(".txt")
     if CAMCHAIN not in camchain.name or not path.is_file():

@@ -2,9 +2,8 @@
 (``finder``), at any nesting.
 
 OpenCV's M1 D1 M2 D2 R T in YAML, XML, JSON, .npz or .mat, VIAME's, ZED's and others' spellings, a
-mapping or a file a camera,
-R and T or one transform, a pose for each camera, or R1 R2 P1 P2 of a rectification. OpenCV's own
-files store no image size.
+mapping or a file a camera, R and T or one transform, a pose for each camera, or R1 R2 P1 P2 of a
+rectification. OpenCV's own files store no image size.
 """
 
 from pathlib import Path

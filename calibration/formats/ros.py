@@ -1,8 +1,8 @@
 """ROS camera_info: two YAML files, one a camera, whose projection matrices hide the baseline.
 
 Follows sensor_msgs/CameraInfo: a rectified right camera has P[0, 3] = -fx' B, so with both
-rectifying rotations
-R = R_r^T R_l and T = R_r^T [-B, 0, 0]. Dumps of the message itself (D, K, R, P) are read too.
+rectifying rotations R = R_r^T R_l and T = R_r^T [-B, 0, 0]. Dumps of the message itself (D, K, R,
+P) are read too.
 """
 
 from pathlib import Path

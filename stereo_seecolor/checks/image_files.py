@@ -145,9 +145,8 @@ LINEAR = (100_000).to_bytes(4, "big")
 """Content of the chunk gAMA of a PNG that says that its values are linear light."""
 FILE_FORM_DARK_MEDIAN = 0.1
 """Of 8-bit images: median of the brightest channel over its brightest thousandth, of three frames.
-Encoded for a screen: 0.18 to
-0.6 in real frames; as linear light 0.08 of two of five dives (FLSea, a strobe-lit reef), 0.25 and
-more of the others.
+Encoded for a screen: 0.18 to 0.6 in real frames; as linear light 0.08 of two of five dives (FLSea,
+a strobe-lit reef), 0.25 and more of the others.
 """
 FEW = 3
 

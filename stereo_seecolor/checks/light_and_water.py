@@ -91,10 +91,9 @@ def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
 
 LEAST_RED = 0.115
 """1/m. What the clearest ocean takes from a camera's red: 0.11 at 25 m of depth and 7 m of range,
-more near the surface and
-near the camera. Fitted: at least 0.122 in rendered waters of 3 kinds, 2 depths, 3 sizes of the
-scene; 0.25 and more in real frames (FLSea, Sea-thru, a strobe-lit reef). With ranges 5 times too
-long: at most 0.099 in clear water.
+more near the surface and near the camera. Fitted: at least 0.122 in rendered waters of 3 kinds, 2
+depths, 3 sizes of the scene; 0.25 and more in real frames (FLSea, Sea-thru, a strobe-lit reef).
+With ranges 5 times too long: at most 0.099 in clear water.
 """
 MOST_RED_OVER_GREEN = 0.45
 """1/m, red less green: 0.3 in pure water, and what else is in water takes at least as much from

@@ -109,8 +109,7 @@ def reported(
     passes: Sequence[str],
 ) -> Iterator[DiveRun]:
     """A run over the pairs: Ctrl-C ends it early. run.json, frames.csv and the page are written at
-    its end, the first two also
-    after an error. inputs: by name, for run.json.
+    its end, the first two also after an error. inputs: by name, for run.json.
     """
     description = _description(source, pairing, inputs, options, last)
     page, meter = RunPage(options, folder, description), Meter(options.compute)

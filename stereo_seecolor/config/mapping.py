@@ -22,8 +22,8 @@ class MountConfig(StageConfig):
     the camera's.
 
     Vehicle axes: x forward, y starboard, z down. The camera (x right, y down, z along the optical
-    axis) is turned by
-    Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right towards the bow.
+    axis) is turned by Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right
+    towards the bow.
     """
 
     xyz_m: Triple = Field(

@@ -280,8 +280,7 @@ class _Stretches(Lazy[Segment]):
 @dataclass(frozen=True, eq=False)
 class _WindowMatcher:
     """Makes windows with all their observations (200 kB each) and with loops, for the pattern,
-    which
-    is solved from few frames.
+    which is solved from few frames.
     """
 
     frames: FrameMatcher

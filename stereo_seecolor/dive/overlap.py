@@ -98,8 +98,7 @@ class _Placed:
     """A frame in the chain of poses that begins with frame ``chain``.
 
     T_chain_camera: (4, 4). path_m: length of the chain up to it. middle_m: (3,) point in the middle
-    of the
-    image. width_m: width of the field of view on the bottom. view: None once it is far back.
+    of the image. width_m: width of the field of view on the bottom. view: None once it is far back.
     """
 
     seen: _Seen

@@ -86,8 +86,7 @@ def regular_bytes(path: Path) -> bytes:
 
 def special_kind(path: Path) -> str:
     """Name what ``path`` is where it is not a regular file, "" where it is one: opening a named
-    pipe
-    or a device could wait forever.
+    pipe or a device could wait forever.
 
     Raises OSError if the path does not exist.
     """

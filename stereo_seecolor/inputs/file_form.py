@@ -29,9 +29,8 @@ class MosaicLimits:
 
     colors, times_greens: by how much red or blue differs from green at least, and how many times as
     much as the two greens from each other. Real frames as mosaics: 0.07 to 0.10 of a strobe-lit
-    reef (7 to 10 times the greens), 0.39 to 0.80 by daylight
-    (30 and more); the same in gray: 0.001 to 0.007, through strong noise up to 0.06, never over 1.4
-    times.
+    reef (7 to 10 times the greens), 0.39 to 0.80 by daylight (30 and more); the same in gray: 0.001
+    to 0.007, through strong noise up to 0.06, never over 1.4 times.
     """
 
     block_px: int = 32

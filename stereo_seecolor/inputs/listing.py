@@ -24,9 +24,8 @@ _MARKS = "*?["
 
 def split_pattern(source: Path) -> tuple[Path, tuple[str, ...]]:
     """The folder that a pattern is to be looked for in, and the parts below it, of which the first
-    is a pattern; the source itself
-    and no parts where it is none: where it holds no mark, or is the name of something that is
-    there.
+    is a pattern; the source itself and no parts where it is none: where it holds no mark, or is the
+    name of something that is there.
     """
     parts = source.parts
     for number, part in enumerate(parts):

@@ -47,8 +47,8 @@ class FrameIndex:
     """Names, times (NaN where unknown) and coarse points of N frames.
 
     points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels.
-    lost: the frames that could not
-    be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made again.
+    lost: the frames that could not be read, and why. checksums: (N,) of colors and points, to tell
+    whether a frame was made again.
     certain: (n,) for each frame, False for points that are too uncertain to make voxels for; ()
     where all are. colors: (n, 3) of each frame's points, () where they are not known.
     """

@@ -181,8 +181,7 @@ def placed_markers(
     observations: Sequence[PlacedSighting], T_world_camera: dict[str, Array]
 ) -> list[PlacedMarker]:
     """Place markers from all observations in frames with a pose (4, 4), by number. Markers seen
-    once
-    are left out.
+    once are left out.
     """
     by_number: dict[int, list[PlacedSighting]] = defaultdict(list)
     for observation in observations:

@@ -43,9 +43,8 @@ class Placement:
     """Poses of a survey's N frames.
 
     T_world_camera: (N, 4, 4), NaN for a frame without a place. components: (N,) int, -1 for those;
-    frames of two components have
-    no reliable place relative to each other. unplaced: those frames by name. warnings: what a
-    person should know.
+    frames of two components have no reliable place relative to each other. unplaced: those frames
+    by name. warnings: what a person should know.
     position_std_m, attitude_std_deg: (N,) standard errors, all axes together, NaN where unknown;
     None where none was estimated.
     """

@@ -304,8 +304,7 @@ def write_track(path: Path, component: Component) -> Path:
 
 def write_poses(path: Path, component: Component, placed: PlacedSurvey) -> Path:
     """Write poses.csv: each frame's position, the residual of the pose that was given for it, and
-    standard errors. Raises
-    OutputError.
+    standard errors. Raises OutputError.
     """
     index, placement = component.survey.index, placed.placement
     unknown = np.full(len(index.names), np.nan)

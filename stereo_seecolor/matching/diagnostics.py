@@ -32,8 +32,8 @@ class DiagnosticsConstants:
     level, which is rounding alone.
     blank, blank_px: a black frame has less contrast than this (rounding alone) in windows of so
     many pixels of the reduced image, and is darker than blank_level, as that of a JPEG may be.
-    rim_px: its edge, which lies at the same place in both images
-    whatever the range, is left out with it: to half of this less half of blank_px.
+    rim_px: its edge, which lies at the same place in both images whatever the range, is left out
+    with it: to half of this less half of blank_px.
     window: rows and columns of a window, pixels of the reduced image, in which texture may repeat
     itself.
     repeated_similarity: second peak of the autocorrelation over the first, from which on any of

@@ -68,13 +68,11 @@ interpolated.
 
 def fill(disparity: Map) -> Map:
     """Close the holes of a disparity map (H, W); measured pixels stay as they are, and pixels too
-    far from any measured one stay
-    NaN.
+    far from any measured one stay NaN.
 
     What one camera does not see lies behind, so a hole takes the smaller disparity of its two ends
-    in the row (Hirschmueller
-    2008, section 2.5), then the median of 5 x 5, which joins the rows. Smoothing across the hole
-    instead (WLS) was worse.
+    in the row (Hirschmueller 2008, section 2.5), then the median of 5 x 5, which joins the rows.
+    Smoothing across the hole instead (WLS) was worse.
     """
     ends = np.empty_like(disparity)
     _ends(disparity, REACH * disparity.shape[1], ends)

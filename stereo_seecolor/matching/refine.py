@@ -58,10 +58,9 @@ def refine_rows(
     on; return support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient
-    g of both images are
-    summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of
-    what is left of e over n var(g). The window sees each neighbor at its own, smoothed disparity,
-    so slopes do no harm; neighbors that failed a check are left out of it.
+    g of both images are summed over the window, means taken out: the step is cov(g, e) / var(g),
+    its variance that of what is left of e over n var(g). The window sees each neighbor at its own,
+    smoothed disparity, so slopes do no harm; neighbors that failed a check are left out of it.
     support: fraction of the window that passed the checks.
     relief: |disparity - its mean over those|, pixels: large beside an edge. All are (rows, W), NaN
     where found.best is.

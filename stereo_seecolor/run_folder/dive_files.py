@@ -90,8 +90,7 @@ class DiveFiles:
         self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str
     ) -> None:
         """Write all files of a folder of OUT: path in it, content. made_from: hash of what they
-        were made from. Raises
-        OutputError.
+        were made from. Raises OutputError.
         """
         temporaries: dict[str, Path] = {}
         for path, content in contents:

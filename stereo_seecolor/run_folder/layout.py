@@ -34,8 +34,7 @@ INDEX, PAGE = "index.html", "page"
 @dataclass(frozen=True)
 class Product:
     """A kind of file that each pair gets. stage: the stage that writes it. suffix: of its files, ""
-    where output.image_format
-    decides. what: what it holds.
+    where output.image_format decides. what: what it holds.
     """
 
     stage: Stage
@@ -222,8 +221,7 @@ class ForeignPathError(ValueError):
 
 def check_own_paths(paths: Iterable[object]) -> None:
     """Raise ForeignPathError for a name that is not a plain path of a file below OUT, in the form
-    in
-    which this program writes it.
+    in which this program writes it.
     """
     for path in paths:
         if not isinstance(path, str) or not _is_plain(path):
@@ -316,8 +314,7 @@ class Stamp:
     @classmethod
     def of(cls, path: Path) -> "Stamp":
         """Compute the stamp of a file; of one in a bag: the bag's size and time, with a digest of
-        its name in there. Raises
-        OSError.
+        its name in there. Raises OSError.
         """
         if inner := contained(path):
             status = inner.outer.stat()

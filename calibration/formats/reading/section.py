@@ -185,9 +185,8 @@ def to_meters(
     """Convert a translation (3,) to meters; return it with a warning, if its unit is doubtful.
 
     stated: the unit that the file names, None where it names none. Where the baseline in that unit
-    cannot be (under 5 mm or over
-    2 m), those of GUESSES are tried. Left as it is where none of them fits: the rig then refuses it
-    with its number.
+    cannot be (under 5 mm or over 2 m), those of GUESSES are tried. Left as it is where none of them
+    fits: the rig then refuses it with its number.
     """
     length = float(np.linalg.norm(np.clip(translation, -1e9, 1e9)))
     named = METERS.get((stated or "").strip().lower())

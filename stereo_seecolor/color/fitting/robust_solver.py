@@ -3,8 +3,8 @@ the water by autograd.
 
 A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances
 (channel after channel), of G brightnesses. Every range of a channel gets its own copy of the
-channel's five numbers, so that the gradients of
-sum(log A white) and of sum(B) are the whole Jacobian: two backward passes.
+channel's five numbers, so that the gradients of sum(log A white) and of sum(B) are the whole
+Jacobian: two backward passes.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,5 @@
 """The water from patches seen at two ranges or more: differences between observations of one patch
-are
-due to the water.
+are due to the water.
 
     light_kc = S_c A_c(z_k) + B_c(z_k), A = exp(-z far (1 + (FALL - 1) exp(-z / 4 m))), B =
         gamma_inf (1 - exp(-beta z))
@@ -8,11 +7,11 @@ due to the water.
 for a patch of unknown brightness S (its reflectance and the light on it) seen at ranges z_k: ratios
 of observations depend on A alone, without an assumption on the scene's colors. Observations measure
 the slope of log A over the ranges that they span; its bend (FALL, a rate near against far) is
-nearly
-the same in all waters and taken from known ones. S enters linearly and is eliminated (variable
-projection: Golub and Pereyra 2003); the nine parameters of the water follow by damped Gauss-Newton
-steps. Light that moves scales all channels of an observation alike. That scatter is measured and
-modeled as common to the three channels: it blurs the brightness of the water, but hardly its color.
+nearly the same in all waters and taken from known ones. S enters linearly and is eliminated
+(variable projection: Golub and Pereyra 2003); the nine parameters of the water follow by damped
+Gauss-Newton steps. Light that moves scales all channels of an observation alike. That scatter is
+measured and modeled as common to the three channels: it blurs the brightness of the water, but
+hardly its color.
 Wrong matches weigh less (Cauchy).
 """
 
@@ -42,8 +41,7 @@ class SightingNoise:
 
     noise_floor: float = 0.001
     """Least standard deviation of an observation's light, fraction of full scale: a quarter of a
-    step
-    of 8 bits.
+    step of 8 bits.
     """
     outlier: float = 3.0
     """Standard deviations beyond which an observation weighs less than half (Cauchy)."""
@@ -61,8 +59,7 @@ NOISE = SightingNoise()
 @dataclass(frozen=True)
 class Scatter:
     """Relative standard deviation of an observation's direct signal: of each channel by itself, and
-    of
-    all together.
+    of all together.
     """
 
     each: float
@@ -83,8 +80,8 @@ class Model(NamedTuple):
 class MultiviewFit:
     """The observations under one water, with the best brightness of each patch.
 
-    direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3,
-    3) of a channel's light by the logarithms of its far, beta, gamma_inf. patch_weights: (P, 3, 3).
+    direct, residual: (N, 3). weights: (N, 3, 3) inverse covariances. change: (N, 3, 3) of a
+    channel's light by the logarithms of its far, beta, gamma_inf. patch_weights: (P, 3, 3).
     """
 
     observations: Observations
@@ -275,8 +272,7 @@ STEPS = StepSettings()
 
 def fit_observations(observations: Observations, encoding: InputEncoding) -> Water:
     """Fit attenuation and backscatter of the water to observations. The white point is 1, as no
-    ratio
-    determines it.
+    ratio determines it.
 
     Raises ColorError where there are too few observations, or all are at nearly one range.
     """
@@ -303,8 +299,7 @@ def fit_observations(observations: Observations, encoding: InputEncoding) -> Wat
 
 def with_white_of(water: Water, scene: Water, observations: Observations) -> Water:
     """``water`` with the white point under which the median observation gets the color that
-    ``scene``,
-    fitted to images, gives it.
+    ``scene``, fitted to images, gives it.
     """
     z: Array = np.array(np.median(observations.range_m))
     light: Array = np.array(np.median(observations.light, axis=0))
@@ -350,8 +345,7 @@ def _prior() -> tuple[Array, Array]:
 
 def _covariance(fit: MultiviewFit, precision: Array) -> Array:
     """(9, 9) covariance, clustered by frame: errors that a frame's observations share (its
-    exposure,
-    pose and light) count once.
+    exposure, pose and light) count once.
     """
     inverse = np.linalg.inv(fit.normal() + precision)
     by_frame = fit.slope_by_frame()

@@ -119,9 +119,8 @@ def measure_white(
 
     out: a run with one water for all frames. targets: JSON of chart corners and polygons (see
     ``read_targets``), of which only frames that it names count; without it every frame is searched
-    for charts. white, sand: "FRAME:x,y", pixels of corrected
-    images that show white or carbonate sand: then only these count. Raises InputError, also where
-    nothing is found.
+    for charts. white, sand: "FRAME:x,y", pixels of corrected images that show white or carbonate
+    sand: then only these count. Raises InputError, also where nothing is found.
     """
     run = open_run(out)
     names = tuple(frame.name for frame in run.frames)

@@ -358,10 +358,9 @@ NUMBERS = (
     *("Mid X (mm)", "Mid Y (mm)", "Mid Z (mm)"),
 )
 """Columns of numbers, empty where unknown. Precision is one standard error. Range: from the
-rectified left camera to the middle of
-the length. Direction: angle of the middle from the optical axis, and its components to the right
-and down. Mid: x right, y down,
-z forward. RMS is always empty: range maps have no residual of two rays.
+rectified left camera to the middle of the length. Direction: angle of the middle from the optical
+axis, and its components to the right and down. Mid: x right, y down, z forward. RMS is always
+empty: range maps have no residual of two rays.
 """
 
 

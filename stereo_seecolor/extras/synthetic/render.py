@@ -155,8 +155,8 @@ class RenderedPair:
 
     frame: the raw pair, distorted, not rectified. rectified: the same pair after rectification.
     range_map: exact, NaN where the camera looks past the reef. color: (H, W, 3) linear color of the
-    lit reef without water
-    (albedo times shading, 1 = white in full light). visible: pixels that the right camera sees too.
+    lit reef without water (albedo times shading, 1 = white in full light). visible: pixels that the
+    right camera sees too.
     moving: pixels on fish.
     T_world_camera: (4, 4) of the rectified left camera.
     """

@@ -1,14 +1,13 @@
 """Named waters: wide-band attenuation, backscatter and sunlight by depth, from published spectra.
 
 Diffuse attenuation Kd by wavelength: Jerlov, Marine Optics (1976), table XXVII, with Austin and
-Petzold's revision (1984) for
-types I to 1C. Beam attenuation c along the line of sight: Kd(535 nm) = 0.2 c(535 nm) + 0.04
-(Shannon, Proc. SPIE 64, 1975); the difference c - Kd is scattering and taken as flat in wavelength.
+Petzold's revision (1984) for types I to 1C. Beam attenuation c along the line of sight: Kd(535 nm)
+= 0.2 c(535 nm) + 0.04 (Shannon, Proc. SPIE 64, 1975); the difference c - Kd is scattering and taken
+as flat in wavelength.
 Most of it goes forward by less than a degree and still lands near its pixel, so what an image loses
 lies between Kd and c (Akkaynak et al., CVPR 2017): Kd and a fifth of the scattering here. Wide-band
-coefficients are what a camera's channel sees of the
-spectrum, so they fall with range (same paper). Veiling light at infinity is b E / c (Akkaynak and
-Treibitz, CVPR 2018, eq. 9).
+coefficients are what a camera's channel sees of the spectrum, so they fall with range (same paper).
+Veiling light at infinity is b E / c (Akkaynak and Treibitz, CVPR 2018, eq. 9).
 """
 
 from dataclasses import dataclass

@@ -280,9 +280,8 @@ def _paint(
     and soften the seams.
 
     A view costs the tangent of its angle from the vertical, more where its color is doubtful, and
-    more where its color differs
-    from the median of all views: fish, shadows and badly placed frames lose there, and seams move
-    to where views agree.
+    more where its color differs from the median of all views: fish, shadows and badly placed frames
+    lose there, and seams move to where views agree.
     """
     shape = len(views), *cells.z_m.shape
     colors, costs, weights = (

@@ -39,8 +39,8 @@ def rasterize(points: Any, attributes: Any, triangles: Any, height: Any, values:
     """Draw triangles into ``height`` (H, W) and ``values`` (H, W, C), both changed in place.
 
     points: (V, 3) float64 column, row, height in pixels (center of the first at 0) and any unit; a
-    cell takes the highest
-    triangle over its center, NaN counts as lowest. attributes: (V, C), interpolated along.
+    cell takes the highest triangle over its center, NaN counts as lowest. attributes: (V, C),
+    interpolated along.
     """
     rows, columns = height.shape
     for t in range(len(triangles)):

@@ -323,9 +323,8 @@ once.
 @dataclass(frozen=True, eq=False)
 class Volume:
     """A tile's voxels. blocks: (B, 3) int32 coordinates, sorted. tsdf: signed distance in units of
-    the truncation; weight: its
-    weight, both (B, 8, 8, 8) float32, index z, y, x. color: (B, 8, 8, 8, 3) float32, 0..255;
-    color_weight: (B, 8, 8, 8) float32.
+    the truncation; weight: its weight, both (B, 8, 8, 8) float32, index z, y, x. color: (B, 8, 8,
+    8, 3) float32, 0..255; color_weight: (B, 8, 8, 8) float32.
     """
 
     blocks: NDArray[np.int32]

@@ -144,9 +144,8 @@ def _distinct(
     points: NDArray[np.float32], other: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """One of each group of coincident points, as edges that meet in a corner of a voxel give them,
-    sorted: their positions, and of
-    all points (V, 3) the number of their group (V,). other: (V, k) values that decide which one is
-    taken.
+    sorted: their positions, and of all points (V, 3) the number of their group (V,). other: (V, k)
+    values that decide which one is taken.
     """
     order = np.lexsort(points.T)
     is_first = np.append(True, (points[order][1:] != points[order][:-1]).any(axis=1))[: len(points)]

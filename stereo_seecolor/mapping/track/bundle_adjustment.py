@@ -3,8 +3,7 @@ all observations at once.
 
 An observation is compared with its point in image space, so measured ranges take part, each with
 its own standard error. Levenberg-Marquardt; points are eliminated first (Triggs et al. 2000), and
-the
-frames' equations are solved in a sparse order.
+the frames' equations are solved in a sparse order.
 """
 
 from collections.abc import Sequence
@@ -73,8 +72,7 @@ def adjust(
     known: Sequence[Known] = (),
 ) -> Adjusted:
     """Poses (N, 4, 4) adjusted; the observations' frames, and the priors', are their numbers. All
-    must
-    be connected.
+    must be connected.
 
     known: lengths between points, and their places. Without known places and priors the first stays
     where it is, and standard errors are relative to it. Under a Cauchy kernel.

@@ -4,8 +4,7 @@ kept.
 An observation is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn
 (rad) and then a shift (m) in their own axes. Observations are sorted by point; ``start`` (m + 1,)
 says where each point's begin. Functions work on a range of points, of observations or of frames, so
-that
-several cores share them; none writes where another range does.
+that several cores share them; none writes where another range does.
 """
 
 from typing import Any

@@ -277,8 +277,7 @@ class BundleProblem:
     @cached_property
     def _by_block(self) -> tuple[Integers, Integers]:
         """(n,) observations by the place of their frame's block, and (blocks + 1,) where each
-        block's
-        begin.
+        block's begin.
         """
         place = self._layout.place[self.frame]
         order = np.argsort(place, kind="stable")

@@ -129,8 +129,7 @@ class Marks:
         self, observations: TrackObservations, frames: set[int]
     ) -> tuple[TrackObservations, list[Known]]:
         """Observations, by frame, and those of the markers' corners in some frames; and what is
-        known
-        of these.
+        known of these.
         """
         own = [
             (frame, each)

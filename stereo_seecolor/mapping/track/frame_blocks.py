@@ -2,9 +2,8 @@
 with few others.
 
 Reverse Cuthill-McKee (George and Liu 1981) puts coupled blocks near each other. Then parts of as
-many blocks as the
-bandwidth are coupled with the parts beside them alone: a block tridiagonal matrix, solved by
-Cholesky's method part by part.
+many blocks as the bandwidth are coupled with the parts beside them alone: a block tridiagonal
+matrix, solved by Cholesky's method part by part.
 """
 
 from collections.abc import Sequence
@@ -152,8 +151,7 @@ Relation = tuple[tuple[int, int], RelativePose]
 @dataclass(frozen=True, eq=False)
 class TrackObservations:
     """n observations of m points. frame: (n,) position on the track, point: (n,) number from 0 to m
-    -
-    1, seen: (n,) as it was seen.
+    - 1, seen: (n,) as it was seen.
     """
 
     frame: Integers
@@ -211,8 +209,7 @@ def _seen_twice(label: Integers, frame: Integers) -> Integers:
 
 def _best(views: Integers, point: Integers, relation: Integers, most: int) -> Integers:
     """Points of whose observations there are at most so many: of each relation those with most
-    views,
-    equally many of each.
+    views, equally many of each.
     """
     usable = views[point] > 0
     point, relation = point[usable], relation[usable]

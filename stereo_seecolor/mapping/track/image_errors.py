@@ -22,11 +22,10 @@ from stereo_seecolor.mapping.track.relative_pose import Moved, Observed, move
 Array = NDArray[np.float64]
 MODELS = (10, 4)
 """Numbers of terms that are tried, the more first. The first four: a radial term of the lens, and
-three square ones of the
-disparity (x x, x y, y y). The others: a second radial term, four cubic ones of the disparity, as
-two lenses that are off differently leave them, and one of the fourth order. Not the disparity's
-mean, which is the scale, nor its slopes and the lens's tangential terms, which look like a turn of
-the camera's axes.
+three square ones of the disparity (x x, x y, y y). The others: a second radial term, four cubic
+ones of the disparity, as two lenses that are off differently leave them, and one of the fourth
+order. Not the disparity's mean, which is the scale, nor its slopes and the lens's tangential terms,
+which look like a turn of the camera's axes.
 """
 
 

@@ -228,8 +228,8 @@ class Edge:
     """Two frames that see the same things.
 
     i, j: the frames. T_i_j: (4, 4), p_i = T_i_j p_j. covariance: (6, 6) of a turn (rad) and then a
-    shift (m) of T_i_j, in the
-    axes of j. inliers: the points that agree. loop: False between neighbors on the track.
+    shift (m) of T_i_j, in the axes of j. inliers: the points that agree. loop: False between
+    neighbors on the track.
     """
 
     i: int

@@ -3,11 +3,10 @@ band of disparities.
 
 Tiles of TILE x TILE pixels search ``lowest .. lowest + count - 1``, count a multiple of LANES.
 Paths run right, down, left and up; between tiles of different bands a path carries over what the
-bands share (Rothermel et al. 2012, tSGM). Four pixels
-go at a time: four rows of a tile along the rows, four columns of it across them, so that they
-always share a band. The image is cut into strips of rows that are matched alone, each with rows
-beyond its ends to let the vertical paths settle: memory stays small, strips go to threads, and the
-result does not depend on how many there are.
+bands share (Rothermel et al. 2012, tSGM). Four pixels go at a time: four rows of a tile along the
+rows, four columns of it across them, so that they always share a band. The image is cut into strips
+of rows that are matched alone, each with rows beyond its ends to let the vertical paths settle:
+memory stays small, strips go to threads, and the result does not depend on how many there are.
 
 Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel.
 Every cost is below 128.

@@ -64,9 +64,8 @@ SETTINGS = MatrixSettings()
 @dataclass(frozen=True, eq=False)
 class SeenPatches:
     """A chart with the water and the survey's white point removed. color (N, 3): linear light, 1 =
-    white, NaN for patches that are
-    not used. error (N,): standard error of a channel. haze (3,): backscatter that was subtracted,
-    mean over patches.
+    white, NaN for patches that are not used. error (N,): standard error of a channel. haze (3,):
+    backscatter that was subtracted, mean over patches.
     clipped: number of patches that are not used since the camera clipped them.
     """
 

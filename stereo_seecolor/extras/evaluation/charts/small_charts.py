@@ -62,13 +62,11 @@ class SearchLimits:
     """Steps of these, all together ..."""
     least_climbed: float = 0.75
     """... after which those are refined that agree so well in their two best channels: real charts
-    have 0.77 to 0.86, drawn ones
-    0.90 and more, the best of all places that are none 0.749.
+    have 0.77 to 0.86, drawn ones 0.90 and more, the best of all places that are none 0.749.
     """
     least_of_three: float = 0.78
     """Correlation of patches with the published colors, mean of three channels, of what is a chart:
-    the same have 0.81 to 0.90,
-    0.98 and more, and at most 0.76 ...
+    the same have 0.81 to 0.90, 0.98 and more, and at most 0.76 ...
     """
     least_of_two: float = 0.88
     """... or of its two best channels, where the third is clipped or absorbed."""

@@ -95,8 +95,7 @@ def form(q, p):  # type: ignore[no-untyped-def]
 @compiled
 def quadrics(position, triangle, edge_boundary):  # type: ignore[no-untyped-def]
     """Sum the quadrics of the triangles at each vertex, weighted by area: (V, 10). edge_boundary:
-    (F, 3), edge k from corner k to k
-    + 1.
+    (F, 3), edge k from corner k to k + 1.
     """
     quadric = np.zeros((len(position), 10))
     n, along, side = np.empty(3), np.empty(3), np.empty(3)

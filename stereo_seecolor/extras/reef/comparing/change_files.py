@@ -125,8 +125,7 @@ FORMAT = "stereo-seecolor/change"
 
 def write_change(folder: Path, change: SiteChange, place: Georeference) -> None:
     """Write all files of a change, in the first survey's coordinates; GeoTIFFs where rasterio can
-    be imported. Raises
-    OutputError.
+    be imported. Raises OutputError.
     """
     write_atomic(
         folder / "change.png", cv2.imencode(".png", picture(change)[..., ::-1])[1].tobytes()

@@ -54,8 +54,7 @@ class _Declared:
 
 def walk_mcap(source: ByteSource, problems: list[str]) -> Iterator[Message]:
     """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
-    with it is added to
-    ``problems``.
+    with it is added to ``problems``.
     """
     declared, closed = _Declared(), False
     try:
@@ -168,8 +167,7 @@ class _Ros1Record(NamedTuple):
 
 def walk_ros1(source: ByteSource, problems: list[str]) -> Iterator[Message]:
     """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
-    with it is added to
-    ``problems``.
+    with it is added to ``problems``.
     """
     channels: dict[bytes, Channel] = {}
     try:

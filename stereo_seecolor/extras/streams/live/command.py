@@ -144,9 +144,8 @@ class LiveOptions:
     new MCAP file of all pairs.
     publish: the namespace for ROS 2 topics of all pairs, "" for none. port, host: of the page; port
     None for no page, 0 for any free port. budget_s: seconds that a pair may take; slower pairs are
-    matched at half the size. cpus: number of processors to
-    use, None for all. pairs: end after this number, None to go on until Ctrl-C. announce: called
-    with the page's address.
+    matched at half the size. cpus: number of processors to use, None for all. pairs: end after this
+    number, None to go on until Ctrl-C. announce: called with the page's address.
     """
 
     out: Path | None = None

@@ -33,8 +33,8 @@ class VideoSignals:
     """The signals of a video. times_s: (n,) of the frames. brightness: (n,) mean gray, 0..255.
 
     motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second.
-    sharpness: (n, 2) mean step
-    from pixel to pixel along x and y, gray values. height: of the picture, in widths.
+    sharpness: (n, 2) mean step from pixel to pixel along x and y, gray values. height: of the
+    picture, in widths.
     """
 
     times_s: MotionArray
