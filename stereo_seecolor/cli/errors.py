@@ -33,9 +33,8 @@ def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
         return code if isinstance(code, int) else EXIT_DONE
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted", EXIT_INTERRUPTED, as_json)
-    except (
-        BrokenPipeError
-    ):  # the reader of the output has gone, as head does when it has seen enough
+    except BrokenPipeError:
+        # the reader of the output has gone, as head does when it has seen enough
         return EXIT_KNOWN_ERROR
     except Exception as error:
         if _is_usage_error(error):

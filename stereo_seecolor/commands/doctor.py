@@ -171,9 +171,8 @@ def examine(library: Library) -> Finding:
 def _version(library: Library) -> str:
     try:
         return importlib.metadata.version(library.distribution)
-    except (
-        importlib.metadata.PackageNotFoundError
-    ):  # installed under another name, as variants of OpenCV and Open3D are
+    except importlib.metadata.PackageNotFoundError:
+        # installed under another name, as variants of OpenCV and Open3D are
         return str(getattr(sys.modules[library.module], "__version__", "installed"))
 
 

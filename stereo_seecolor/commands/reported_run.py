@@ -187,10 +187,8 @@ def _earlier_config(folder: RunFolder) -> RunConfig | None:
     """The settings of the run that OUT already holds; None where it holds none."""
     try:
         return open_run(folder.root).config
-    except (
-        InputError,
-        OutputError,
-    ):  # the second: a result that the user replaced by a link, which this run sets aside
+    except (InputError, OutputError):
+        # the second: a result that the user replaced by a link, which this run sets aside
         return None
 
 

@@ -177,9 +177,8 @@ class _KernelCache(FunctionCache):
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
                 return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except (
-            Exception
-        ):  # a file that cannot be read, or another version of a library that the entry needs
+        except Exception:
+            # a file that cannot be read, or another version of a library that the entry needs
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

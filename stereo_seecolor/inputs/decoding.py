@@ -131,9 +131,8 @@ def refuse_broken_stream(content: bytes, path: Path) -> None:
         raise InputError(
             f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})"
         ) from error
-    except (
-        Exception
-    ):  # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
+    except Exception:
+        # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
         return
 
 

@@ -320,13 +320,12 @@ def _colors(views: Views, charts: Charts, edges: NDArray[np.int64]) -> NDArray[n
         image = cv2.GaussianBlur(views.image(int(number)), (0, 0), BLUR_PX).astype(np.float32)
         start, end = charts.pixel[edges[of_view, 0]], charts.pixel[edges[of_view, 1]]
         places = (start[:, None] + ALONG[:, None] * (end - start)[:, None]).astype(np.float32)
+        # remap takes at most 32767 rows
         sampled = [
             cv2.remap(
                 image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )
-            for part in np.array_split(
-                places, 1 + len(places) // 30000
-            )  # remap takes at most 32767 rows
+            for part in np.array_split(places, 1 + len(places) // 30000)
         ]
         result[of_view] = np.concatenate(sampled).mean(axis=1)
     return result
