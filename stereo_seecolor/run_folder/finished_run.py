@@ -361,9 +361,7 @@ def geometry_of(run: FinishedRun, what: str) -> RectifiedPair:
 
 
 def geometry_of_ranges(folder: Path) -> RectifiedPair | None:
-    """The geometry of the images that the range maps of OUT/range were matched in; None for any
-    other folder.
-    """
+    """The geometry that the range maps of OUT/range were matched in; None for another folder."""
     folder = folder.resolve()
     if folder.name == "range":
         with suppress(InputError):
