@@ -132,6 +132,9 @@ def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_
         mask = tmp_path / "all/mask" / path.name
         assert (tmp_path / "colors/mask" / path.name).read_bytes() == mask.read_bytes()
         assert (tmp_path / "colors/corrected" / path.name).read_bytes() == path.read_bytes()
+    code, _, said = cli("fuse", tmp_path / "colors")
+    assert code == 1
+    assert "has no calibration (made by correct?): a map needs the output of run" in said
 
 
 @pytest.mark.slow
