@@ -53,6 +53,9 @@ def interrupts() -> Iterator[None]:
             _tell(SECOND + (SHOW_CURSOR if sys.stderr.isatty() else ""))
             os._exit(EXIT_INTERRUPTED)
         interrupted = True
+        # the interpreter, when it ends, gives each handler's signal its default action: to kill
+        for other in before.keys() - {signal.SIGINT}:
+            signal.signal(other, signal.SIG_IGN)
         _tell(FIRST)
         raise KeyboardInterrupt
 
