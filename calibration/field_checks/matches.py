@@ -37,6 +37,9 @@ Array = NDArray[np.float64]
 Images = tuple[NDArray[np.generic], NDArray[np.generic]]
 
 
+SIFT_BYTES_A_PIXEL = 250
+
+
 @dataclass(frozen=True)
 class MatchLimits:
     """Decides which features are taken for the same point."""
@@ -50,8 +53,12 @@ class MatchLimits:
     stray_px: float = 2.0  # flow from where the features lie, which are good to a pixel
     window_px: int = 21  # of the flow; OpenCV's default
     step_px: int = 1  # features are looked for at this resolution, and refined at the images' own
-    # of an image that features are looked for in, or at a coarser step: 250 bytes a pixel
+    # of an image that features are looked for in, or at a coarser step
     most_pixels: float = 6e6
+
+    def bytes_of(self, image_size: tuple[int, int]) -> float:
+        """Memory that the features of one image take while they are looked for."""
+        return SIFT_BYTES_A_PIXEL * min(math.prod(image_size), self.most_pixels)
 
 
 MATCHES_LIMITS = MatchLimits()
@@ -147,8 +154,19 @@ def raw_matches(
 ) -> list[Matches]:
     """Find matched points of both raw images of each pair, by matching the rectified ones."""
     rectification = Rectification.from_rig(rig)
-    found = [find_matches(rectification, left, right, limits) for left, right in pairs]
-    return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
+    return [raw_match(rectification, rig, left, right, limits) for left, right in pairs]
+
+
+def raw_match(
+    rectification: Rectification,
+    rig: StereoRig,
+    left: NDArray[np.generic],
+    right: NDArray[np.generic],
+    limits: MatchLimits = MATCHES_LIMITS,
+) -> Matches:
+    """Find matched points of both raw images of a pair. rectification: of the rig."""
+    found = find_matches(rectification, left, right, limits)
+    return Matches(*raw_points(rig, found.left, found.right))
 
 
 def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:

@@ -21,7 +21,7 @@ from calibration.field_checks.matches import (
     similar_points,
 )
 from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
-from stereo_seecolor.compute.threads import Threads, cores
+from stereo_seecolor.checks.sample import matching_threads
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -117,9 +117,10 @@ def neighbor_that_fits(
             return 0
         return agreeing_points(rectification, left, describe_right(rectification, image))
 
-    found = zip(Threads(cores()).each(points_of, others), others, strict=True)
-    points, best = max(found, key=lambda item: item[0], default=(0, pair))
-    return best if points >= max(_LIMITS.points, _LIMITS.ratio * own) else None
+    points = matching_threads(rectification.raw_size).each(points_of, others)
+    found = zip(points, others, strict=True)
+    most, best = max(found, key=lambda item: item[0], default=(0, pair))
+    return best if most >= max(_LIMITS.points, _LIMITS.ratio * own) else None
 
 
 def constant_shift(

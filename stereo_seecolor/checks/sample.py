@@ -9,6 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from calibration.field_checks.matches import MATCHES_LIMITS
+from stereo_seecolor.compute.process import at_once
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.file_form import ImageFacts
@@ -43,6 +46,11 @@ def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:
     """At most ``most`` of the items, pairs or their places, evenly over the dive."""
     places = np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int)
     return [items[i] for i in np.unique(places)]
+
+
+def matching_threads(image_size: tuple[int, int]) -> Threads:
+    """Threads that match images of this size: as many as there are cores, and free memory for."""
+    return Threads(at_once(cores(), MATCHES_LIMITS.bytes_of(image_size)))
 
 
 def neighbors(

@@ -15,7 +15,7 @@ from calibration.boards.targets import TargetView, detect_view, parse_target
 from calibration.calibrate import calibrate as fit_rig
 from calibration.checks import RowCheck, judge_matches, port_error, suspicions
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong, settle_matches
-from calibration.field_checks.matches import Images, Matches, raw_matches, rectified_matches
+from calibration.field_checks.matches import Images, Matches, raw_match, rectified_matches
 from calibration.field_checks.motion import find_motion
 from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
@@ -23,9 +23,14 @@ from calibration.port import FlatPort
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
-from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, neighbors, read_both
+from stereo_seecolor.checks.sample import (
+    DECIDING_PAIRS,
+    evenly_spaced,
+    matching_threads,
+    neighbors,
+    read_both,
+)
 from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
-from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import refuse_existing, write_atomic
@@ -221,14 +226,16 @@ def check(
     if refine:
         refuse_existing(refine)
     pairs = pairs_of(left, right, images).pairs
-    images = as_stored(images, stored_facts(images, evenly_spaced(pairs, most_pairs)))
-    rig = load_unsettled(calib, pairs, images)
+    sample = evenly_spaced(pairs, most_pairs)
+    images = as_stored(images, stored_facts(images, sample))
+    loaded = load_unsettled(calib, pairs, images)
+    rectification = Rectification.from_rig(loaded)
 
     def matched(pair: Pair) -> Matches:
-        return raw_matches(rig, [read_both(pair, images)])[0]
+        return raw_match(rectification, loaded, *read_both(pair, images))
 
-    raw = list(Threads(cores()).each(matched, evenly_spaced(pairs, most_pairs)))
-    rig = settle_matches(rig, raw)
+    raw = list(matching_threads(loaded.left.image_size).each(matched, sample))
+    rig = settle_matches(loaded, raw)
     rows = _judged(
         rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))
     )

@@ -25,10 +25,9 @@ from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.formats.kitti import for_channels
 from stereo_seecolor.checks.rig import RangeLimits, range_limits
-from stereo_seecolor.checks.sample import DECIDING_PAIRS, neighbors
+from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads, neighbors
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
-from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import folder_keys, natural_key, stem_of_path
@@ -225,9 +224,9 @@ def tested_calibration(
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
     rows: RowCheck | None = None
     images = _images(fitting, config)
+    rectification, threads = Rectification.from_rig(rig), matching_threads(rig.left.image_size)
     with suppress(CalibrationError):
-        rectification = Rectification.from_rig(rig)
-        matched = Threads(cores()).each(lambda both: find_matches(rectification, *both), images)
+        matched = threads.each(lambda both: find_matches(rectification, *both), images)
         rows = judge_matches(rig, list(matched))
     mistake = (
         likely_hypothesis(rig, images[:DECIDING_PAIRS])
@@ -238,10 +237,10 @@ def tested_calibration(
         motion = (
             NO_MOTION
             if mistake
-            else find_motion(Rectification.from_rig(rig), neighbors(pairing.pairs, config.input))
+            else find_motion(rectification, neighbors(pairing.pairs, config.input))
         )
         rows = replace(rows, mistake=mistake.line if mistake else "", motion=motion)
-    limits = _range_limits(rig, images, config)
+    limits = _range_limits(rectification, images, config)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
     facts = CalibrationFacts(
@@ -266,9 +265,8 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
 
 
 def _range_limits(
-    rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig
+    rectification: Rectification, images: list[tuple[Image, Image]], config: RunConfig
 ) -> tuple[RangeLimits, ...]:
-    rectification = Rectification.from_rig(rig)
     ranges_m = [quick_check(rectification, both).range_m for both in images]
     return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
 

@@ -18,6 +18,8 @@ from stereo_seecolor.config.file import RENAMED, known_keys
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.glob("*.md"), *(DOCS / "lab").glob("*.md")])
+TEXTS = [*PAGES, *(path for path in sorted(ROOT.glob("*.md")) if path.name != "CHANGELOG.md")]
+"""What holds of the program as it is; the changelog names what is gone."""
 DIVE = Path("data_samples/reef")
 FRAMES = range(4, 8)
 """The frames of the sample dive where its two lines overlap: enough for everything, and half the
@@ -214,7 +216,7 @@ def test_files_of_the_code_that_texts_name_are_there() -> None:
 def test_settings_that_texts_name_are_there() -> None:
     keys = known_keys()
     sections = "|".join({key.partition(".")[0] for key in keys if "." in key})
-    for page in (*PAGES, *(path for path in ROOT.glob("*.md") if path.name != "CHANGELOG.md")):
+    for page in TEXTS:
         old = RENAMED if page.name == "configuration.md" else ()
         text = page.read_text(encoding="utf-8")
         for name in re.findall(rf"(?:`|--set )((?:{sections})\.[a-z_0-9.]+)", text):
@@ -227,7 +229,7 @@ def test_options_that_texts_name_are_there() -> None:
     commands = (DOCS / "commands.md").read_text(encoding="utf-8")
     scripts = "".join(path.read_text() for path in (ROOT / "benchmarks").glob("*.py"))
     others = {"--write"}  # of tests/test_golden.py
-    for page in (*PAGES, *(path for path in ROOT.glob("*.md") if path.name != "CHANGELOG.md")):
+    for page in TEXTS:
         for name in set(re.findall(r"`(--[a-z][a-z-]+)", page.read_text(encoding="utf-8"))):
             known = f"`{name}" in commands or f'"{name}"' in scripts or name in others
             assert known, f"{page.name}: {name}"
