@@ -1,7 +1,7 @@
 """The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code
 with their real imports.
 
-python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the tables of
+python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of
 docs/lab/architecture.md.
 """
 
@@ -12,7 +12,6 @@ from html import escape
 from pathlib import Path
 
 import grimp
-import house_numbers
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -242,17 +241,13 @@ def room_of(module: str, rooms: list[str]) -> str:
 
 
 def table_of_rooms(rooms: list[str]) -> str:
-    """Packages with their sizes and what they hold."""
-    lines = ["| room | files | lines | kB | what it holds |", "| --- | --- | --- | --- | --- |"]
+    """Packages and what they hold."""
+    lines = ["| room | what it holds |", "| --- | --- |"]
     for room in rooms:
         place = ROOT / room.replace(".", "/")
         if not place.is_dir():
             continue
-        files, count, characters = house_numbers.size(house_numbers.files_of(place))
-        lines.append(
-            f"| `{room.removeprefix('stereo_seecolor.')}` | {files} | {count:,} | "
-            f"{characters / 1000:.0f} | {first_line(place)} |"
-        )
+        lines.append(f"| `{room.removeprefix('stereo_seecolor.')}` | {first_line(place)} |")
     return "\n".join(lines)
 
 
@@ -275,4 +270,3 @@ if __name__ == "__main__":
     draw_flow()
     draw_axes()
     write_table("rooms", table_of_rooms(draw_rooms()))
-    write_table("numbers", house_numbers.table())

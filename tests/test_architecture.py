@@ -1,6 +1,4 @@
-"""The arrows between modules go one way, also through imports inside functions; functions and files
-stay short.
-"""
+"""The arrows between modules go one way, also through imports inside functions."""
 
 import ast
 import graphlib
@@ -125,57 +123,6 @@ def test_run_starts_without_libraries_that_take_long_to_import() -> None:
         waiting += [name for name in names if name in MODULES]
     assert len(seen) > 100
     assert not slow
-
-
-MOST_LINES, MOST_FILE_LINES = 60, 500
-
-MACHINE_CODE = "stereo_seecolor/matching/sgm/vectors.py"
-"""Writes LLVM's instructions for four pixels at a time; it is one file so that nothing else need
-know of them, and what its functions take are the registers that they work on.
-"""
-
-
-def decorators(function: ast.FunctionDef) -> str:
-    return " ".join(map(ast.unparse, function.decorator_list))
-
-
-def too_large(path: Path) -> list[str]:
-    """What is longer than a reader holds in the head.
-
-    Exempt are compiled kernels, which take arrays and numbers apart since machine code knows no
-    objects, and of the command line the signatures, since a command's parameters are its options.
-    """
-    text, where = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
-    if where == MACHINE_CODE:
-        return []
-    found = (
-        [f"{where}: {len(text.splitlines())} lines"] if text.count("\n") > MOST_FILE_LINES else []
-    )
-    for function in ast.walk(parsed(text)):
-        if not isinstance(function, ast.FunctionDef) or "compiled" in decorators(function):
-            continue
-        is_command = where.startswith("stereo_seecolor/cli/") or path.name == "cli.py"
-        first = function.body[0].lineno if is_command else function.lineno
-        if (function.end_lineno or 0) - first >= MOST_LINES:
-            found.append(f"{where}: {function.name} has more than {MOST_LINES} lines")
-    return found
-
-
-@pytest.mark.slow
-def test_functions_and_files_stay_short() -> None:
-    assert not [line for path in MODULES.values() for line in too_large(path)]
-
-
-def test_what_is_too_large_is_found(tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(globals(), "ROOT", tmp_path)
-    path = tmp_path / "long.py"
-    path.write_text("def f(a):\n" + "    a += 1\n" * 60 + "\n" * 500)
-    assert [line.partition(": ")[2] for line in too_large(path)] == [
-        "561 lines",
-        "f has more than 60 lines",
-    ]
-    path.write_text("@compiled\ndef f(a):\n" + "    a += 1\n" * 60)
-    assert not too_large(path)
 
 
 @pytest.mark.xdist_group("together")
