@@ -20,6 +20,8 @@ from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.color.render.carried import seen_by_both, without_open_water
+from stereo_seecolor.color.response.measure import measure_response
+from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -94,7 +96,9 @@ class Pipeline:
             self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory)
         )
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
-        self.corrector = make_corrector(self.config.color, memory)
+        self.corrector = make_corrector(standard_config(self.config.color), memory)
+        self.response = Response.of(self.config.color)
+        self._measures_response = self.config.color.input_encoding == "auto"
         self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
 
@@ -150,7 +154,7 @@ class Pipeline:
         return self.reader.read(pair)
 
     def raw(self, pair: Pair, clock: Clock) -> Image:
-        """Read the left image of a pair, unrectified.
+        """Read the left image of a pair, unrectified, as sRGB values without a pedestal.
 
         Args:
             pair: The pair.
@@ -163,10 +167,11 @@ class Pipeline:
             InputError: If the image cannot be read.
         """
         with clock("read"):
-            return read_image(pair.left, self.config.input)
+            raw = read_image(pair.left, self.config.input)
+            return self.response.of_frame(raw).standard(raw)
 
     def image(self, pair: Pair, clock: Clock) -> Image:
-        """Read and rectify the left image of a pair; upright.
+        """Read and rectify the left image of a pair; upright, as sRGB values without a pedestal.
 
         Args:
             pair: The pair.
@@ -179,9 +184,12 @@ class Pipeline:
             InputError: If the image cannot be read.
             CalibrationError: If it is of another size than the calibration's.
         """
-        image = self.raw(pair, clock)
+        with clock("read"):
+            raw = read_image(pair.left, self.config.input)
+            response = self.response.of_frame(raw)
         with clock("rectify"):
-            return self.rectification.upright(self.rectification.apply_left(image))
+            image = self.rectification.upright(self.rectification.apply_left(raw))
+        return response.standard(image)
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
         """Read, rectify and match a pair.
@@ -191,7 +199,7 @@ class Pipeline:
             clock: Takes the time of each stage.
 
         Returns:
-            The rectified left image, upright, and its range map.
+            The rectified left image, upright, as sRGB values without a pedestal, and its range map.
 
         Raises:
             InputError: If an image cannot be read.
@@ -200,6 +208,7 @@ class Pipeline:
         """
         with clock("read"):
             raw = self.read(pair)
+            response = self.response.of_frame(raw.left)
         with clock("rectify"):
             rectified = self.rectify(raw)
         del raw  # read again in the rare case that the check asks for it
@@ -208,7 +217,7 @@ class Pipeline:
             range_map = self.check_pair(rectified.name, range_map, partial(self.read, pair))
         upright = self.rectification.upright
         with clock("rectify"):
-            return upright(rectified.left), range_map.each(upright)
+            return response.standard(upright(rectified.left)), range_map.each(upright)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
         """Rectify both images onto one plane, with the baseline along +x.
@@ -227,6 +236,13 @@ class Pipeline:
             self._rectifier.apply_right(frame.right),
         )
         return replace(frame, left=left, right=right)
+
+    def _response_of(self, frame: StereoFrame) -> Response:
+        """The response of a frame that came without a dive: the first one is measured."""
+        if self._measures_response:
+            self.response = measure_response([frame.left]).response
+            self._measures_response = False
+        return self.response.of_frame(frame.left)
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """Compute the range map of a rectified pair.
@@ -275,6 +291,7 @@ class Pipeline:
         upright = self.rectification.upright
         with clock("rectify"):
             left, right = upright(rectified.left), upright(rectified.right)
+            left = self._response_of(frame).standard(left)
             rectified, range_map = replace(frame, left=left, right=right), range_map.each(upright)
         with clock("color"):
             if callable(water):

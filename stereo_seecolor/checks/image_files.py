@@ -1,5 +1,5 @@
-"""The image files of a dive, as far as their form tells: pages, palettes, compression, linear
-light, parts of a picture.
+"""The image files of a dive, as far as their form tells: pages, palettes, compression,
+parts of a picture.
 
 Images that cannot be read are left out: the run names them.
 """
@@ -8,16 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
-from stereo_seecolor.config import ColorConfig, InputConfig
+from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.capture import framing
-from stereo_seecolor.inputs.file_form import image_facts
 from stereo_seecolor.inputs.headers import (
     JPEG_SIGNATURE,
     PNG_SIGNATURE,
@@ -141,18 +139,10 @@ class RepeatedImages:
 
 PALETTE = 3
 """Color type of a PNG (its specification, 11.2.2)."""
-LINEAR = (100_000).to_bytes(4, "big")
-"""Content of the chunk gAMA of a PNG that says that its values are linear light."""
-FILE_FORM_DARK_MEDIAN = 0.1
-"""Of 8-bit images: median of the brightest channel over its brightest thousandth, of three frames.
-Encoded for a screen: 0.18 to 0.6 in real frames; as linear light 0.08 of two of five dives (FLSea,
-a strobe-lit reef), 0.25 and more of the others.
-"""
-FEW = 3
 
 
 def form_notes(images: DiveImages) -> tuple[str, ...]:
-    """Pages, a palette, or linear light in the files of the left images."""
+    """Pages or a palette in the files of the left images."""
     for pair in images.pairs[:1]:
         with suppress(InputError):
             content = read_image_bytes(pair.left)
@@ -170,41 +160,12 @@ def form_notes(images: DiveImages) -> tuple[str, ...]:
                     f"input: {pair.left.name} {rounded}: colors come out wrong; take the "
                     "camera's own files",
                 )
-            if not content.startswith(JPEG_SIGNATURE):
-                return _linear_notes(images.pairs, content, images.config.color)
     return ()
 
 
 def _has_palette_of_colors(content: bytes) -> bool:
     palette = png_chunk(content, b"PLTE")
     return content[25] == PALETTE and palette[::3] != palette[1::3]
-
-
-def _linear_notes(pairs: Sequence[Pair], content: bytes, color: ColorConfig) -> tuple[str, ...]:
-    """Warn where 8-bit files say, or look as if, they hold linear light, and are read as
-    encoded.
-    """
-    if color.input_encoding != "srgb":
-        return ()
-    advice = (
-        "--set color.input_encoding=linear; 8 bits of linear light leave dark places a few values"
-    )
-    if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"gAMA") == LINEAR:
-        return (
-            f"color: {pairs[0].left.name} says that it holds linear light (gAMA 1), and is read "
-            f"as encoded: {advice}",
-        )
-    with suppress(InputError):
-        facts = [image_facts(pair.left) for pair in pairs[:: max(1, len(pairs) // FEW)][:FEW]]
-        if (
-            all(one.bits == 8 for one in facts)
-            and median(one.middle for one in facts) < FILE_FORM_DARK_MEDIAN
-        ):
-            return (
-                f"color: {pairs[0].left.name} is dark for an image encoded for a screen: if it "
-                f"holds linear light: {advice}",
-            )
-    return ()
 
 
 # JPEG images compressed so strongly that color is left in blocks: dark and turbid scenes come out
@@ -249,34 +210,6 @@ def compression_notes(images: DiveImages) -> tuple[str, ...]:
     return ()
 
 
-# A warning about deep images that are read as encoded for a screen, but look as if they held
-# linear light, as raw converters write it.
-
-LINEAR_LOOK_DARK_MEDIAN = 0.2
-"""Median of the brightest channel over its brightest thousandth. Encoded: 0.29 to 0.59 in frames of
-a real reef, a Sea-thru scene and drawn dives by day and night; the same as linear light 0.07 to
-0.31.
-"""
-
-
-def encoding_notes(images: DiveImages) -> tuple[str, ...]:
-    """A first image of more than 8 bits that contradicts ``input_encoding: srgb``."""
-    facts = images.facts
-    first = next(iter(facts), None)
-    if (
-        images.config.color.input_encoding != "srgb"
-        or first is None
-        or facts[first].bits <= 8
-        or facts[first].middle >= LINEAR_LOOK_DARK_MEDIAN
-    ):
-        return ()
-    doubt = f"color: {first.name} is dark for an image encoded for a screen, as which it is read"
-    return (
-        f"{doubt}: if it holds linear light, as from a raw converter: --set "
-        "color.input_encoding=linear",
-    )
-
-
 # Pictures that are a part of the sensor's, enlarged or not: a calibration of the whole does not
 # hold for them.
 
@@ -299,7 +232,6 @@ def framing_notes(images: DiveImages) -> tuple[str, ...]:
 Check = Callable[[DiveImages], tuple[str, ...]]
 """Answers with notes, a line each; with none where all is well, or where it cannot be told."""
 IMAGE_CHECKS: tuple[Check, ...] = (
-    encoding_notes,
     framing_notes,
     compression_notes,
     form_notes,

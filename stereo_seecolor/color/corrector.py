@@ -62,7 +62,7 @@ class Corrector:
             ColorError: If the two do not belong together.
         """
         check_pair(image, range_m)
-        range_m = without_rim(image, range_m, self.config.input_encoding)
+        range_m = without_rim(image, range_m, self.config.encoding)
         every = max(range_m.size // SAMPLING.pixels, 1)
         table = self._count(image, range_m, every)
         few = every > 1 and table.pixels.sum() < SAMPLING.least_known
@@ -110,7 +110,7 @@ class Corrector:
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
         return replace(
-            paper.fit(table, self.config.paper, self.config.input_encoding, start, until_s),
+            paper.fit(table, self.config.paper, self.config.encoding, start, until_s),
             warnings=doubt,
         )
 
@@ -237,8 +237,8 @@ class Corrector:
         return correct_linear(image, range_m, water, exposure, self.config)
 
     def _check(self, water: Water) -> None:
-        if water.input_encoding != self.config.input_encoding:
+        if (water.input_encoding == "as-is") != (self.config.encoding == "as-is"):
             raise ColorError(
                 f"water: was fitted to images read as {water.input_encoding}, and these are read "
-                f"as {self.config.input_encoding}; set color.input_encoding={water.input_encoding}"
+                f"as {self.config.encoding}; set color.input_encoding={water.input_encoding}"
             )

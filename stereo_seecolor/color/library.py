@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.tone import choose
+from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
@@ -27,12 +28,13 @@ def fit(
     """Fit the water of an image, or one water to all images of a batch.
 
     image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16. range_m: (H, W) or (N, H, W) meters along
-    the ray, unknown where not finite or not above 0. config: the method and its settings. start: a
-    water to begin from.
+    the ray, unknown where not finite or not above 0. config: the method and its settings, with the
+    response of the camera (``color.response.measure.measure_response``; auto is taken as sRGB
+    here). start: a water to begin from.
     Raises ColorError for other shapes or types, and where no pixel has a known range; DeviceError
     for CUDA where there is none.
     """
-    corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
+    corrector, images, ranges = _standard(image, range_m, config)
     if len(images) == 1:
         return corrector.fit_frame(images[0], ranges[0], start)
     return corrector.fit(_table(corrector, images, ranges), start)
@@ -53,7 +55,7 @@ def correct(
     the batch. Raises as ``fit``, and ColorError for water parameters that were fitted to another
     encoding.
     """
-    corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
+    corrector, images, ranges = _standard(image, range_m, config)
     water = water or fit(image, range_m, config)
     exposure, highlights = water.exposure, water.highlights
     if exposure is None:
@@ -63,6 +65,17 @@ def correct(
         for one, range_of_one in zip(images, ranges, strict=True)
     ]
     return _like(image, frames)
+
+
+def _standard(
+    image: Any, range_m: Any, config: ColorConfig | None
+) -> tuple[Corrector, NDArray[Any], NDArray[Any]]:
+    """The corrector, and the frames as it takes them."""
+    config = config or ColorConfig()
+    response, (images, ranges) = Response.of(config), _frames(image, range_m)
+    if not response.is_identity:
+        images = np.stack([response.of_frame(one).standard(one) for one in images])
+    return Corrector(standard_config(config)), images, ranges
 
 
 def _frames(image: Any, range_m: Any) -> tuple[NDArray[Any], NDArray[Any]]:

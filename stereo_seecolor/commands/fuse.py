@@ -11,6 +11,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from calibration import Rectification
 from calibration.errors import counted
+from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
@@ -220,11 +221,12 @@ class RawImages:
         self._run, self._rectification = run, Rectification.from_rig(run.rig)
 
     def rectified(self, name: str) -> RecordsImage:
-        """The rectified left image of a frame, upright, uncorrected. Raises InputError where its
-        file is missing.
+        """The rectified left image of a frame, upright, as sRGB values without a pedestal. Raises
+        InputError where its file is missing.
         """
         raw = read_image(self._run.frame(name).left, self._run.config.input)
-        return self._rectification.upright(self._rectification.apply_left(raw))
+        response = Response.of(self._run.config.color).of_frame(raw)
+        return response.standard(self._rectification.upright(self._rectification.apply_left(raw)))
 
 
 def _kept_aside(folder: RunFolder) -> tuple[str, ...]:

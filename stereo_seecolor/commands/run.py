@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from calibration.formats import native
+from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.image_files import compression_notes, form_notes, image_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.commands.reported_run import folder_request, reported, stereo_run
@@ -209,6 +210,8 @@ def correct(
     pairing = pair_by_stem(images, ranges)
     files = DiveImages(pairing.pairs, config)
     pairing = pairing.with_notes(image_notes(files, (compression_notes, form_notes)))
+    config, notes = settle_response(config, pairing.pairs, has_right=False)
+    pairing = pairing.with_notes(notes)
     paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
     owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
     inputs, read = (

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from calibration.checks import suspicions
-from stereo_seecolor.checks.image_files import encoding_notes, image_notes
+from stereo_seecolor.checks.camera_response import settle_response
+from stereo_seecolor.checks.image_files import image_notes
 from stereo_seecolor.checks.rig import first_notes
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for
@@ -120,16 +121,15 @@ class StereoInputs:
         pairing = load("inputs", "videos").video_pairing(
             self.left, self.right, self.calib, folder, config.input
         )
-        facts = stored_facts(config.input, pairing.pairs[:1])
-        notes = encoding_notes(DiveImages(pairing.pairs, config, facts))
-        return self._opened(pairing.with_notes(notes), config)
+        return self._opened(pairing, config)
 
     def _opened(self, pairing: Pairing, config: RunConfig) -> "Opened":
         if config.output.geometry == "original":
             _refuse_equal_names(pairing)
         rig = load_rig_for(self.calib, pairing.pairs, config.input)
+        config, response_notes = settle_response(config, pairing.pairs)
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
-        return Opened(pairing.with_notes(notes), Pipeline(rig, config))
+        return Opened(pairing.with_notes(notes + response_notes), Pipeline(rig, config))
 
 
 def named_inputs(names: Mapping[str, str]) -> DiveInputs:

@@ -7,6 +7,8 @@ from pydantic import Field, Strict, ValidationError, ValidatorFunctionWrapHandle
 from stereo_seecolor.config.stage import StageConfig
 
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
+Fraction = Annotated[float, Field(ge=0, le=0.5)]
+Factor = Annotated[float, Field(ge=0)]
 STREAM_FRAMES = 20
 """Frames that share one water in live, where no other number is set."""
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
@@ -123,11 +125,30 @@ class ColorConfig(StageConfig):
         "survey. brightness: each frame is brought to one exposure by its brightness at equal "
         "ranges.",
     )
-    input_encoding: Literal["srgb", "linear", "as-is"] = Field(
-        default="srgb",
-        description="srgb: decoded to linear light, corrected there, encoded again. linear: the "
-        "values are linear light, and "
-        "the output is encoded. as-is: the values are corrected as they are.",
+    input_encoding: Literal["auto", "srgb", "linear", "as-is"] = Field(
+        default="auto",
+        description="How images hold light. auto: measured from the noise of the images, with the "
+        "pedestal; srgb where that is not possible. srgb: encoded for a screen. linear: the values "
+        "are linear light. as-is: the values are corrected as they are. The output of all but "
+        "as-is is encoded by sRGB.",
+    )
+
+    @property
+    def encoding(self) -> Literal["srgb", "linear", "as-is"]:
+        """``input_encoding``; sRGB where it was not measured."""
+        return "srgb" if self.input_encoding == "auto" else self.input_encoding
+
+    pedestal: Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Values of R, G, B that the camera gives without light, in linear light as a "
+        "fraction of full scale. They are taken off first. With color.input_encoding=auto they are "
+        "measured, too.",
+    )
+    pedestal_noise: Annotated[tuple[Factor, Factor, Factor], Strict(False)] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Noise of R, G, B that belongs to color.pedestal: variance over light, for "
+        "values of 0 to 255. A frame of more noise was brightened by a gain of its own, and has "
+        "more of the pedestal. 0: every frame has the same pedestal.",
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",

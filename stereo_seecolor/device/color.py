@@ -73,7 +73,7 @@ class DeviceCorrector(Corrector):
     def _correct(self, image: Image, range_m: Map, water: Water, tone: Tone) -> Correction:
         check_pair(image, range_m)
         by_range = gains(water, self.config, tone.exposure)
-        tables = display(8 * image.dtype.itemsize, self.config.input_encoding, tone.highlights)
+        tables = display(8 * image.dtype.itemsize, self.config.encoding, tone.highlights)
         pixels, bits = _pixels(self._memory.tensor(image)), _bits(self._memory.tensor(range_m))
         shown, unknown, unrecoverable, clipped = torch_apply.apply_on(
             pixels, bits, by_range, tables, image.dtype == np.uint8

@@ -18,6 +18,7 @@ from stereo_seecolor.checks.light_and_water import exposure_warnings
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.frame_shading import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
+from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -204,7 +205,7 @@ def count_colors(
     """
     row, ranged = measure_range(frames, pair, clock)
     path = frames.folder.root / table_file(pair.name, ranged.record.subfolder)
-    key = content_key(ranged.key, light_key(light), frames.config.color.input_encoding)
+    key = content_key(ranged.key, light_key(light), Response.of(frames.config.color))
     with clock("read"):
         packed = cache.kept(path, key)
     if packed:
@@ -267,7 +268,9 @@ def _divided(
         return image
     with clock("light"):
         of_frame = light.on(name, (image.shape[1], image.shape[0]))
-        return divide_illumination(image, range_m, of_frame, frames.config.color.input_encoding)
+        return divide_illumination(
+            image, range_m, of_frame, frames.source.corrector.config.encoding
+        )
 
 
 def light_key(light: Light | None) -> str:
@@ -356,7 +359,7 @@ def _corrected(
         outside = pair.outside_right(ranges.range_m) if pair and alike else None
     image = _divided(frames, light, ranged.pair.name, before, ranges.range_m, clock)
     with clock("color"):
-        exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)
+        exposed = exposure_warnings(before, measured.measured_m, source.corrector.config.encoding)
         correction = correct(source.corrector, source.config, image, ranges, water, outside)
         correction = replace(correction, warnings=(*correction.warnings, *exposed))
         return _Corrected(before, measured, ranges, outside, correction)
@@ -393,7 +396,7 @@ def _original_files(
         if light:
             seen = light.on(pair.name, rectified.range_m.shape[::-1]).seen_through(view.smooth)
             image = divide_illumination(
-                image, for_color.range_m, seen, source.config.color.input_encoding
+                image, for_color.range_m, seen, source.corrector.config.encoding
             )
         outside = None if frame.outside is None else ~view.mask(~frame.outside)
         correction = correct(source.corrector, source.config, image, for_color, water, outside)

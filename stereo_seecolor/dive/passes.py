@@ -149,7 +149,7 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
         read=partial(read_frame, run.frames),
         captures=ranges.captures,
         geometry=geometry,
-        encoding=run.frames.config.color.input_encoding,
+        encoding=run.frames.source.corrector.config.encoding,
         compute=run.options.compute,
         examined=lambda name: run.advance(FrameRow(name)),
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration import Rectification, RectifiedPair
 from calibration.rectification import OriginalView
+from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, memory_of
@@ -29,7 +30,8 @@ class RangedImages:
 
     def __init__(self, config: RunConfig, matched_by: RectifiedPair | None = None) -> None:
         self.config, self.matched_by = config, matched_by
-        self.corrector = make_corrector(config.color, memory_of(config.device))
+        self.corrector = make_corrector(standard_config(config.color), memory_of(config.device))
+        self.response = Response.of(config.color)
         self.reader = FrameReader(config.input)
         self.settings = content_key(__version__, self.reader.settings, matched_by)
 
@@ -38,9 +40,10 @@ class RangedImages:
         return {"image": pair.left, "range": pair.right}
 
     def raw(self, pair: Pair, clock: Clock) -> Image:
-        """The image as it is. Raises InputError."""
+        """The image as sRGB values without a pedestal. Raises InputError."""
         with clock("read"):
-            return read_image(pair.left, self.config.input)
+            image = read_image(pair.left, self.config.input)
+            return self.response.of_frame(image).standard(image)
 
     image = raw
 

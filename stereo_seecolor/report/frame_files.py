@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import CalibrationError, Rectification, RectifiedPair
+from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.files.contained import is_there, read_bytes
@@ -88,8 +89,9 @@ class FrameFiles:
         )
 
     def raw(self, frame: FinishedFrame) -> Image:
-        """(H, W, 3) the frame's left image, rectified and upright, uncorrected. Raises InputError,
-        CalibrationError.
+        """(H, W, 3) the frame's left image, rectified and upright, as sRGB values.
+
+        Raises InputError, CalibrationError.
 
         Records of others may name any image of this machine: one is shown only where it is what the
         run read.
@@ -97,14 +99,14 @@ class FrameFiles:
         if hashlib.sha256(read_bytes(frame.left)).hexdigest() != frame.sha256:
             raise InputError(f"{frame.left}: is not the image that the run read")
         image = read_image(frame.left, self.run.config.input)
+        response = Response.of(self.run.config.color).of_frame(image)
         if self.run.geometry is None:
-            return image
+            return response.standard(image)
         if self.rectification is None:
             raise InputError(
                 f"{frame.name}: cannot be rectified: {self.run.root / RIG} is gone or damaged"
             )
-        rectified: Image = self.rectification.upright(self.rectification.apply_left(image))
-        return rectified
+        return response.standard(self.rectification.upright(self.rectification.apply_left(image)))
 
 
 def contents_of(

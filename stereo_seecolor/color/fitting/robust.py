@@ -69,7 +69,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     white point's brightness is such that the brightest thousandth of a scene is near full scale at
     exposure 1.
     """
-    return fit_quantiles(quantiles_by_range(table, config.input_encoding), config, start)
+    return fit_quantiles(quantiles_by_range(table, config.encoding), config, start)
 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
@@ -161,7 +161,7 @@ def _water(
         x=np.zeros(3),
         white=white,
         standard_errors=dict(zip(("y", "w", "beta", "gamma_inf", "white"), errors, strict=True)),
-        input_encoding=config.input_encoding,
+        input_encoding=config.encoding,
         warnings=(*_warnings(seen), *_highlight_warnings(x - problem.mean, seen.light.shape[-1])),
     )
 

@@ -177,7 +177,7 @@ def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence |
     """The data of each chunk; None for one without light or a known range."""
     tables = [chunk.table() for chunk in chunks]
     known = [
-        (i, table, quantiles_by_range(table, config.input_encoding))
+        (i, table, quantiles_by_range(table, config.encoding))
         for i, table in enumerate(tables)
         if table is not None
     ]
@@ -239,7 +239,7 @@ def _joins(pairs: Sequence[tuple[_Segment, _Segment]], config: ColorConfig) -> l
         return []
     larger = [max(pair, key=lambda segment: len(segment.chunks)).water for pair in pairs]
     tables = [a.table + b.table for a, b in pairs]
-    seen = [quantiles_by_range(table, config.input_encoding) for table in tables]
+    seen = [quantiles_by_range(table, config.encoding) for table in tables]
     waters, _ = robust.fit_all(seen, config, larger, ENOUGH)
     chunks = [a.chunks + b.chunks for a, b in pairs]
     joined = _segments(list(zip(chunks, tables, waters, strict=True)), config)

@@ -125,7 +125,7 @@ class CountedFrames:
         """Add up the tables of these frames, given by name and table in order."""
         frames, classes = [], dict[int, ExposureClass]()
         for name, table in tables:
-            brightness = Brightness.of(table, config.input_encoding)
+            brightness = Brightness.of(table, config.encoding)
             kind = class_of(brightness, config)
             frames.append((name, kind, brightness.packed()))
             if table.pixels.any():
@@ -179,8 +179,8 @@ class SurveyFitter(Fitter):
         reference = self._classes.get(0)
         if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
             brighter = frame.classes[0].brightness.ratio(reference.brightness)
-            table = darkened(table, brighter, self._config.input_encoding)
-            brightness = Brightness.of(table, self._config.input_encoding)
+            table = darkened(table, brighter, self._config.encoding)
+            brightness = Brightness.of(table, self._config.encoding)
             frame = replace(frame, classes={0: ExposureClass(table, brightness)})
         self.join(frame)
 

@@ -27,7 +27,7 @@ def correct(
     bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     by_range = gains(water, config, tone.exposure)
-    tables = display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
+    tables = display(8 * image.dtype.itemsize, config.encoding, tone.highlights)
     shown, clipped = torch_apply.on_processor(flat, bits, by_range, tables)
     whole = Shown(
         shown.image.reshape(image.shape),
@@ -70,7 +70,7 @@ def correct_linear(
     check_pair(image, range_m)
     by_range, bits = gains(water, config, exposure), range_bits(range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
-    shown = display(8 * image.dtype.itemsize, config.input_encoding, 1.0)
+    shown = display(8 * image.dtype.itemsize, config.encoding, 1.0)
     return torch_apply.linear(flat, bits, by_range, shown).reshape(image.shape)
 
 

@@ -172,7 +172,7 @@ def _water_beside(
     mean, square = (each / np.maximum(share, 1e-6) for each in sums)
     std = np.sqrt(np.maximum(square - mean**2, 0))
     darkest, brightest = (
-        255 * (encode_srgb(veil) if water.input_encoding == "srgb" else veil)
+        255 * (encode_srgb(veil) if water.input_encoding != "as-is" else veil)
         for veil in (np.minimum(factor * water.gamma_inf, 1.0) for factor in OPEN_WATER.bright)
     )
     even = std.max(axis=2) <= OPEN_WATER.contrast * mean.max(axis=2)

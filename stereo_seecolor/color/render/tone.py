@@ -90,9 +90,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     )
     matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
     black = np.square(_noise(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
-    without_water = np.square(
-        INPUT_NOISE * decoding_slope(np.zeros(1), config.input_encoding) * exposure
-    )
+    without_water = np.square(INPUT_NOISE * decoding_slope(np.zeros(1), config.encoding) * exposure)
     noise = np.sqrt(np.maximum(black - without_water, 0.0)).astype(np.float32)
     return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
 
@@ -112,7 +110,7 @@ def _noise(
 ) -> NDArray[np.float64]:
     """(3, N) noise in linear light, before gains, of a surface of corrected light ``surface``."""
     light = (offset + surface) / gain
-    return np.asarray(INPUT_NOISE * decoding_slope(np.minimum(light, 1.0), config.input_encoding))
+    return np.asarray(INPUT_NOISE * decoding_slope(np.minimum(light, 1.0), config.encoding))
 
 
 # The exposure of an image for display, and the roll-off of highlights beyond full scale.
@@ -242,13 +240,13 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     gain = np.ascontiguousarray(gain[:, judged])
     offset = np.ascontiguousarray(offset[:, judged])
     number = np.zeros((3, _OCTAVES), np.int64)
-    light = decoded_bins(table.bit_depth, config.input_encoding)
+    light = decoded_bins(table.bit_depth, config.encoding)
     _add_up(table.counts, occupied, gain, offset, light, number)
     pixels = int(table.pixels[occupied].sum())
     brightest = _exceeded(number.sum(axis=0), int(CLIPPED_FRACTION * pixels))
     if brightest <= 0:
         return Tone(1.0)
-    if config.input_encoding == "as-is":
+    if config.encoding == "as-is":
         return Tone(BRIGHTEST_SHOWN / brightest)
     median = float(LUMINANCE @ [_exceeded(channel, pixels // 2) for channel in number])
     unclipped, wanted = BRIGHTEST_LIGHT / brightest, config.median_luminance / max(median, 1e-9)

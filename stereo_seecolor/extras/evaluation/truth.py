@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
+from stereo_seecolor.color.response.response import standard_config
 from stereo_seecolor.commands.fuse import RawImages
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import InputError
@@ -264,7 +265,7 @@ def evaluate_spread(out: Path, others: Sequence[str | Path] = ()) -> SpreadRepor
     results = OtherResults.of(others)
     frames = _Compared(run, results)
     _refuse_missing(results, [frame.name for frame in run.frames])
-    return measure_spread(frames, frames.geometry, run.config.color.input_encoding)
+    return measure_spread(frames, frames.geometry, standard_config(run.config.color).encoding)
 
 
 class _Compared(Lazy[ComparedFrame]):

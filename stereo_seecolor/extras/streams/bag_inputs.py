@@ -5,6 +5,7 @@ from pathlib import Path
 
 from calibration import CalibrationError
 from calibration.checks import suspicions
+from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
 from stereo_seecolor.commands.stereo_inputs import Opened, calibration_files, sample, settle_storage
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -65,6 +66,8 @@ class BagInputs:
         )
         notes += () if self.calib else dive.static_baseline[1]
         notes += tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        config, response_notes = settle_response(config, dive.pairing.pairs)
+        notes += response_notes
         return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))
 
     def open_first(self, config: RunConfig) -> Opened:

@@ -1,0 +1,92 @@
+"""The response of a dive's cameras, measured before the pairs are read."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from PIL import Image as Pillow
+
+from stereo_seecolor.checks.sample import evenly_spaced
+from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
+from stereo_seecolor.color.response.response import Response
+from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.headers import PNG_SIGNATURE, png_chunk
+from stereo_seecolor.inputs.images import read_image, read_image_bytes
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Image
+
+LEFT_FRAMES, RIGHT_FRAMES = 6, 3
+"""Frames, spread over the dive: noise curves of six agree within some 10 %; only the left image is
+corrected.
+"""
+LINEAR_GAMMA = (100_000).to_bytes(4, "big")
+"""Content of the chunk gAMA of a PNG that says that its values are linear light."""
+EXIF_IFD, COLOR_SPACE, SRGB = 0x8769, 0xA001, 1
+"""Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB."""
+
+
+def settle_response(
+    config: RunConfig, pairs: Sequence[Pair], has_right: bool = True
+) -> tuple[RunConfig, tuple[str, ...]]:
+    """Settle ``color.input_encoding`` where it is auto, with the pedestal.
+
+    Args:
+        config: Settings, with the images as they are stored (``settle_storage``).
+        pairs: All pairs of the dive.
+        has_right: Whether the second file of a pair is an image too.
+
+    Returns:
+        The settings, and a note on what was measured; none for images encoded for a screen, as
+        most are.
+    """
+    if config.color.input_encoding != "auto":
+        return config, ()
+    left = _measured([pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES)], config.input)
+    right = (
+        _measured([pair.right for pair in evenly_spaced(pairs, RIGHT_FRAMES)], config.input)
+        if has_right
+        else UNDECIDED
+    )
+    color = config.color.model_copy(update=left.response.settings)
+    return config.model_copy(update={"color": color}), _notes(left, right)
+
+
+def _notes(left: MeasuredResponse, right: MeasuredResponse) -> tuple[str, ...]:
+    notes: tuple[str, ...] = () if left.verdict == "encoded" else (f"response: {left.line}",)
+    decided = {left.verdict, right.verdict} - {"undecided"}
+    if len(decided) > 1:
+        notes += (
+            f"response: the left images are {left.verdict} and the right ones {right.verdict}: "
+            "were the two sides saved by different programs?",
+        )
+    return notes
+
+
+def _measured(files: Sequence[Path], config: InputConfig) -> MeasuredResponse:
+    found = measure_response(list(_read(files, config)))
+    if found.verdict == "undecided" and files:
+        return _as_file_says(files[0], found)
+    return found
+
+
+def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
+    images = []
+    for path in files:
+        with suppress(InputError):  # the run names it
+            images.append(read_image(path, config))
+    return images
+
+
+def _as_file_says(path: Path, found: MeasuredResponse) -> MeasuredResponse:
+    """What the first file itself says of its encoding, where its noise says nothing."""
+    with suppress(InputError):
+        content = read_image_bytes(path)
+        if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"gAMA") == LINEAR_GAMMA:
+            return replace(found, response=Response("linear"), verdict="linear")
+    # the errors of Pillow for what it does not read
+    with suppress(OSError, ValueError, SyntaxError), Pillow.open(path) as image:
+        if image.getexif().get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
+            return replace(found, verdict="encoded")
+    return found

@@ -1,0 +1,148 @@
+"""The response of a camera, measured from the noise of its images.
+
+In linear images the variance of the noise is a straight line over brightness, which crosses zero at
+the pedestal. In images that are encoded for a screen it is flat or falls. Where denoising or
+compression has changed the noise, nothing is decided.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stereo_seecolor.color.response.noise import (
+    Blocks,
+    Law,
+    NoiseCurve,
+    blocks_by_channel,
+    fit_law,
+    frame_law,
+    noise_curve,
+    quantization_of,
+)
+from stereo_seecolor.color.response.response import Response, as_rgb
+from stereo_seecolor.records import Image
+
+SURE = 2.0
+"""Ratio of the misfits of two laws from which one is taken: on 36 drawn cameras of each kind linear
+images have 2.2 and more, encoded ones at most 1.7 (denoised); real dives 3.0 to 4.2, a photograph
+of unknown tone curve 1.4.
+"""
+CONTRADICTED = 1.3
+"""Ratio below which a single channel contradicts the others."""
+MOST_MISFIT = 0.35
+"""Logarithm, rms: a law that is off by more does not describe the noise."""
+MOST_WHITENESS = 3.3
+"""Drawn sensors 0.9 to 3.1, also at half size; JPEG of quality 95 3.8 and more."""
+LEAST_BINS = 6
+"""Of brightness, that hold more than the noise of rounding."""
+BELOW_ZERO = 0.5
+"""Fraction of the brightest mean: a line that crosses zero so far below is nearly flat."""
+PEDESTAL_BETTER = 1.4
+"""Times that a line through zero fits worse, at least, where there is a pedestal: 1.6 to 2.3 on
+drawn cameras with one and on a real dive, 1.2 at most on those without.
+"""
+LEAST_PEDESTAL = 2 / 255
+"""Fraction of full scale that is worth taking off."""
+
+
+@dataclass(frozen=True)
+class MeasuredResponse:
+    """The response, and how it was found.
+
+    Attributes:
+        response: sRGB where nothing could be decided.
+        verdict: linear, encoded, or undecided.
+        ratio: How many times worse the encoded law fits than the linear one; NaN without noise.
+    """
+
+    response: Response
+    verdict: Literal["linear", "encoded", "undecided"]
+    ratio: float
+
+    @property
+    def line(self) -> str:
+        """One line for the user."""
+        if self.verdict == "linear":
+            return f"linear light: noise grows in proportion to brightness{self._pedestal}"
+        if self.verdict == "encoded":
+            return f"encoded for a screen, read as sRGB{self._pedestal}"
+        return (
+            "not measurable, read as sRGB: the noise is too weak or was changed by denoising or "
+            "compression; if the files hold linear light, set color.input_encoding=linear"
+        )
+
+    @property
+    def _pedestal(self) -> str:
+        if not any(self.response.pedestal):
+            return ""
+        values = ", ".join(f"{255 * value:.0f}" for value in self.response.pedestal)
+        return f"; pedestal of {values} of 255 (R, G, B) taken off"
+
+
+UNDECIDED = MeasuredResponse(Response(), "undecided", np.nan)
+
+
+def measure_response(images: Sequence[Image]) -> MeasuredResponse:
+    """Measure the response of one camera.
+
+    Args:
+        images: Some frames of it, each (H, W, 3) RGB, uint8 or uint16, as the camera gave them:
+            not rectified, resized or denoised where that can be had.
+
+    Returns:
+        The response. It is sRGB unless the noise shows another.
+    """
+    channels, rounding = blocks_by_channel(images), quantization_of(images)
+    curves = [noise_curve(blocks, rounding) for blocks in channels]
+    laws = [_laws(curve) for curve in curves if curve is not None]
+    known = [both for both in laws if both is not None]
+    if not known:
+        return UNDECIDED
+    ratios = np.array([encoded.misfit / max(linear.misfit, 1e-3) for linear, encoded in known])
+    ratio = float(np.exp(np.log(ratios).mean()))
+    misfit = float(np.median([linear.misfit for linear, _ in known]))
+    straight = all(linear.zero > -BELOW_ZERO for linear, _ in known)
+    if ratio > SURE and ratios.min() > CONTRADICTED and misfit < MOST_MISFIT and straight:
+        return MeasuredResponse(_of_frames("linear", channels, rounding), "linear", ratio)
+    curved = float(np.median([encoded.misfit for _, encoded in known]))
+    flat = sum(linear.zero < -BELOW_ZERO for linear, _ in known) > len(known) / 2
+    if curved < MOST_MISFIT and (ratio < 1 / CONTRADICTED or flat):
+        return MeasuredResponse(_of_frames("srgb", channels, rounding), "encoded", ratio)
+    return UNDECIDED
+
+
+def _laws(curve: NoiseCurve) -> tuple[Law, Law] | None:
+    """The law of linear images and the better of the encoded ones; None where the curve tells
+    nothing.
+    """
+    above = curve.variance > max(1.3 * curve.quantization, 1e-4)
+    if above.sum() < LEAST_BINS or curve.whiteness > MOST_WHITENESS:
+        return None
+    linear = fit_law(curve, above, "linear")
+    return linear, min(fit_law(curve, above, encoded) for encoded in ("srgb", "gamma"))
+
+
+def _of_frames(
+    encoding: Literal["linear", "srgb"],
+    channels: Sequence[Sequence[Blocks]],
+    quantization: float,
+) -> Response:
+    """The response with the pedestal of each channel, from the zeros of single frames' lines:
+    frames may have been brightened by gains of their own, which the slopes of the lines tell.
+    """
+    pedestals, factors, better = [], [], []
+    for blocks in channels:
+        laws = [law for frame in blocks if (law := frame_law([frame], quantization, encoding))]
+        if 2 * len(laws) <= len(blocks):
+            return Response(encoding)
+        factor = float(np.median([law.factor for law in laws]))
+        zero = float(np.median([law.zero / law.factor for law in laws])) * factor
+        pedestals.append(max(round(zero, 4), 0.0))
+        factors.append(float(f"{factor:.4g}"))
+        better.append(np.median([np.log(law.misfit_at_zero / law.misfit) for law in laws]))
+    if max(pedestals) < LEAST_PEDESTAL or np.exp(np.mean(better)) < PEDESTAL_BETTER:
+        return Response(encoding)
+    each = 3 // len(channels)
+    return Response(encoding, as_rgb(pedestals * each), as_rgb(factors * each))

@@ -1,0 +1,289 @@
+"""The noise of a camera over brightness, from the smoothest blocks of its images.
+
+Photon noise has a variance that is proportional to the light (Janesick 2007, *Photon Transfer*).
+The laws that a response makes of it are compared in ``measure``.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.records import Image, is_monochrome
+
+Array = NDArray[np.float64]
+Plane = NDArray[np.float32]
+
+SECOND_DIFFERENCE = np.array([1, -2, 1], np.float32) / np.sqrt(np.float32(6))
+"""Along rows and columns: blind to slopes; white noise passes with its own variance."""
+WIDE = np.array([1, 0, -2, 0, 1], np.float32) / np.sqrt(np.float32(6))
+"""The same over twice the distance: white noise passes alike, texture more."""
+BLOCK_PX = 10
+"""100 values: the variance of a block has a standard error of some 20 %."""
+BINS = 14
+"""Of brightness: a curve takes two parameters."""
+LEAST_BLOCKS = 80
+"""Of a bin; fewer hold no smooth ones."""
+SMOOTHEST, LEAST_SMOOTHEST = 0.03, 12
+"""Fraction of a bin's blocks that show noise alone, and their number at least."""
+BRIGHTEST, DARKEST = 245.0, 3.0
+"""Of 255: blocks with brighter values may be clipped, darker ones are cut at zero."""
+DARK_QUANTILE = 1e-4
+"""Of a plane's values above 0: at or above the pedestal."""
+NATIVE = 1.6
+"""Times as much noise at a site of the color's own, at least, as at one that was interpolated from
+its neighbors; means of two to four have half to a quarter of the variance.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseCurve:
+    """Noise of one channel over brightness; values are of 0 to 255 also for 16 bits.
+
+    Attributes:
+        mean: (K,) brightness.
+        variance: (K,) of the noise.
+        whiteness: Median ratio of the noise over two pixels to that over one: near 0.7 to 2 for the
+            noise of a sensor, more after denoising and compression, or with texture alone in view.
+        darkest: The least of the images' darkest values.
+        quantization: Variance that rounding adds.
+    """
+
+    mean: Array
+    variance: Array
+    whiteness: float
+    darkest: float
+    quantization: float
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of one channel of an image. mean, variance, wide_variance: (N,). darkest: value."""
+
+    mean: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    wide_variance: NDArray[np.float32]
+    darkest: float
+
+
+def blocks_of(plane: Plane) -> Blocks:
+    """The blocks of one channel, of the sites where its filter let the sensor see it.
+
+    Args:
+        plane: (H, W) values of 0 to 255.
+
+    Returns:
+        Blocks that are neither clipped nor cut at zero.
+    """
+    darkest = float(np.quantile(plane[plane > 0], DARK_QUANTILE)) if (plane > 0).any() else 0.0
+    sites = _native_sites(plane)
+    values = _cut(sites)
+    good = (values.max(axis=1) < BRIGHTEST) & (values.min(axis=1) > 0)
+    good &= values.mean(axis=1) > DARKEST
+    return Blocks(
+        values.mean(axis=1)[good],
+        _cut(_filtered(sites, SECOND_DIFFERENCE)).var(axis=1)[good],
+        _cut(_filtered(sites, WIDE)).var(axis=1)[good],
+        darkest,
+    )
+
+
+def _native_sites(plane: Plane) -> Plane:
+    """Every second row and column, where a color filter array let the channel be seen; the whole
+    plane where all sites have the same noise.
+    """
+    phases = [np.ascontiguousarray(plane[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
+    noise = [_least_noise(phase) for phase in phases]
+    if not min(noise) > 0 or max(noise) < NATIVE * min(noise):
+        return plane
+    return phases[int(np.argmax(noise))]
+
+
+def _least_noise(plane: Plane) -> float:
+    values, noise = _cut(plane), _cut(_filtered(plane, SECOND_DIFFERENCE)).var(axis=1)
+    mean = values.mean(axis=1)
+    good = (mean > DARKEST) & (mean < BRIGHTEST)
+    return float(np.quantile(noise[good], 0.05)) if good.any() else 0.0
+
+
+def _filtered(plane: Plane, kernel: NDArray[np.float32]) -> Plane:
+    return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, kernel, kernel), np.float32)
+
+
+def _cut(plane: Plane) -> NDArray[np.float32]:
+    """(N, BLOCK_PX ** 2) the blocks of a plane."""
+    rows, columns = (size // BLOCK_PX for size in plane.shape)
+    cut = plane[: rows * BLOCK_PX, : columns * BLOCK_PX]
+    return (
+        cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX)
+        .transpose(0, 2, 1, 3)
+        .reshape(-1, BLOCK_PX * BLOCK_PX)
+    )
+
+
+def noise_curve(images: Sequence[Blocks], quantization: float) -> NoiseCurve | None:
+    """The curve of the blocks of one channel of several images; None where they are too few.
+
+    The smoothest blocks of a bin are chosen by their noise over two pixels, so that the choice
+    does not lower the noise that is measured.
+    """
+    joined = [
+        np.concatenate([getattr(one, name) for one in images]).astype(np.float64)
+        for name in ("mean", "variance", "wide_variance")
+    ]
+    mean, variance, wide = joined
+    if mean.size < LEAST_BLOCKS:
+        return None
+    darkest, brightest = (float(np.quantile(mean, part)) for part in (0.005, 0.995))
+    place = np.digitize(mean, np.linspace(darkest, brightest, BINS + 1)) - 1
+    rows = list(_rows(place, mean, variance, wide))
+    if not rows:
+        return None
+    of_mean, of_variance, of_wide = np.array(rows).T
+    known = of_variance > 0
+    whiteness = float(np.median(of_wide[known] / of_variance[known])) if known.any() else np.inf
+    least = min(one.darkest for one in images)
+    return NoiseCurve(of_mean, of_variance, whiteness, least, quantization)
+
+
+def _rows(
+    place: NDArray[np.int64], mean: Array, variance: Array, wide: Array
+) -> Iterable[tuple[float, float, float]]:
+    for number in range(BINS):
+        inside = np.flatnonzero(place == number)
+        if inside.size >= LEAST_BLOCKS:
+            most = max(int(SMOOTHEST * inside.size), LEAST_SMOOTHEST)
+            smooth = inside[np.argsort(wide[inside])[:most]]
+            yield (
+                float(mean[smooth].mean()),
+                float(np.median(variance[smooth])),
+                float(np.median(wide[smooth])),
+            )
+
+
+def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
+    """Blocks of each image, by channel; of one channel where all images are monochrome."""
+    number = 1 if all(is_monochrome(image) for image in images) else 3
+    scale = [np.float32(255 / np.iinfo(image.dtype).max) for image in images]
+    return [
+        [
+            blocks_of(image[..., channel].astype(np.float32) * factor)
+            for image, factor in zip(images, scale, strict=True)
+        ]
+        for channel in range(number)
+    ]
+
+
+def quantization_of(images: Sequence[Image]) -> float:
+    """Variance that rounding to 8 bits adds."""
+    return 1 / 12 if images and images[0].dtype == np.uint8 else 0.0
+
+
+# The noise of photons, seen through a response.
+
+Encoding = Literal["linear", "srgb", "gamma"]
+DECODERS: dict[str, Callable[[Array], Array]] = {
+    "linear": lambda value: value,
+    "srgb": decode_srgb,
+    "gamma": lambda value: value**1.8,
+}
+"""Value -> light. gamma: the flattest encoding in use, from which linear images are told."""
+STEP = 1e-3
+"""Of a value, for slopes."""
+LEAST_BINS = 6
+"""Of brightness, that hold more than the noise of rounding."""
+FRAME_MISFIT = 0.25
+"""Logarithm, rms: a line of a single frame that is off by more has no certain zero."""
+
+
+class Law(NamedTuple):
+    """The noise of a sensor seen through a response.
+
+    misfit: rms of logarithms. zero: light at which the line of the noise ends, fraction of full
+    scale. factor: variance for light of full scale, values of 0 to 255: it is proportional to the
+    gain by which a frame was brightened. misfit_at_zero: of the best line that ends at no light or
+    below.
+    """
+
+    misfit: float
+    zero: float
+    factor: float
+    misfit_at_zero: float
+
+
+def fit_law(curve: NoiseCurve, bins: NDArray[np.bool_], encoding: Encoding) -> Law:
+    """Fit variance = quantization + factor (light - zero) / slope ** 2 to a curve.
+
+    light, slope: of the brightness, decoded, and its derivative. zero: at most the light of the
+    darkest value; below 0 where noise of reading is added.
+    """
+    light, slope = _decoded(curve.mean[bins] / 255, encoding)
+    darkest = float(DECODERS[encoding](np.array([curve.darkest / 255]))[0])
+    most = min(darkest, 0.98 * float(light.min()))
+    zeros = np.concatenate(
+        [-2 * light.max() * np.linspace(1, 0, 60) ** 3, np.linspace(0, most, 40)[1:]]
+    )
+    shape = (light - zeros[:, None]) / slope**2
+    factors, misfits = _scaled(shape, curve.variance[bins], curve.quantization)
+    best = int(misfits.argmin())
+    return Law(
+        float(misfits[best]),
+        float(zeros[best]),
+        float(factors[best]),
+        float(misfits[zeros <= 0].min()),
+    )
+
+
+def _decoded(mean: Array, encoding: Encoding) -> tuple[Array, Array]:
+    decode = DECODERS[encoding]
+    return decode(mean), (decode(mean + STEP) - decode(mean - STEP)) / (2 * STEP)
+
+
+def _scaled(shape: Array, variance: Array, quantization: float) -> tuple[Array, Array]:
+    """(Z,) factors of (Z, K) shapes that fit (K,) variances best, and the rms of what is left."""
+    log_factor = np.median(
+        np.log(np.maximum(variance - quantization, 1e-3)) - np.log(shape), axis=1
+    )
+    for _ in range(6):  # Gauss-Newton
+        law = np.exp(log_factor)[:, None] * shape
+        part = law / (law + quantization)
+        left = np.log(variance) - np.log(law + quantization)
+        log_factor += (left * part).sum(axis=1) / (part**2).sum(axis=1)
+    left = np.log(variance) - np.log(np.exp(log_factor)[:, None] * shape + quantization)
+    return np.exp(log_factor), np.sqrt((left**2).mean(axis=1))
+
+
+def frame_law(blocks: Sequence[Blocks], quantization: float, encoding: Encoding) -> Law | None:
+    """The law of one channel of one frame; None where its noise does not follow it."""
+    curve = noise_curve(blocks, quantization)
+    above = curve is not None and curve.variance > 2 * quantization
+    if curve is None or np.sum(above) < LEAST_BINS:
+        return None
+    law = fit_law(curve, np.asarray(above), encoding)
+    return law if law.misfit < FRAME_MISFIT else None
+
+
+def frame_factor(
+    blocks: Sequence[Blocks], quantization: float, encoding: Encoding, zero_by_factor: float
+) -> float | None:
+    """Factor of the law of one channel of one frame, whose zero is known to be proportional to it;
+    None where its noise does not follow it.
+
+    zero_by_factor: of other frames of the camera. One number is fitted where ``frame_law`` fits
+    two.
+    """
+    curve = noise_curve(blocks, quantization)
+    above = curve is not None and curve.variance > 2 * quantization
+    if curve is None or np.sum(above) < LEAST_BINS:
+        return None
+    light, slope = _decoded(curve.mean[above] / 255, encoding)
+    factor = float(curve.variance[above][-1] * slope[-1] ** 2 / light[-1])
+    for _ in range(8):  # a fixed point: the zero moves little with the factor
+        zero = min(zero_by_factor * factor, 0.98 * float(light.min()))
+        shape = ((light - zero) / slope**2)[None]
+        (factor,), (misfit,) = _scaled(shape, curve.variance[above], curve.quantization)
+    return float(factor) if misfit < FRAME_MISFIT else None
