@@ -8,7 +8,6 @@ from stereo_seecolor.config.stage import StageConfig
 
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
 Fraction = Annotated[float, Field(ge=0, le=0.5)]
-Factor = Annotated[float, Field(ge=0)]
 STREAM_FRAMES = 20
 """Frames that share one water in live, where no other number is set."""
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
@@ -143,12 +142,6 @@ class ColorConfig(StageConfig):
         description="Values of R, G, B that the camera gives without light, in linear light as a "
         "fraction of full scale. They are taken off first. With color.input_encoding=auto they are "
         "measured, too.",
-    )
-    pedestal_noise: Annotated[tuple[Factor, Factor, Factor], Strict(False)] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Noise of R, G, B that belongs to color.pedestal: variance over light, for "
-        "values of 0 to 255. A frame of more noise was brightened by a gain of its own, and has "
-        "more of the pedestal. 0: every frame has the same pedestal.",
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.photometry.light_choice import correlated_count
+from stereo_seecolor.color.photometry.light_choice import alike
 from stereo_seecolor.color.photometry.light_model import (
     SHADING,
     Light,
@@ -86,7 +86,7 @@ def refit_color_after_water(
         return found
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
-    prior = LightPrior.unknown(LEFT, correlated_count(found.crossed))
+    prior = LightPrior.unknown(LEFT, alike(found.crossed, len(windows)))
     solved = min(
         (solve(made, colors, use, len(measured), prior) for use in USES),
         key=lambda solution: solution.misfit,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_prior import LightPrior
+from stereo_seecolor.color.photometry.light_prior import Alike, LightPrior
 from stereo_seecolor.color.photometry.light_solver import (
     LightTerms,
     Solution,
@@ -124,10 +124,10 @@ def choose(
     nothing, *others = candidates
     before = left(nothing)
     frames_differ = before.between_frames > LIGHT_CHOICE_SETTINGS.sure * before.by_chance * np.sqrt(
-        nothing.prior.correlated
+        nothing.prior.alike.views
     )
     chance = 1 + LIGHT_CHOICE_SETTINGS.robust_error * float(
-        np.sqrt(nothing.prior.correlated / max(judging, 1))
+        np.sqrt(nothing.prior.alike.views / max(judging, 1))
     )
     enough = judging >= LIGHT_CHOICE_SETTINGS.least_patches
     tried = [(candidate, left(candidate)) for candidate in others if enough]
@@ -270,11 +270,12 @@ def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> fl
     return float(sum(_shift(window, size) for window in windows))
 
 
-def correlated_count(crossed: float) -> float:
-    """The number of correlated observations that count as one. crossed: of ``pictures_crossed``."""
-    return CROSSING_SETTINGS.correlated * max(
+def alike(crossed: float, windows: int) -> Alike:
+    """How many observations tell the same. crossed: of ``pictures_crossed``. windows: number."""
+    views = CROSSING_SETTINGS.correlated * max(
         1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
     )
+    return Alike(views, max(windows / (1.0 + crossed), 1.0))
 
 
 def _shift(window: SeenWindow, size: tuple[int, int]) -> float:

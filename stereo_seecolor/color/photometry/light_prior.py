@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -243,33 +244,42 @@ class Gaussian:
         return float(squares + (off * (self.precision @ off)).sum() + found.shape[1] * spread)
 
 
+class Alike(NamedTuple):
+    """views: observations that count as one: neighbors share a caustic and errors of range and
+    pose. windows: in which a patch of the reef is found, on average.
+    """
+
+    views: float
+    windows: float = 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class LightPrior:
     """mean, covariance: of the TERMS coefficients and the trend. about: gain, shading and model.
-    correlated: observations that count as one against the prior.
+    alike: how many observations tell the same.
     """
 
     mean: Array
     covariance: Array
     about: Deviations
-    correlated: float
+    alike: "Alike"
 
     @classmethod
-    def unknown(cls, about: Deviations, correlated: float) -> "LightPrior":
+    def unknown(cls, about: Deviations, alike: "Alike") -> "LightPrior":
         """The prior for light of unknown kind: independent coefficients of mean 0."""
         each = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
-        return cls(np.zeros(TERMS + 1), np.diag(np.square(each)), about, correlated)
+        return cls(np.zeros(TERMS + 1), np.diag(np.square(each)), about, alike)
 
     @classmethod
-    def lamps(cls, reference_m: float, correlated: float) -> "LightPrior":
+    def lamps(cls, reference_m: float, alike: "Alike") -> "LightPrior":
         """Luminance under lamps on the rig, with or without daylight, about ``reference_m``."""
-        return cls(*lamp_ensemble(reference_m), LUMINANCE, correlated)
+        return cls(*lamp_ensemble(reference_m), LUMINANCE, alike)
 
     @classmethod
-    def lens(cls, correlated: float) -> "LightPrior":
+    def lens(cls, alike: "Alike") -> "LightPrior":
         """Luminance in sunlight, whose strength and exposure change from frame to frame."""
         about = replace(LUMINANCE, gain=LENS_PRIOR_SETTINGS.gain)
-        return cls(*lens_ensemble(about.trend), about, correlated)
+        return cls(*lens_ensemble(about.trend), about, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
         """The prior of the terms in use (``columns``), and of gain and shading of frames.

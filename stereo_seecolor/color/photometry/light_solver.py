@@ -151,22 +151,25 @@ def solve(
         _WindowSums.of(window, columns, of_frame, value)
         for window, value in zip(windows, values, strict=True)
     ]
-    found, matrix, squares, variance = _robust_fit(parts, known, prior, outputs)
+    reef = MeanReef.of(windows, parts, len(known.mean), outputs, prior.alike.windows)
+    found, matrix, squares, variance = _robust_fit(parts, known, reef, prior, outputs)
     number = int(columns.sum())
     coefficients = np.zeros((TERMS + 1, outputs))
     coefficients[columns] = found[:number]
     own = np.zeros((frames, 1 + SHADING, outputs))
     own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
-    independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.correlated
+    independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike.views
     squares = outputs * (squares / variance + independent * np.log(variance))
-    covariance = np.linalg.inv(matrix / variance + known.precision)
+    squares += reef.squares_left(found)
+    evidence = matrix / variance + reef.precision
+    covariance = np.linalg.inv(evidence + known.precision)
     return Solution(
         coefficients=coefficients[:TERMS],
         trend=coefficients[TERMS:],
         gains=own[:, 0] - own[:, 0].mean(axis=0),
         shading=own[:, 1:],
         trend_error=float(np.sqrt(covariance[number - 1, number - 1])),
-        misfit=known.misfit(found, squares, matrix / variance),
+        misfit=known.misfit(found, squares, evidence),
         covariance=np.asarray(covariance[:PATTERN, :PATTERN], np.float64)
         if use.pattern
         else np.zeros((PATTERN, PATTERN)),
@@ -174,7 +177,11 @@ def solve(
 
 
 def _robust_fit(
-    parts: "Sequence[_WindowSums]", known: Gaussian, prior: LightPrior, outputs: int
+    parts: "Sequence[_WindowSums]",
+    known: Gaussian,
+    reef: "MeanReef",
+    prior: LightPrior,
+    outputs: int,
 ) -> tuple[Array, Array, float, float]:
     """Solve in rounds, each with Cauchy weights from the residuals of the one before.
 
@@ -189,15 +196,110 @@ def _robust_fit(
             products, number = part.products(weight), len(part.at)
             matrix[np.ix_(part.at, part.at)] += products[:, :number]
             slope[part.at] += products[:, number:]
-        right = slope + variance * (known.precision @ known.mean)[:, None]
-        found = np.asarray(np.linalg.solve(matrix + variance * known.precision, right), np.float64)
+        right = slope + variance * ((known.precision @ known.mean)[:, None] + reef.right)
+        precision = known.precision + reef.precision
+        found = np.asarray(np.linalg.solve(matrix + variance * precision, right), np.float64)
         residuals = [part.residuals(found, own) for part, own in zip(parts, weights, strict=True)]
         every = np.concatenate(residuals)
         scale = max(deviation_about_zero(every) if every.size else 0.0, SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own in residuals]
-        variance = prior.correlated * max(scale, prior.about.systematic) ** 2
+        variance = prior.alike.views * max(scale, prior.about.systematic) ** 2
     squares = [(weight * own**2).sum() for weight, own in zip(weights, residuals, strict=True)]
     return found, matrix, float(sum(squares)), variance
+
+
+@dataclass(frozen=True, eq=False)
+class MeanReef:
+    """What the reef's mean tells: over many patches it is the same in each part of the picture and
+    in each frame, at equal range.
+
+    Views of one patch cannot see a slope across a straight track, nor a drift of gains along it.
+    The patches' own light has the same mean everywhere, with an error that follows from the number
+    of independent patches.
+
+    precision (n, n), right (n, Q): normal equations, as those of a prior. squares (Q,): of the
+    patches' light, in variances.
+    """
+
+    precision: Array
+    right: Array
+    squares: Array
+
+    @classmethod
+    def of(
+        cls,
+        windows: Sequence[Window],
+        parts: "Sequence[_WindowSums]",
+        unknowns: int,
+        outputs: int,
+        repeats: float,
+    ) -> "MeanReef":
+        """The equations of all windows. repeats: windows in which a patch is found, on average."""
+        nuisance, size = REEF.range_degree + 1, REEF.range_degree + 1 + unknowns + outputs
+        sums, lights, cells = np.zeros((size, size)), [], []
+        for window, part in zip(windows, parts, strict=True):
+            row = np.zeros((len(part.first), size))
+            count = part.sums(np.ones(len(part.patch)))
+            mean = part.sums(part.both) / count[:, None]
+            log_range = part.sums(window.trend[:, 0].astype(np.float64)) / count
+            row[:, :nuisance] = log_range[:, None] ** np.arange(nuisance)
+            row[:, nuisance + part.at] = mean[:, : len(part.at)]
+            row[:, nuisance + unknowns :] = mean[:, len(part.at) :]
+            sums += row.T @ row
+            lights.append(row[:, [*range(nuisance), *range(nuisance + unknowns, size)]])
+            cells.append(_cells(window.terms[part.first]))
+        variance = _variance_of_mean(lights, cells, nuisance) * repeats
+        inner, cross = sums[:nuisance, :nuisance], sums[:nuisance, nuisance:]
+        regular = 1e-9 * np.trace(inner) * np.eye(nuisance)
+        rest = sums[nuisance:, nuisance:] - cross.T @ np.linalg.solve(inner + regular, cross)
+        rest /= max(variance, REEF.least_variance)
+        return cls(rest[:unknowns, :unknowns], rest[:unknowns, unknowns:], np.diag(rest)[unknowns:])
+
+    def squares_left(self, found: Array) -> float:
+        """The sum of squares that the (n, Q) unknowns leave, in variances."""
+        explained = 2 * self.right - self.precision @ found
+        return float(self.squares.sum() - (found * explained).sum())
+
+
+@dataclass(frozen=True)
+class ReefSettings:
+    """How the mean of the reef is compared between parts of the picture."""
+
+    range_degree: int = 2
+    """Degree in the logarithm of the range by which the reef's own light may change: corals stand
+    nearer than sand.
+    """
+    cells: int = 3
+    """Parts of the picture, each way, whose means tell how many patches are alike."""
+    least_variance: float = 1e-4
+    """Of a patch times the number of those alike: an even reef is no more even than that."""
+
+
+REEF = ReefSettings()
+
+
+def _cells(terms: NDArray[np.float32]) -> NDArray[np.int64]:
+    """(P,) part of the picture of each patch, by its first view."""
+    place = np.clip(((terms[:, :2] + 1) / 2 * REEF.cells).astype(np.int64), 0, REEF.cells - 1)
+    return np.asarray(place[:, 1] * REEF.cells + place[:, 0])
+
+
+def _variance_of_mean(
+    lights: Sequence[Array], cells: Sequence[NDArray[np.int64]], nuisance: int
+) -> float:
+    """Variance of a patch's light times the number of patches that are alike: that of the mean of n
+    patches is this by n. Measured from the means of parts of pictures.
+    """
+    every = np.concatenate(lights)
+    fitted = np.linalg.lstsq(every[:, :nuisance], every[:, nuisance:], rcond=None)[0]
+    means = []
+    for light, cell in zip(lights, cells, strict=True):
+        left = light[:, nuisance:] - light[:, :nuisance] @ fitted
+        count = np.bincount(cell, minlength=REEF.cells**2)
+        for output in left.T:
+            mean = np.bincount(cell, output, REEF.cells**2)[count > 0] / count[count > 0]
+            means.append(np.sqrt(count[count > 0]) * mean)
+    return float(np.mean(np.concatenate(means) ** 2)) if means else REEF.least_variance
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
@@ -248,18 +350,18 @@ class _WindowSums:
         number, squares = len(self.at), np.zeros(len(self.patch))
         for output in range(found.shape[1]):
             left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
-            left -= (self._sums(left * weight) / self._sums(weight))[self.patch]
+            left -= (self.sums(left * weight) / self.sums(weight))[self.patch]
             squares += left**2
         return np.asarray(np.sqrt(squares / found.shape[1]))
 
     def products(self, weight: Array) -> Array:
         """(n, n + Q) normal equations of the columns less their means over a patch."""
         number, weighted = len(self.at), weight[:, None] * self.both
-        sums = self._sums(weighted)
-        means = sums[:, :number] / self._sums(weight)[:, None]
+        sums = self.sums(weighted)
+        means = sums[:, :number] / self.sums(weight)[:, None]
         return np.asarray(weighted[:, :number].T @ self.both - means.T @ sums)
 
-    def _sums(self, values: Array) -> Array:
+    def sums(self, values: Array) -> Array:
         """Sums over the observations of each patch."""
         return np.add.reduceat(values, self.first, axis=0) if len(values) else values
 

@@ -11,13 +11,13 @@ from stereo_seecolor.color.photometry.light_choice import (
     CROSSING_SETTINGS,
     Candidate,
     Choice,
+    alike,
     choose,
-    correlated_count,
     is_single_illumination,
     pictures_crossed,
 )
 from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, ColorTrend, Light
-from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
+from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Alike, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 
@@ -215,10 +215,11 @@ def solve_light(
     if not made:
         return None
     crossed = pictures_crossed(windows, size)
+    same = alike(crossed, len(made))
     made, measured = numbered(made)
     priors = (
-        LightPrior.lens(correlated_count(crossed)),
-        LightPrior.lamps(even.reference_m, correlated_count(crossed)),
+        LightPrior.lens(same),
+        LightPrior.lamps(even.reference_m, same),
     )
     candidates = _candidates_of_luminance(allowed, priors)
     luminances = [_luminance(window) for window in made]
@@ -232,7 +233,7 @@ def solve_light(
         pattern=allowed.pattern and crossed >= CROSSING_SETTINGS.color and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
-    color = _choose_color(made, of_color, correlated_count(crossed), len(measured))
+    color = _choose_color(made, of_color, same, len(measured))
     light = _light(luminance, color, made, [names[frame] for frame in measured], even)
     light = replace(light, fade=0.0) if differ else light
     return SurveyLight(
@@ -242,17 +243,17 @@ def solve_light(
 
 def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) -> list[Candidate]:
     """priors: of patterns."""
-    unknown = LightPrior.unknown(LUMINANCE, priors[0].correlated)
+    unknown = LightPrior.unknown(LUMINANCE, priors[0].alike)
     return _candidates(allowed, unknown, priors, [LightTerms(pattern=True, ranged=allowed.ranged)])
 
 
 def _choose_color(
-    windows: Sequence[Window], allowed: LightTerms, one: float, frames: int
+    windows: Sequence[Window], allowed: LightTerms, same: Alike, frames: int
 ) -> Choice:
     """Choose the terms of color, the logarithms of R, G, B less their mean. one: observations that
     count as one.
     """
-    unknown = LightPrior.unknown(COLOR, one)
+    unknown = LightPrior.unknown(COLOR, same)
     patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
     candidates = _candidates(allowed, unknown, [unknown], patterns)
     return choose(

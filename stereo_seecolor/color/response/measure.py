@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from stereo_seecolor.color.response.noise import (
+    DECODERS,
     Blocks,
     Law,
     NoiseCurve,
@@ -129,20 +130,18 @@ def _of_frames(
     channels: Sequence[Sequence[Blocks]],
     quantization: float,
 ) -> Response:
-    """The response with the pedestal of each channel, from the zeros of single frames' lines:
-    frames may have been brightened by gains of their own, which the slopes of the lines tell.
+    """The response with the pedestal of each channel: the median of the zeros of the frames' own
+    lines, and at most the darkest value of any.
     """
-    pedestals, factors, better = [], [], []
+    pedestal, better = [], []
     for blocks in channels:
         laws = [law for frame in blocks if (law := frame_law([frame], quantization, encoding))]
         if 2 * len(laws) <= len(blocks):
             return Response(encoding)
-        factor = float(np.median([law.factor for law in laws]))
-        zero = float(np.median([law.zero / law.factor for law in laws])) * factor
-        pedestals.append(max(round(zero, 4), 0.0))
-        factors.append(float(f"{factor:.4g}"))
+        darkest = np.array([min(frame.darkest for frame in blocks) / 255])
+        zero = float(np.median([law.zero for law in laws]))
+        pedestal.append(max(min(zero, float(DECODERS[encoding](darkest)[0])), 0.0))
         better.append(np.median([np.log(law.misfit_at_zero / law.misfit) for law in laws]))
-    if max(pedestals) < LEAST_PEDESTAL or np.exp(np.mean(better)) < PEDESTAL_BETTER:
+    if max(pedestal) < LEAST_PEDESTAL or np.exp(np.mean(better)) < PEDESTAL_BETTER:
         return Response(encoding)
-    each = 3 // len(channels)
-    return Response(encoding, as_rgb(pedestals * each), as_rgb(factors * each))
+    return Response(encoding, as_rgb([round(one, 4) for one in pedestal * (3 // len(channels))]))

@@ -6,7 +6,7 @@ The laws that a response makes of it are compared in ``measure``.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -79,7 +79,6 @@ def blocks_of(plane: Plane) -> Blocks:
     Returns:
         Blocks that are neither clipped nor cut at zero.
     """
-    darkest = float(np.quantile(plane[plane > 0], DARK_QUANTILE)) if (plane > 0).any() else 0.0
     sites = _native_sites(plane)
     values = _cut(sites)
     good = (values.max(axis=1) < BRIGHTEST) & (values.min(axis=1) > 0)
@@ -88,8 +87,14 @@ def blocks_of(plane: Plane) -> Blocks:
         values.mean(axis=1)[good],
         _cut(_filtered(sites, SECOND_DIFFERENCE)).var(axis=1)[good],
         _cut(_filtered(sites, WIDE)).var(axis=1)[good],
-        darkest,
+        dark_value(plane),
     )
+
+
+def dark_value(plane: NDArray[Any]) -> float:
+    """The darkest value of (H, W) an image's channel, but for a few pixels and black borders."""
+    above = np.sort(plane[plane > 0], axis=None)
+    return float(above[int(DARK_QUANTILE * above.size)]) if above.size else 0.0
 
 
 def _native_sites(plane: Plane) -> Plane:
@@ -204,14 +209,11 @@ class Law(NamedTuple):
     """The noise of a sensor seen through a response.
 
     misfit: rms of logarithms. zero: light at which the line of the noise ends, fraction of full
-    scale. factor: variance for light of full scale, values of 0 to 255: it is proportional to the
-    gain by which a frame was brightened. misfit_at_zero: of the best line that ends at no light or
-    below.
+    scale. misfit_at_zero: of the best line that ends at no light or below.
     """
 
     misfit: float
     zero: float
-    factor: float
     misfit_at_zero: float
 
 
@@ -221,30 +223,21 @@ def fit_law(curve: NoiseCurve, bins: NDArray[np.bool_], encoding: Encoding) -> L
     light, slope: of the brightness, decoded, and its derivative. zero: at most the light of the
     darkest value; below 0 where noise of reading is added.
     """
-    light, slope = _decoded(curve.mean[bins] / 255, encoding)
-    darkest = float(DECODERS[encoding](np.array([curve.darkest / 255]))[0])
+    decode, mean = DECODERS[encoding], curve.mean[bins] / 255
+    light, slope = decode(mean), (decode(mean + STEP) - decode(mean - STEP)) / (2 * STEP)
+    darkest = float(decode(np.array([curve.darkest / 255]))[0])
     most = min(darkest, 0.98 * float(light.min()))
     zeros = np.concatenate(
         [-2 * light.max() * np.linspace(1, 0, 60) ** 3, np.linspace(0, most, 40)[1:]]
     )
     shape = (light - zeros[:, None]) / slope**2
-    factors, misfits = _scaled(shape, curve.variance[bins], curve.quantization)
+    misfits = _misfits(shape, curve.variance[bins], curve.quantization)
     best = int(misfits.argmin())
-    return Law(
-        float(misfits[best]),
-        float(zeros[best]),
-        float(factors[best]),
-        float(misfits[zeros <= 0].min()),
-    )
+    return Law(float(misfits[best]), float(zeros[best]), float(misfits[zeros <= 0].min()))
 
 
-def _decoded(mean: Array, encoding: Encoding) -> tuple[Array, Array]:
-    decode = DECODERS[encoding]
-    return decode(mean), (decode(mean + STEP) - decode(mean - STEP)) / (2 * STEP)
-
-
-def _scaled(shape: Array, variance: Array, quantization: float) -> tuple[Array, Array]:
-    """(Z,) factors of (Z, K) shapes that fit (K,) variances best, and the rms of what is left."""
+def _misfits(shape: Array, variance: Array, quantization: float) -> Array:
+    """(Z,) rms of what the best multiples of (Z, K) shapes leave of (K,) variances."""
     log_factor = np.median(
         np.log(np.maximum(variance - quantization, 1e-3)) - np.log(shape), axis=1
     )
@@ -254,7 +247,7 @@ def _scaled(shape: Array, variance: Array, quantization: float) -> tuple[Array, 
         left = np.log(variance) - np.log(law + quantization)
         log_factor += (left * part).sum(axis=1) / (part**2).sum(axis=1)
     left = np.log(variance) - np.log(np.exp(log_factor)[:, None] * shape + quantization)
-    return np.exp(log_factor), np.sqrt((left**2).mean(axis=1))
+    return np.asarray(np.sqrt((left**2).mean(axis=1)))
 
 
 def frame_law(blocks: Sequence[Blocks], quantization: float, encoding: Encoding) -> Law | None:
@@ -265,25 +258,3 @@ def frame_law(blocks: Sequence[Blocks], quantization: float, encoding: Encoding)
         return None
     law = fit_law(curve, np.asarray(above), encoding)
     return law if law.misfit < FRAME_MISFIT else None
-
-
-def frame_factor(
-    blocks: Sequence[Blocks], quantization: float, encoding: Encoding, zero_by_factor: float
-) -> float | None:
-    """Factor of the law of one channel of one frame, whose zero is known to be proportional to it;
-    None where its noise does not follow it.
-
-    zero_by_factor: of other frames of the camera. One number is fitted where ``frame_law`` fits
-    two.
-    """
-    curve = noise_curve(blocks, quantization)
-    above = curve is not None and curve.variance > 2 * quantization
-    if curve is None or np.sum(above) < LEAST_BINS:
-        return None
-    light, slope = _decoded(curve.mean[above] / 255, encoding)
-    factor = float(curve.variance[above][-1] * slope[-1] ** 2 / light[-1])
-    for _ in range(8):  # a fixed point: the zero moves little with the factor
-        zero = min(zero_by_factor * factor, 0.98 * float(light.min()))
-        shape = ((light - zero) / slope**2)[None]
-        (factor,), (misfit,) = _scaled(shape, curve.variance[above], curve.quantization)
-    return float(factor) if misfit < FRAME_MISFIT else None

@@ -1,7 +1,7 @@
 """What a file's values say of the light: encoding and pedestal of a camera, and their removal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -9,13 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.response.noise import (
-    DECODERS,
-    Blocks,
-    blocks_by_channel,
-    frame_factor,
-    quantization_of,
-)
+from stereo_seecolor.color.response.noise import dark_value
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Image
@@ -24,12 +18,6 @@ Encoding = Literal["srgb", "linear", "as-is"]
 Rgb = tuple[float, float, float]
 
 NONE: Rgb = (0.0, 0.0, 0.0)
-GAIN_TAKEN = 0.5
-"""Part of the logarithm of a frame's gain that is taken: texture in view makes it uncertain by some
-25 %, and gains differ by about as much from frame to frame.
-"""
-MOST_GAIN = 4.0
-"""Of a frame, relative to others of the dive: more is a misfit of its noise."""
 
 
 def as_rgb(values: Sequence[float]) -> Rgb:
@@ -40,7 +28,7 @@ def as_rgb(values: Sequence[float]) -> Rgb:
 
 @dataclass(frozen=True)
 class Response:
-    """The response of a camera: ``value = encode(light + gain * pedestal)``.
+    """The response of a camera: ``value = encode(light + pedestal)``.
 
     The rest of the program reads light from values of one encoding, sRGB, without a pedestal.
 
@@ -49,29 +37,20 @@ class Response:
             as-is: values are taken as they are, as the paper's method takes them.
         pedestal: R, G, B that the camera gives without light, in linear light as a fraction of
             full scale, 0 to 0.5.
-        noise: Factor of the noise's law (``noise.Law``) of each channel, of the frame whose
-            pedestal this is. A frame that was brightened before it was saved has more of both. 0:
-            unknown, the pedestal is that of all frames.
     """
 
     encoding: Encoding = "srgb"
     pedestal: Rgb = NONE
-    noise: Rgb = NONE
 
     @classmethod
     def of(cls, config: ColorConfig) -> "Response":
         """The response that the settings state; sRGB where they leave it to be measured."""
-        encoding = "srgb" if config.input_encoding == "auto" else config.input_encoding
-        return cls(encoding, config.pedestal, config.pedestal_noise)
+        return cls(config.encoding, config.pedestal)
 
     @property
     def settings(self) -> dict[str, Any]:
         """The settings of ``ColorConfig`` that state it."""
-        return {
-            "input_encoding": self.encoding,
-            "pedestal": self.pedestal,
-            "pedestal_noise": self.noise,
-        }
+        return {"input_encoding": self.encoding, "pedestal": self.pedestal}
 
     @property
     def is_identity(self) -> bool:
@@ -79,37 +58,21 @@ class Response:
         return self.encoding != "linear" and not any(self.pedestal)
 
     def of_frame(self, image: Image) -> "Response":
-        """The response of one frame, with the pedestal as its own gain scales it.
+        """The response of one frame, whose pedestal is at most its darkest light.
 
         Args:
-            image: (H, W, 3) RGB, uint8 or uint16, as the camera gave it: not rectified.
+            image: (H, W, 3) RGB, uint8 or uint16, as the camera gave it: not rectified, which adds
+                black borders.
 
         Returns:
-            The response without ``noise``. The pedestal is at most the darkest of its values.
+            The response.
         """
-        if not any(self.pedestal) or not any(self.noise):
-            return replace(self, noise=NONE)
-        encoding: Literal["linear", "srgb"] = "linear" if self.encoding == "linear" else "srgb"
-        channels = blocks_by_channel([image])
-        blocks = [one for (one,) in channels * (3 // len(channels))]
-        gain = self._gain(blocks, quantization_of([image]), encoding)
-        darkest = DECODERS[encoding](np.array([one.darkest for one in blocks]) / 255)
-        pedestal = np.minimum(gain * np.array(self.pedestal), darkest)
-        return Response(self.encoding, as_rgb(np.round(pedestal, 3).tolist()))
-
-    def _gain(
-        self, blocks: Sequence[Blocks], quantization: float, encoding: Literal["linear", "srgb"]
-    ) -> float:
-        """The gain of a frame by its noise: one for all channels, of which a single one is known to
-        some 15 %, while white balance differs by less from frame to frame.
-        """
-        logs = [
-            np.log(factor / noise)
-            for one, pedestal, noise in zip(blocks, self.pedestal, self.noise, strict=True)
-            if noise and (factor := frame_factor([one], quantization, encoding, pedestal / noise))
-        ]
-        gain = float(np.exp(GAIN_TAKEN * np.mean(logs))) if logs else 1.0
-        return min(max(gain, 1 / MOST_GAIN), MOST_GAIN)
+        if not any(self.pedestal):
+            return self
+        full = np.iinfo(image.dtype).max
+        darkest = np.array([dark_value(image[..., channel]) for channel in range(3)]) / full
+        light = decode_srgb(darkest) if self.encoding == "srgb" else darkest
+        return Response(self.encoding, as_rgb(np.minimum(self.pedestal, light).round(4).tolist()))
 
     def standard(self, image: Image) -> Image:
         """Encode an image by sRGB, with its pedestal taken off.
