@@ -141,7 +141,7 @@ class LightSearch:
                 self.compute.parts,
             )
             light = self._with_gains(light, names, every, links, recorded, None)
-        elif light and (allowed.gains or light.recorded):
+        elif light and (light.recorded or (allowed.gains and not light.luminance.judged)):
             few = [(seen.frames, differences(seen, light, self._size)) for seen in windows]
             nothing = np.zeros(3 * SHADING)
             shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.frame_shading import PART, Parts, parts_of, solve_frames
 from stereo_seecolor.color.photometry.light_model import places
-from stereo_seecolor.color.photometry.light_prior import COLOR
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
@@ -34,6 +33,8 @@ class ChainSettings:
     solution: a slope of the pattern can no longer be taken for a drift. On half of the patches of a
     real dive, 0.15 leaves offsets of 0.082 on the others, 0.3 and 0.6 leave 0.074.
     """
+    color_gain: float = 0.03
+    """The same of color: nothing holds a drift from pink to green along a long chain."""
     floor: tuple[float, float] = (0.05, 0.01)
     """Least standard error of a difference of luminance and of color, logarithm: what pattern and
     trend are off by for all patches together.
@@ -189,7 +190,7 @@ def _outputs(found: Differences, known: Array, medians: str) -> Array:
     """(F, 4) gains of luminance and color, fitted to medians of a name ("fitted" or "whole")."""
     solved = np.zeros((len(known), 4))
     for output in range(4) if len(found) else ():
-        deviation = COLOR.gain if output else SETTINGS.gain
+        deviation = SETTINGS.color_gain if output else SETTINGS.gain
         spread = found["spread"][:, output].astype(np.float64)
         variance = (
             spread**2 * SETTINGS.correlated / found["patches"] + SETTINGS.floor[min(output, 1)] ** 2

@@ -218,6 +218,16 @@ def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray
 
 CLIPPED_FRACTION = 0.0005
 """Of all pixels, those that may clip: a distant white card can cover only 0.1 % of a frame."""
+BRIGHT_PART = 0.05
+"""Fraction of the pixels that is brighter than sand in shade: sand and pale rock, which differ less
+from scene to scene than the median does.
+"""
+BRIGHT_BY_MEDIAN = 2.5
+"""Their light over the median's, in a scene that is shown at ``config.median_luminance``. Halves of
+a real dive have 2.4 and 2.8.
+"""
+MOST_LIGHTER = 1.2
+"""Factor by which the median may be shown lighter or darker so that bright parts are alike."""
 STRAYS = 0.02
 """At most this fraction of the pixels, those with most gain, is left out of the choice,"""
 STRAY_GAIN = 8.0
@@ -229,7 +239,7 @@ _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
 
 
 def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
-    """The tone of median luminance ``config.median_luminance``, or as near as highlights allow.
+    """The tone of median luminance about ``config.median_luminance``, as near as highlights allow.
 
     That is the luminance of the channels' medians: it is where channels rise and fall together.
     """
@@ -248,8 +258,13 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
         return Tone(1.0)
     if config.encoding == "as-is":
         return Tone(BRIGHTEST_SHOWN / brightest)
-    median = float(LUMINANCE @ [_exceeded(channel, pixels // 2) for channel in number])
+    median, bright = (
+        float(LUMINANCE @ [_exceeded(channel, int(part * pixels)) for channel in number])
+        for part in (0.5, BRIGHT_PART)
+    )
     unclipped, wanted = BRIGHTEST_LIGHT / brightest, config.median_luminance / max(median, 1e-9)
+    lighter = BRIGHT_BY_MEDIAN * median / max(bright, 1e-9)
+    wanted *= min(max(lighter, 1 / MOST_LIGHTER), MOST_LIGHTER)
     exposure = min(wanted, unclipped * REACH)
     return Tone(exposure, max(exposure / unclipped, 1.0))
 

@@ -40,6 +40,8 @@ LEAST_BINS = 6
 """Of brightness, that hold more than the noise of rounding."""
 BELOW_ZERO = 0.5
 """Fraction of the brightest mean: a line that crosses zero so far below is nearly flat."""
+FLAT = 0.15
+"""The same, where the linear law fits no better than the encoded one."""
 PEDESTAL_BETTER = 1.4
 """Times that a line through zero fits worse, at least, where there is a pedestal: 1.6 to 2.3 on
 drawn cameras with one and on a real dive, 1.2 at most on those without.
@@ -108,8 +110,8 @@ def measure_response(images: Sequence[Image]) -> MeasuredResponse:
     if ratio > SURE and ratios.min() > CONTRADICTED and misfit < MOST_MISFIT and straight:
         return MeasuredResponse(_of_frames("linear", channels, rounding), "linear", ratio)
     curved = float(np.median([encoded.misfit for _, encoded in known]))
-    flat = sum(linear.zero < -BELOW_ZERO for linear, _ in known) > len(known) / 2
-    if curved < MOST_MISFIT and (ratio < 1 / CONTRADICTED or flat):
+    flat = sum(linear.zero < -FLAT for linear, _ in known) > len(known) / 2
+    if curved < MOST_MISFIT and (ratio < 1 / CONTRADICTED or (flat and ratio < CONTRADICTED)):
         return MeasuredResponse(_of_frames("srgb", channels, rounding), "encoded", ratio)
     return UNDECIDED
 
