@@ -19,12 +19,14 @@ import numpy as np
 from color_cases import Case, make_case
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.response.measure import measure_response
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.extras.evaluation.baselines import METHODS, expose
 from stereo_seecolor.extras.evaluation.charts.scores import correct_by_all, score_target
 from stereo_seecolor.extras.evaluation.charts.targets import neutral, read_targets, targets_of
 from stereo_seecolor.extras.evaluation.measures import score_neutral, score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Water
 
 Result = np.ndarray
@@ -228,9 +230,14 @@ def card_table(data: Path, methods: dict[str, Method]) -> None:
 
 
 def card_frames(flsea: Path) -> Iterator[tuple[Case, list[np.ndarray]]]:
-    """Frames of FLSea with white targets, and the mask of each target."""
+    """Frames of FLSea with white targets, and the mask of each target; every method gets them as the
+    response of all frames, measured, encodes them.
+    """
+    files = sorted((flsea / "rgb").glob("*.tiff"))
+    response = measure_response([read_image(file) for file in files]).response
     for stem, targets in read_targets(flsea / "neutral_targets.json").items():
-        image = cv2.imread(str(flsea / "rgb" / f"{stem}.tiff"))[..., ::-1].copy()
+        raw = read_image(flsea / "rgb" / f"{stem}.tiff")
+        image = response.of_frame(raw).standard(raw)
         range_m = cv2.imread(str(flsea / "range" / f"{stem}.tif"), cv2.IMREAD_UNCHANGED)
         range_m = np.where(range_m > 0, range_m, np.nan).astype(np.float32)
         case = Case(stem, image, range_m, image / 255.0, None)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
+from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import METHODS, OURS, PAPER, OtherResults
@@ -107,6 +109,7 @@ def evaluate_charts(
     given = read_targets(targets) if targets else {}
     pairs = pair_by_stem(images, ranges).pairs
     results.refuse_other_names([pair.left.stem for pair in pairs])
+    config, _ = settle_response(config, pairs, has_right=False)
     frames = [
         _scored(pair, given.get(pair.left.stem) if targets else [], results, config)
         for pair in pairs
@@ -144,6 +147,7 @@ def _scored(
     does not name this frame.
     """
     image = read_image(pair.left, config.input)
+    image = Response.of(config.color).of_frame(image).standard(image)
     range_m = read_range_map(pair.right, config.input.range_units_per_m)
     if range_m.shape != image.shape[:2]:
         raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
@@ -183,6 +187,8 @@ def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
 def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:
     """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a
     pixel out.
+
+    image: as ``Response.standard`` encoded it, for every method.
     """
     fractions = image / float(np.iinfo(image.dtype).max)
     results = {
@@ -193,7 +199,7 @@ def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, N
         (PAPER, config.color.model_copy(update={"method": "paper"})),
         (OURS, config.color),
     ):
-        corrector = Corrector(color)
+        corrector = Corrector(standard_config(color))
         done = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))
         results[name] = np.where(
             done.unknown[..., None], np.nan, done.image / float(np.iinfo(image.dtype).max)
