@@ -217,8 +217,8 @@ def test_unknown_pixels_can_be_left_as_they_were():
 
 def test_water_of_another_encoding_is_refused():
     image, range_m = random_frame(6)
-    with pytest.raises(ColorError, match=r"set color\.input_encoding=linear"):
-        Corrector(ColorConfig()).apply(image, range_m, some_water("linear"))
+    with pytest.raises(ColorError, match=r"set color\.input_encoding=as-is"):
+        Corrector(ColorConfig()).apply(image, range_m, some_water("as-is"))
 
 
 def broken_frames():

@@ -13,7 +13,7 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry import color_after_water
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.frame_shading import divide_illumination
-from stereo_seecolor.color.photometry.light_choice import correlated_count, pictures_crossed
+from stereo_seecolor.color.photometry.light_choice import alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_model import (
     SHADING,
     TERMS,
@@ -428,9 +428,10 @@ def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
 def test_a_dive_is_as_long_as_the_reef_that_its_frames_show() -> None:
     assert pictures_crossed(crossing(0.3), SIZE) == pytest.approx(0.3, abs=0.02)
     assert pictures_crossed([], SIZE) == 0
-    assert correlated_count(3.0) == correlated_count(1.5) == 10
-    assert correlated_count(0.5) == pytest.approx(30)
-    assert np.isfinite(correlated_count(0.0))
+    assert alike(3.0, 1).views == alike(1.5, 1).views == 10
+    assert alike(0.5, 1).views == pytest.approx(30)
+    assert np.isfinite(alike(0.0, 1).views)
+    assert alike(1.0, 8).windows == 4  # two pictures of reef in eight windows
 
 
 @pytest.mark.slow

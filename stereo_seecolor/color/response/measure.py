@@ -46,7 +46,7 @@ PEDESTAL_BETTER = 1.4
 """Times that a line through zero fits worse, at least, where there is a pedestal: 1.6 to 2.3 on
 drawn cameras with one and on a real dive, 1.2 at most on those without.
 """
-LEAST_PEDESTAL = 2 / 255
+LEAST_PEDESTAL = 3 / 255
 """Fraction of full scale that is worth taking off."""
 
 
@@ -97,6 +97,8 @@ def measure_response(images: Sequence[Image]) -> MeasuredResponse:
     Returns:
         The response. It is sRGB unless the noise shows another.
     """
+    if not images:
+        return UNDECIDED
     channels, rounding = blocks_by_channel(images), quantization_of(images)
     curves = [noise_curve(blocks, rounding) for blocks in channels]
     laws = [_laws(curve) for curve in curves if curve is not None]

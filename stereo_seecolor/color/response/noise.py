@@ -25,7 +25,7 @@ WIDE = np.array([1, 0, -2, 0, 1], np.float32) / np.sqrt(np.float32(6))
 BLOCK_PX = 10
 """100 values: the variance of a block has a standard error of some 20 %."""
 BINS = 14
-"""Of brightness: a curve takes two parameters."""
+"""Of brightness, evenly in its root, since dark blocks are many: a curve takes two parameters."""
 LEAST_BLOCKS = 80
 """Of a bin; fewer hold no smooth ones."""
 SMOOTHEST, LEAST_SMOOTHEST = 0.03, 12
@@ -143,8 +143,8 @@ def noise_curve(images: Sequence[Blocks], quantization: float) -> NoiseCurve | N
     mean, variance, wide = joined
     if mean.size < LEAST_BLOCKS:
         return None
-    darkest, brightest = (float(np.quantile(mean, part)) for part in (0.005, 0.995))
-    place = np.digitize(mean, np.linspace(darkest, brightest, BINS + 1)) - 1
+    darkest, brightest = (float(np.quantile(mean, part)) ** 0.5 for part in (0.005, 0.995))
+    place = np.digitize(mean, np.linspace(darkest, brightest, BINS + 1) ** 2) - 1
     rows = list(_rows(place, mean, variance, wide))
     if not rows:
         return None

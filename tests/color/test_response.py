@@ -1,0 +1,173 @@
+"""The response of drawn and of real cameras: linear or encoded, with or without a pedestal."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from cameras import Camera, drawn_light
+
+from stereo_seecolor.checks.camera_response import settle_response
+from stereo_seecolor.color.response.measure import MeasuredResponse, measure_response
+from stereo_seecolor.color.response.response import Response
+from stereo_seecolor.config import ColorConfig, InputConfig, RunConfig
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair, pair_folders
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.records import StereoFrame
+
+LIGHT = [drawn_light(seed) for seed in range(4)]
+
+
+def measured(**camera: object) -> MeasuredResponse:
+    taken = Camera(**camera)  # type: ignore[arg-type]
+    return measure_response([taken.shoot(light, seed) for seed, light in enumerate(LIGHT)])
+
+
+SENSORS = [
+    {},
+    {"mosaic": True},
+    {"electrons": 2000.0},
+    {"electrons": 20000.0, "read": 3.0},
+    {"bits": 16},
+    {"read": 30.0},
+    {"halved": True},
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_linear_images_are_told_from_encoded_ones(sensor: dict[str, object]) -> None:
+    assert measured(curve="linear", **sensor).verdict == "linear"
+    for curve in ("srgb", "gamma 1.8"):
+        found = measured(curve=curve, **sensor)
+        assert found.verdict != "linear"
+        assert found.response == Response()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("curve", ["linear", "srgb", "gamma 1.8"])
+@pytest.mark.parametrize("change", [{"jpeg": 95}, {"jpeg": 75}, {"denoised": True}])
+def test_nothing_wrong_is_decided_of_changed_noise(curve: str, change: dict[str, object]) -> None:
+    found = measured(curve=curve, **change)
+    assert found.verdict in ("undecided", "linear" if curve == "linear" else "encoded")
+    assert found.response.encoding == "srgb" or curve == "linear"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("curve", ["linear", "srgb"])
+def test_a_pedestal_is_found_and_none_where_there_is_none(curve: str, bits: int) -> None:
+    found = 255 * np.array(measured(curve=curve, bits=bits, pedestal=15.0).response.pedestal)
+    assert (found > 7).all()
+    assert (found < 16.5).all()  # a tenth
+    assert measured(curve=curve, bits=bits).response.pedestal == (0, 0, 0)
+
+
+def test_what_is_undecided_says_so_and_stays_srgb() -> None:
+    found = measure_response([np.full((80, 80, 3), 90, np.uint8)])
+    assert found.response == Response()
+    assert "set color.input_encoding=linear" in found.line
+    assert measure_response([]).verdict == "undecided"
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("encoding", ["linear", "srgb"])
+def test_the_standard_image_holds_the_same_light_without_the_pedestal(
+    encoding: str, depth: int
+) -> None:
+    full, pedestal = 2**depth - 1, np.array([0.08, 0.05, 0.0])
+    light = np.random.default_rng(1).uniform(0.02, 0.9, (40, 50, 3))
+    seen = light * (1 - pedestal) + pedestal
+    value = np.round(full * (encode_srgb(seen) if encoding == "srgb" else seen))
+    image = value.astype(np.uint8 if depth == 8 else np.uint16)
+    response = Response(encoding, (0.08, 0.05, 0.0))  # type: ignore[arg-type]
+    shown = response.standard(image)
+    assert shown.dtype == image.dtype
+    half = 0.5 / full
+    most = half / (1 - 0.08) + half  # rounding of the image and of the result
+    assert np.abs(decode_srgb(shown / full) - light).max() < 2.4 * most
+    assert (response.standard(np.full((2, 2, 3), full, image.dtype)) == full).all()
+
+
+def test_the_pedestal_of_a_frame_is_at_most_its_darkest_light() -> None:
+    image = np.full((50, 50, 3), 100, np.uint8)
+    image[:10] = 12
+    found = Response("linear", (0.08, 0.03, 0.0)).of_frame(image)
+    assert found.pedestal == pytest.approx((12 / 255, 0.03, 0.0), abs=1e-3)
+
+
+def write(folder: Path, images: list[np.ndarray]) -> list[Pair]:
+    pairs = []
+    for number, image in enumerate(images):
+        path = folder / f"{number}.png"
+        cv2.imwrite(str(path), image[..., ::-1])
+        pairs.append(Pair(path.stem, path, path))
+    return pairs
+
+
+@pytest.mark.slow
+def test_the_settings_of_a_run_hold_what_was_measured(tmp_path: Path) -> None:
+    camera = Camera(pedestal=15.0)
+    pairs = write(tmp_path, [camera.shoot(light, seed) for seed, light in enumerate(LIGHT)])
+    config, notes = settle_response(RunConfig(), pairs)
+    assert config.color.input_encoding == "linear"
+    assert min(config.color.pedestal) > 7 / 255
+    assert notes[0].startswith("response: linear light") and "pedestal" in notes[0]
+    given = RunConfig.model_validate({"color": {"input_encoding": "srgb"}})
+    assert settle_response(given, pairs) == (given, ())
+
+
+def test_sides_that_were_saved_in_different_ways_are_named(tmp_path: Path) -> None:
+    linear, encoded = (
+        write(place, [Camera(curve=curve).shoot(light) for light in LIGHT[:3]])
+        for place, curve in ((tmp_path / "l", "linear"), (tmp_path / "r", "srgb"))
+        if place.mkdir() is None
+    )
+    pairs = [Pair(a.name, a.left, b.right) for a, b in zip(linear, encoded, strict=True)]
+    notes = settle_response(RunConfig(), pairs)[1]
+    assert "the left images are linear and the right ones encoded" in notes[-1]
+
+
+@pytest.mark.slow
+def test_a_stream_measures_its_first_frame() -> None:
+    reef = Path("data_samples/reef")
+    pair = pair_folders(reef / "left", reef / "right", InputConfig()).pairs[0]
+    linear = [
+        np.round(65535 * decode_srgb(read_image(path) / 255)).astype(np.uint16)
+        for path in (pair.left, pair.right)
+    ]
+    shown = {}
+    for encoding in ("auto", "linear"):
+        config = RunConfig.model_validate({"color": {"input_encoding": encoding}})
+        pipeline = Pipeline(reef / "cam.yaml", config)
+        shown[encoding] = pipeline.process(StereoFrame("1", *linear)).frame.left
+    assert pipeline.response.encoding == "linear"
+    assert np.array_equal(shown["auto"], shown["linear"])
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("files", "encoding"),
+    [
+        ("acfr/left/*.png", "linear"),
+        ("acfr/right/*.png", "linear"),
+        ("flsea/rgb/*.tiff", "linear"),
+        ("response/*.jpg", "srgb"),
+        ("chessboard/left*.jpg", "srgb"),
+    ],
+)
+def test_real_cameras(real_data: Path, files: str, encoding: str) -> None:
+    found = sorted(real_data.glob(files))
+    images = [read_image(path) for path in found[:: max(len(found) // 6, 1)][:6]]
+    assert images
+    assert measure_response(images).response.encoding == encoding
+
+
+def test_the_settings_state_a_response() -> None:
+    config = ColorConfig(input_encoding="linear", pedestal=(0.1, 0.0, 0.0))
+    response = Response.of(config)
+    assert ColorConfig(**response.settings) == config
+    assert Response.of(ColorConfig()) == Response()
