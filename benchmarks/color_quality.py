@@ -230,8 +230,9 @@ def card_table(data: Path, methods: dict[str, Method]) -> None:
 
 
 def card_frames(flsea: Path) -> Iterator[tuple[Case, list[np.ndarray]]]:
-    """Frames of FLSea with white targets, and the mask of each target; every method gets them as the
-    response of all frames, measured, encodes them.
+    """Frames of FLSea with white targets, and the mask of each target.
+
+    Every method gets them as the response of all frames, measured, encodes them.
     """
     files = sorted((flsea / "rgb").glob("*.tiff"))
     response = measure_response([read_image(file) for file in files]).response
