@@ -155,6 +155,10 @@ def is_unit(field: str) -> bool:
     return re.fullmatch(r"[\[(]?(?:[A-Za-z°/%]{1,8}\d?|-)?[\])]?", field) is not None
 
 
+DECIMAL_COMMA = r"(?<![^{0}\n])([+-]?\d+),(\d+)(?=[{0}\n]|$)"
+"""A number that fills a cell of a table with this separator."""
+
+
 def dict_reader(text: str) -> "csv.DictReader[str]":
     """The rows of a table that people wrote, with decimal commas where no comma stands between its
     columns.
@@ -162,8 +166,7 @@ def dict_reader(text: str) -> "csv.DictReader[str]":
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     separator = separator_of(text.partition("\n")[0].strip())
     if separator != ",":
-        number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\n]|$)"
-        text = re.sub(number, r"\1.\2", text)
+        text = re.sub(DECIMAL_COMMA.format(separator), r"\1.\2", text)
     return csv.DictReader(io.StringIO(text), delimiter=separator, restval="", skipinitialspace=True)
 
 

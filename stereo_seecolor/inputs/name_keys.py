@@ -76,7 +76,10 @@ def number_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Ke
     no image is missing then.
     """
     numbers = [
-        [int(found[0]) if (found := re.search(r"\d+$", path.stem)) else None for path in side]
+        [
+            int(found[0]) if (found := re.search(r"(?<!\d)\d+$", path.stem)) else None
+            for path in side
+        ]
         for side in (lefts, rights)
     ]
     known = [sorted(number for number in side if number is not None) for side in numbers]
@@ -128,7 +131,7 @@ def _common_prefix(texts: Sequence[str]) -> str:
         (i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b),
         min(len(first), len(last)),
     )
-    return re.sub(r"\d+$", "", first[:length])
+    return re.sub(r"(?<!\d)\d+$", "", first[:length])
 
 
 # Time stamps as vehicles write them into file names.

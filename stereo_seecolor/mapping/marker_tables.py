@@ -179,9 +179,9 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
             .strip()
             .lower()
         )
-        unit = re.search(rf"[ (\[]*\b({_UNITS})[)\]]*$", said)
+        unit = re.search(rf"(?<![ (\[])[ (\[]*\b({_UNITS})[)\]]*$", said)
         other = None if unit else re.search(r"[(\[](\w+)[)\]]$", said)
-        bare = re.sub(r"\s*[(\[].*$", "", said[: unit.start()] if unit else said).strip(" ]")
+        bare = re.split(r"[(\[]", said[: unit.start()] if unit else said)[0].strip(" ]")
         role = next(
             (
                 role

@@ -159,7 +159,7 @@ def _csv_text(rows: Iterable[Sequence[object]]) -> bytes:
 # The table of a run, with a row for each pair and each file without a partner; its problems, and
 # its summary.
 
-_PATH = re.compile(r"^\S*/.*?: ")
+_PATH = re.compile(r"^[^\s/]*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 

@@ -56,7 +56,8 @@ _FIXES = {"name", "time", "date", "us_date", "lat", "lon", "north", "east", "val
 _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
 _DEGREES = re.compile(
-    r"([NSEWO])?\s*([+-]?\d+(?:\.\d+)?)\s*(?:[°º\ufffd:\s]\s*(?:(\d+(?:\.\d+)?)\s*['’′:\s]*\s*(?:(\d+(?:\.\d+)?)\s*(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
+    r"([NSEWO])?\s*([+-]?\d++(?:\.\d++)?)(?:(?:\s*[°º\ufffd:]\s*+|\s++)"
+    r"(?:(\d++(?:\.\d++)?)['’′:\s]*+(?:(\d++(?:\.\d++)?)\s*+(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
     re.IGNORECASE,
 )
 """Degrees, minutes and seconds, as far as there are, and the hemisphere before or after:
