@@ -169,6 +169,9 @@ def _sample(tree: list[Any], times: int) -> str:
 
 def _of_class(members: list[Any]) -> str:
     classes = {sre.CATEGORY_DIGIT: "1", sre.CATEGORY_WORD: "a", sre.CATEGORY_SPACE: " "}
+    if members[0][0] is sre.NEGATE:
+        taken = {_of_class([member]) for member in members[1:]}
+        return next(c for c in "a 1.-_:x" if c not in taken)
     for op, argument in members:
         if op is sre.LITERAL:
             return chr(argument)

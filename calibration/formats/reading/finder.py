@@ -266,6 +266,8 @@ def as_transform(numbers: Numbers) -> Numbers | None:
     """Twelve or sixteen numbers as [R t] (3, 4), row by row or column by column, as programs of row
     vectors write it; None where they are not a transform.
     """
+    if numbers.size not in (12, 16):
+        return None
     if numbers.size == 16:
         matrix = numbers.reshape(4, 4)
         matrix = matrix if np.array_equal(matrix[3], [0, 0, 0, 1]) else matrix.T
@@ -314,7 +316,7 @@ def _is_of_camera(said: set[str]) -> bool:
 
 
 def _is_unit(numbers: Numbers) -> bool:
-    return abs(float(np.linalg.norm(numbers)) - 1) < ORTHONORMAL
+    return abs(float(np.linalg.norm(np.clip(numbers, -2, 2))) - 1) < ORTHONORMAL
 
 
 def _starts(said: set[str], stem: str) -> bool:

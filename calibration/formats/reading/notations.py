@@ -89,7 +89,12 @@ def named_numbers(text: str) -> dict[str, Any] | None:
             continue
         numbers = numbers_of_text(body)
         sizes += [len(numbers)] if numbers else []
-        own = content.setdefault(heading, {}) if heading else content
+        own = content
+        if heading:
+            twice = twice or (heading if isinstance(content.get(heading), list) else "")
+            # a text of the same name, as ``left: GoPro 7``, is no number of the rig
+            own = content[heading] if isinstance(content.get(heading), dict) else {}
+            content[heading] = own
         twice = twice or (name if name in own and numbers else "")
         own[name] = body.strip() if numbers is None else numbers
     if not (sum(size > 2 for size in sizes) >= LEAST_NAMED or sum(sizes) >= LEAST_NUMBERS):
@@ -104,14 +109,14 @@ def _named(text: str) -> Iterator[tuple[str, str]]:
     name, body = "", ""
     for line in text.splitlines():
         plain = _COMMENT.split(line)[0].strip()
-        marked = re.match(r"[\"']?([A-Za-z][^:=\[]*?)[\"']?\s*[:=]\s*(.*)", plain)
+        marked = re.match(r"[\"']?([A-Za-z][^:=\[]*)[:=]\s*(.*)", plain)
         bare = re.match(r"([A-Za-z]\w*)[\s,;]+(?=[-+.\d\[(])(.*)", plain) or re.match(
             r"([A-Za-z][^,;\[\]]*)()$", plain
         )
         if (found := marked or bare) and not _AROUND.match(plain):
             if name:
                 yield name, body
-            name, body = found[1].strip(), found[2]
+            name, body = found[1].strip("\"' \t"), found[2]
         else:
             body += f"\n{plain}"
     if name:

@@ -163,9 +163,9 @@ def _rotation(where: str, leaf: Leaf) -> Array:
     if numbers.size == 4:
         return _of_quaternion(leaf)
     if numbers.size == 3:
-        if float(np.linalg.norm(numbers)) > FULL_TURN:
+        if (turn := float(np.linalg.norm(np.clip(numbers, -1e9, 1e9)))) > FULL_TURN:
             raise CalibrationError(
-                f"{where}: {_name(leaf)}: a rotation vector of {np.linalg.norm(numbers):.4g} is "
+                f"{where}: {_name(leaf)}: a rotation vector of {turn:.4g} is "
                 "longer than a full turn: give it in radians, or R as a matrix"
             )
         return np.asarray(cv2.Rodrigues(numbers)[0], dtype=np.float64)
