@@ -266,6 +266,47 @@ def test_two_baselines_in_a_file_are_named(tmp_path: Path) -> None:
     assert any("two baselines" in doubt and "stereo.T is taken" in doubt for doubt in found.doubts)
 
 
+def pose_at(x: float) -> list[list[float]]:
+    """In meters along x, turned by 90 degrees where it is not zero."""
+    turned = Rotation.from_euler("z", 90 if x else 0, degrees=True).as_matrix()
+    return [*np.column_stack([turned, [x, 0, 0]]).tolist(), [0, 0, 0, 1]]
+
+
+SENSORS: dict[str, dict[str, Any]] = {
+    "an IMU": {"imu0": {"body_T_imu": pose_at(0.35)}},
+    "an IMU in the body's axes": {"imu0": {"T_imu_body": pose_at(0.3), "rate_hz": 200}},
+    "an IMU at the origin": {"imu0": {"body_T_imu": pose_at(0.0)}},
+    "a compass": {"mag0": {"body_T_sensor": pose_at(0.05)}},
+    "a DVL": {"dvl0": {"T": pose_at(0.3)}},
+    "a DVL of R and T": {"dvl": {"R": [row[:3] for row in pose_at(0.3)[:3]], "T": [0.3, 0, 0]}},
+    "a USBL receiver": {"usbl": {"extrinsics": pose_at(0.4)}},
+    "an acoustic receiver": {"aps0": {"body_T_receiver": pose_at(0.4)}},
+    "a depth sensor": {"depth0": {"T_body_sensor": pose_at(0.2)}},
+    "a lidar": {"lidar": {"body_T_lidar": pose_at(0.11)}},
+    "a lidar at one camera": {"T_cam_lidar": pose_at(0.11)},
+    "a sensor of another name": {"xyz7": {"pose": pose_at(0.25)}},
+    "a sensor of another name at the origin": {"xyz": {"pose": pose_at(0.0)}},
+    "all of them": {},
+}
+SENSORS["all of them"] = {key: value for case in SENSORS.values() for key, value in case.items()}
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("cameras", ["poses of cameras on a body", "stereo"])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_place_of_another_sensor_is_no_baseline(
+    sensor: str, cameras: str, first: bool, tmp_path: Path
+) -> None:
+    rig = NESTED["poses of cameras on a body"]
+    if cameras == "stereo":
+        rig = {"left": LEFT, "right": RIGHT, "stereo": {"R": R, "T": T}}
+    write_json(tmp_path / "rig.json", SENSORS[sensor] | rig if first else rig | SENSORS[sensor])
+    found = load_rig(tmp_path / "rig.json", SIZE)
+    assert_same(found)
+    named = [doubt for doubt in found.doubts if "baselines" in doubt]
+    assert not named or "another name" in sensor or "all" in sensor
+
+
 MATRICES = {
     "K1": RIG.left.K,
     "D1": RIG.left.distortion,

@@ -71,6 +71,16 @@ ANGLE_WORDS = {"euler", "rpy", "angles", "deg", "degrees", "roll", "pitch", "yaw
 """Of a rotation whose order of turns differs between tools."""
 COMMON = {"world", "w", "map", "vehicle", "robot", "base", "rig", "body", "b", "imu", "i"}
 """Axes in which the poses of both cameras may be given."""
+SENSORS = {
+    "imu", "gyro", "gyroscope", "accel", "accelerometer", "acc", "mag", "magnetometer", "compass",
+    "ahrs", "ins", "mru", "gnss", "gps", "rtk", "antenna", "dvl", "adcp", "usbl", "sbl", "lbl",
+    "aps", "acoustic", "modem", "transponder", "transducer", "receiver", "beacon", "hydrophone",
+    "sonar", "multibeam", "mbes", "fls", "sss", "echosounder", "altimeter", "lidar", "laser",
+    "radar", "depth", "pressure", "baro", "barometer", "ctd", "thruster", "arm", "gripper",
+    "manipulator", "light", "lamp", "strobe", "flash", "led",
+}  # fmt: skip
+"""Words of what stands on a vehicle beside its cameras."""
+OF_PLACE: set[Role] = {"R", "T", "pose", "place", "body", "angles"}
 OUT_OF_CAMERA = {"sc", "bs", "wc", "bc", "ic"}
 PLACE_WORDS = {"position", "center", "centre", "place"}
 SIZE_WORDS = {
@@ -120,6 +130,11 @@ def find(content: Mapping[str, Any]) -> Parts:
     """The parts of a rig in a file's content."""
     found = [(role, leaf) for leaf in map(_lens_alone, leaves(content)) if (role := _role(leaf))]
     marks = {id(leaf): _marks(role, leaf) for role, leaf in found}
+    found = [
+        (role, leaf)
+        for role, leaf in found
+        if role not in OF_PLACE or not _is_of_sensor(leaf, bool(marks[id(leaf)]))
+    ]
     lenses = [(leaf, marks[id(leaf)]) for role, leaf in found if role == "K"]
     numbers = sorted({mark for _, own in lenses for mark in own} & {"0", "1", "2"})
     sided = {"left", "right"} <= {mark for _, own in lenses for mark in own}
@@ -189,6 +204,23 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
         if marks := side_marks(tuple(said)):
             return marks
     return ()
+
+
+def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
+    """Tell whether numbers are of the place of a sensor that is no camera: by the innermost key
+    that names one or the other. One camera's place in a sensor's axes, as ``T_cam_imu``, is no
+    transform between two cameras unless it is sided.
+    """
+    for key in reversed(leaf.path):
+        said = words(key)
+        sensors = set(said) & SENSORS
+        of_camera = any(word[:3] == "cam" or word == "c" for word in said)
+        of_side = bool({"left", "right"} & set(side_marks(said)))
+        if sensors:
+            return not (sided and (of_camera or (of_side and sensors <= COMMON)))
+        if of_camera or of_side:
+            return False
+    return False
 
 
 def _role(leaf: Leaf) -> Role | None:
