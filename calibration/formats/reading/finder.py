@@ -215,7 +215,8 @@ def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
         said = words(key)
         sensors = set(said) & SENSORS
         of_camera = any(word[:3] == "cam" or word == "c" for word in said)
-        of_side = bool({"left", "right"} & set(side_marks(said)))
+        # the r of a rotation is no side
+        of_side = bool({"left", "right"} & {*side_marks(tuple(w for w in said if len(w) > 1))})
         if sensors:
             return not (sided and (of_camera or (of_side and sensors <= COMMON)))
         if of_camera or of_side:
