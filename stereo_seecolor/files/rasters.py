@@ -4,6 +4,7 @@ GDAL recognizes a file by its content: a ``dem.tif`` that is a virtual raster wo
 files, and the network.
 """
 
+import importlib.util
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -53,3 +54,19 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
         if error.filename not in (None, str(path)):
             raise
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def can_read_rasters() -> bool:
+    """Tell whether rasterio is installed."""
+    return importlib.util.find_spec("rasterio") is not None
+
+
+def raster_problem(path: Path, bands: int = 1) -> str:
+    """Why a GeoTIFF cannot be read to its last block; "" where it can. Needs rasterio."""
+    try:
+        with open_raster(path, bands) as file:
+            for _, window in file.block_windows(1):
+                file.read(window=window)
+    except InputError as error:
+        return str(error)
+    return ""

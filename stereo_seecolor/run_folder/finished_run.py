@@ -44,6 +44,7 @@ class FinishedFrame:
         products: Product -> file in OUT.
         facts: The frame's numbers by column of frames.csv.
         sha256_right: Of the right image; "" where there is none.
+        size: (width, height) of the products, by the run's geometry; None without one.
     """
 
     name: str
@@ -53,6 +54,7 @@ class FinishedFrame:
     products: dict[str, Path]
     facts: dict[str, float] = field(default_factory=dict)
     sha256_right: str = ""
+    size: tuple[int, int] | None = None
 
     @property
     def taken(self) -> datetime | None:
@@ -80,7 +82,8 @@ class FinishedFrame:
                 f"{self.name}: the run wrote no {product}: run again with it turned on"
             )
         try:
-            pixels = read_array(path)
+            # products in the left camera's own pixels have its size
+            pixels = read_array(path, None if "/" in product else self.size)
         except InputError as error:
             raise InputError(
                 f"{path}: is gone or damaged: run again, which makes it again"
@@ -281,7 +284,8 @@ def open_run(out: str | Path) -> FinishedRun:
         geometry=geometry,
         T_rectified_left=T,
         frames=tuple(
-            _frame(out, record, dive, Path(content["working_directory"])) for record in current
+            _frame(out, record, dive, Path(content["working_directory"]), geometry)
+            for record in current
         ),
         state=dive.state,
         stale=tuple(record.name for record in records if record.name not in names and record.files),
@@ -294,7 +298,9 @@ def open_run(out: str | Path) -> FinishedRun:
     )
 
 
-def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> FinishedFrame:
+def _frame(
+    out: Path, record: FrameRecord, dive: DiveRecord, base: Path, geometry: RectifiedPair | None
+) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
     source, right = (
         record.inputs.get("left") or record.inputs.get("image"),
@@ -310,6 +316,7 @@ def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> Fini
         },
         facts={key: value for stage in stages for key, value in stage.facts.items()},
         sha256_right=right.sha256 if right else "",
+        size=geometry.image_size if geometry else None,
     )
 
 
