@@ -307,6 +307,33 @@ def test_the_place_of_another_sensor_is_no_baseline(
     assert not named or "another name" in sensor or "all" in sensor
 
 
+def open_icc(camera: Any, size: tuple[int, int] = SIZE) -> dict[str, Any]:
+    (fx, fy, cx, cy), D = four(camera), camera.distortion.tolist()
+    return {
+        "intrinsic_type": "PINHOLE_RADIAL_TANGENTIAL", "fps": 29.97, "nr_calib_images": 89,
+        "image_width": size[0], "image_height": size[1], "final_reproj_error": 0.3,
+        "intrinsics": {
+            "aspect_ratio": fy / fx, "focal_length": fx, "principal_pt_x": cx, "principal_pt_y": cy,
+            "radial_distortion_1": D[0], "radial_distortion_2": D[1],
+            "radial_distortion_3": [*D, 0.0][4],
+            "tangential_distortion_1": D[2], "tangential_distortion_2": D[3], "skew": 0.0,
+        },
+    }  # fmt: skip
+
+
+def test_lenses_of_open_icc(tmp_path: Path) -> None:
+    """One lens each, without the transform between them."""
+    for side in ("left", "right"):
+        write_json(tmp_path / f"{side}.json", open_icc(getattr(RIG, side)))
+    files = ",".join(str(tmp_path / f"{side}.json") for side in ("left", "right"))
+    with pytest.raises(CalibrationError, match=r"holds one lens, and so does .*write R and T"):
+        load_rig(files)
+    with pytest.raises(CalibrationError, match="holds one lens: give"):
+        load_rig(tmp_path / "left.json")
+    write_json(tmp_path / "stereo.json", {"R": R, "T": T})
+    assert_same(load_rig(tmp_path))
+
+
 MATRICES = {
     "K1": RIG.left.K,
     "D1": RIG.left.distortion,

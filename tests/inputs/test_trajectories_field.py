@@ -27,7 +27,12 @@ def known(trajectory: Trajectory) -> list[bool]:
 
 
 @pytest.mark.parametrize(
-    "word", ["", "--.--", "-", "NA", "N/A", "null", "None", "nan", "-9999", "-999"]
+    "word",
+    [
+        *("", "--.--", "-", "NA", "N/A", "#N/A", "n.a.", "null", "NULL", "(null)", "<NA>", "None"),
+        *("nan", "-nan", "-nan(ind)", "1.#QNAN", "#VALUE!", "#DIV/0!", "#REF!", "#NUM!", "#NAME?"),
+        *("####", "\\N", "no data", "NODATA", "no fix", "missing", "?", "*", ".", "-9999", "-999"),
+    ],
 )
 def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Path) -> None:
     text = f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},{word},{word},5,0\n{NOON + 2},50,-10,5,90\n"

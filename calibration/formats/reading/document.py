@@ -430,7 +430,9 @@ FOREIGN = {
         r"|^[ \t]*(?:RotationOfCamera2|CameraParameters1):[ \t]*\["
     ),
     "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",  # noqa: E501
-    "coefficients of a direct linear transformation (DLT)": rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z",
+    "coefficients of a direct linear transformation (DLT)": (
+        rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z|<cal\.coeff\b|\bdlt_?coef"
+    ),
     "a camera of RealityCapture (XMP)": r"capturingreality\.com",
     "a project of Meshroom": r"\"intrinsicId\"\s*:",
     "a reconstruction or rig of OpenSfM": (

@@ -53,8 +53,15 @@ _DAYS = ((25569, 30_000, 80_000), (719529, 720_000, 800_000))
 """
 MAX_DAYS, MAX_STEP_DAYS = 3.0, 0.01
 """Of a column of such days: a dive is shorter, and has a row every quarter of an hour."""
-_UNKNOWN = re.compile(r"|-+(\.-+)?|n/?a|nan|null|nil|none|unknown|invalid", re.IGNORECASE)
-"""What stands in a cell without a value, ``--.--`` and ``N/A`` among them."""
+_UNKNOWN = re.compile(
+    r"|-+(\.-+)?|[.?*]+|#?n\.?/?a\.?|[-+]?nan(\(\w*\))?|-?1\.#\w+|[<(\[]?(null|nil|none|na|nan)[>)\]]?"
+    r"|unknown|invalid|missing|undefined|no[ _-]?(data|value|fix)|not[ _]available|\\n"
+    r"|#(null|value|ref|div/0|num|name)[!?]|#+",
+    re.IGNORECASE,
+)
+"""What stands in a cell without a value: ``--.--``, ``N/A``, errors of spreadsheets, and what
+programs and databases write.
+"""
 
 
 class AmbiguousDateError(ValueError):
