@@ -160,6 +160,7 @@ class FinishedRun:
         frames: Frames that are finished and current, in the dive's order.
         state: Whether the latest run came to its end.
         stale: Names of frames whose products are of earlier settings.
+        unfinished: Names of frames that have some of their products, none of earlier settings.
         totals: The numbers of the latest run's summary.
         inputs: What the run was given, by name.
         version: Of the program.
@@ -181,6 +182,7 @@ class FinishedRun:
     made: str
     libraries: dict[str, str | None]
     command_line: tuple[str, ...]
+    unfinished: tuple[str, ...] = ()
 
     @property
     def water_file(self) -> Path:
@@ -276,6 +278,7 @@ def open_run(out: str | Path) -> FinishedRun:
     last = "corrected" if "corrected" in dive.settings else "range"
     current = [record for record in records if dive.is_current(record, last)]  # type: ignore[arg-type]
     names = {record.name for record in current}
+    others = [record for record in records if record.name not in names and record.files]
     geometry = content["geometry"]
     T = content["T_rectified_left"]
     return FinishedRun(
@@ -288,7 +291,8 @@ def open_run(out: str | Path) -> FinishedRun:
             for record in current
         ),
         state=dive.state,
-        stale=tuple(record.name for record in records if record.name not in names and record.files),
+        stale=tuple(record.name for record in others if not _is_unfinished(record, dive)),
+        unfinished=tuple(record.name for record in others if _is_unfinished(record, dive)),
         totals=content["totals"],
         inputs=content["inputs"],
         version=content["version"],
@@ -296,6 +300,11 @@ def open_run(out: str | Path) -> FinishedRun:
         libraries=content["libraries"],
         command_line=tuple(content["command_line"]),
     )
+
+
+def _is_unfinished(record: FrameRecord, dive: DiveRecord) -> bool:
+    """Tell whether all that there is of a frame is of the latest settings."""
+    return all(dive.is_current(record, stage) for stage in record.stages)
 
 
 def _frame(
