@@ -79,6 +79,7 @@ NO_POSE = (
     "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into a "
     "third file and give a folder with all three"
 )
+PARTS = (".csv", ".npy", ".txt", ".xml", ".json", ".yml", ".yaml", ".mat")
 MAX_AROUND = 3  # mappings around a calibration: /ns, ros__parameters, stereo
 Size = tuple[int, int]
 
@@ -267,7 +268,8 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
         )
     if opencv.matches(document):
         return opencv.parse(document, image_size)
-    files = re.findall(r"[\w./-]+\.(?:csv|npy|txt|xml|json|ya?ml|mat)\b", repr(document.content))
+    words = re.findall(r"[\w./-]+", repr(document.content))
+    files = [word for word in words if word.endswith(PARTS)]
     if len(files) > 1:
         raise CalibrationError(
             f"holds no numbers but names of files, such as {files[0]}: give the folder with these"

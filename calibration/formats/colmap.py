@@ -181,7 +181,7 @@ def _pose(where: str, numbers: Array) -> Array:
         Rotation,
     )
 
-    if not 0.9 < np.linalg.norm(numbers[:4]) < 1.1:
+    if not 0.9 < np.linalg.norm(np.clip(numbers[:4], -2, 2)) < 1.1:
         raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is not a rotation")
     return rigid(Rotation.from_quat(numbers[[1, 2, 3, 0]]).as_matrix(), numbers[4:])
 

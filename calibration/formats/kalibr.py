@@ -31,7 +31,7 @@ from calibration.rig import Camera, CameraModel, RigErrors, StereoRig
 CAMCHAIN, RESULTS = "camchain", "results-cam"
 SAME = 1e-3
 """Of focal lengths in both files, relative: numbers of another calibration differ by more."""
-_FIGURES = re.compile(r"^\s*(projection|t): +\[([^]]*)\] +\+- +\[([^]]*)\]", re.M)
+_FIGURES = re.compile(r"^[ \t]*(projection|t): +\[([^][]*)\] +\+- +\[([^][]*)\]", re.M)
 
 
 def stated_errors(camchain: Path, focal_px: NDArray[np.float64]) -> RigErrors | None:

@@ -137,7 +137,7 @@ def _gathered(section: Section) -> Section | None:
     cameras: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     rest: dict[str, Any] = {}
     for key, value in section.content.items():
-        bare = re.sub(r"[\W_]", "", key).lower()
+        bare = re.sub(r"[\W_]", "", str(key)).lower()
         found = _NUMBERED.fullmatch(bare)
         if found is None:
             rest[_OF_PAIR.get(bare, key)] = value

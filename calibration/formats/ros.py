@@ -111,7 +111,7 @@ def transform_of_projections(
     """The transform (4, 4) from left to right axes behind two rectifying rotations (3, 3) and
     projections (3, 4), in their unit.
     """
-    if not all(P[0, 0] * P[1, 1] > 0 for P in projections):
+    if not all(P[0, 0] * P[1, 1] > 0 and np.linalg.matrix_rank(P[:, :3]) == 3 for P in projections):
         raise CalibrationError(
             "a projection matrix has no focal length, or one of another sign across than down: "
             "calibrate the two cameras as a stereo pair"

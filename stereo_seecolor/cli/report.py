@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
-from stereo_seecolor.cli.errors import EXIT_DONE, is_known, message_of
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED, is_known, message_of
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.output import write_error, write_out
-from stereo_seecolor.errors import ClusterError, OutputError, printable_lines
+from stereo_seecolor.errors import ClusterError, OutputError, printable, printable_lines
 from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.files.names import FORM, is_log
 from stereo_seecolor.plugins import added, load
@@ -35,10 +35,46 @@ class _Formatter(logging.Formatter):
         return printable_lines(super().format(record))
 
 
+class _LogFile(logging.FileHandler):
+    """A log whose disk may be full: the first line that cannot be written is named, once, and the
+    command works on.
+    """
+
+    def __init__(self, path: Path, unwritten: list[str]) -> None:
+        super().__init__(path, mode="a", encoding="utf-8", errors="backslashreplace")
+        self.path, self.unwritten = path, unwritten
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if not self.unwritten:
+            super().emit(record)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        if isinstance(error := sys.exc_info()[1], OSError):
+            self._say(error)
+        else:
+            super().handleError(record)
+
+    def close(self) -> None:
+        try:
+            super().close()
+        except OSError as error:  # of the line that is still in its buffer
+            self._say(error)
+
+    def _say(self, error: OSError) -> None:
+        if not self.unwritten:
+            self.unwritten.append(str(self.path))
+            why = error.strerror or error
+            write_error(
+                printable(f"stereo-seecolor: --log-file {self.path}: ends here: {why}") + "\n"
+            )
+
+
 @contextmanager
-def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
+def logging_to(
+    log_file: Path | None, verbose: bool, unwritten: list[str] | None = None
+) -> Iterator[None]:
     """Append the log to a file; with verbose, write it to standard error too. Does nothing if
-    neither is asked for.
+    neither is asked for. unwritten: gets the name of a file that could not be written to its end.
 
     Raises OutputError if the file cannot be opened, or is there already and no log of this program.
     """
@@ -47,7 +83,7 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
     if verbose:
         handlers.append(logging.StreamHandler(sys.stderr))
     if log_file is not None:
-        handlers.append(_file_handler(log_file))
+        handlers.append(_file_handler(log_file, [] if unwritten is None else unwritten))
     loggers = [logging.getLogger(name) for name in LIBRARIES]
     for handler in handlers:
         handler.setFormatter(_Formatter(FORM))
@@ -64,7 +100,7 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
             handler.close()
 
 
-def _file_handler(path: Path) -> logging.Handler:
+def _file_handler(path: Path, unwritten: list[str]) -> logging.Handler:
     try:
         if path.is_fifo():
             raise OutputError(
@@ -76,7 +112,7 @@ def _file_handler(path: Path) -> logging.Handler:
                 "another name"
             )
         path.parent.mkdir(parents=True, exist_ok=True)
-        return logging.FileHandler(path, mode="a", encoding="utf-8", errors="backslashreplace")
+        return _LogFile(path, unwritten)
     except OSError as error:
         raise OutputError(
             f"--log-file {path}: cannot be written: {error.strerror or error}: give another file"
@@ -133,13 +169,14 @@ class Report:
     log_file: Annotated[
         Path | None, option("--log-file", "FILE", "Append the log to this file.", REPORTING)
     ] = None
+    unwritten: list[str] = field(default_factory=list, init=False)
 
     @contextmanager
     def working(self) -> "Iterator[Listener]":
         """Write the log while the command works; yields the listener that shows progress."""
         from stereo_seecolor.progress import LoggingListener
 
-        with logging_to(self.log_file, self.verbose), self._shown() as listener:
+        with logging_to(self.log_file, self.verbose, self.unwritten), self._shown() as listener:
             log.info("command line: %s", " ".join(sys.argv))
             try:
                 yield LoggingListener(listener)
@@ -171,7 +208,10 @@ class Report:
             write_out(text)
 
     def end(self, content: Mapping[str, Any], text: str, exit_code: int = EXIT_DONE) -> NoReturn:
-        """Print the result, as JSON with --json, and end the command."""
+        """Print the result, as JSON with --json, and end the command. The exit code says so if the
+        log was not written to its end.
+        """
+        exit_code = exit_code or (EXIT_SOME_FAILED if self.unwritten else EXIT_DONE)
         write_out(
             json_line({"command": self.command, "exit_code": exit_code, **content})
             if self.as_json

@@ -40,6 +40,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.video_file import is_video
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.layout import refuse_own_place
 
 # Calibrate a stereo rig from two folders of images of a target, or print the target.
 
@@ -78,6 +79,7 @@ def calibrate(
     """
     options = options or RunOptions()
     coverage = out.with_name(f"{out.stem}_coverage.png")
+    refuse_own_place(out, coverage)
     refuse_existing(out, coverage)
     board = parse_target(target)
     pairs = pairs_of(left, right, InputConfig(video_skip_blurred=True)).pairs
@@ -101,6 +103,7 @@ def print_target(target: str, out: Path, dpi: int = 300) -> Path:
     """Draw the target into ``out``, a new .pdf or .png (``dpi`` is for .png). Raises
     CalibrationError, OutputError.
     """
+    refuse_own_place(out)
     refuse_existing(out)
     printing.print_target(parse_target(target), out, dpi)
     return out
@@ -136,6 +139,7 @@ def convert_calib(
     were binned or resized since.
     out: new. Raises CalibrationError, OutputError.
     """
+    refuse_own_place(*paths_of(out, to))
     refuse_existing(*paths_of(out, to))
     rig = load_rig(source, parse_size(size) if size else None)
     if resize:

@@ -21,6 +21,7 @@ from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.inputs.sides import video_of
 from stereo_seecolor.inputs.video_file import is_video
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.plugins import load
@@ -63,13 +64,17 @@ class DiveInputs(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StereoInputs:
-    """The two sides and the calibration of a dive. left, right: folders of images, patterns, or
-    videos. calib: as for load_rig.
+    """The two sides and the calibration of a dive. left, right: folders of images, patterns,
+    videos, or folders of one video. calib: as for load_rig.
     """
 
     left: Path
     right: Path
     calib: str | Path
+
+    def __post_init__(self) -> None:
+        for side in ("left", "right"):
+            object.__setattr__(self, side, video_of(Path(getattr(self, side))))
 
     @property
     def names(self) -> dict[str, str]:

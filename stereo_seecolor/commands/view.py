@@ -17,7 +17,7 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.page import PageSummary, write_page
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX
+from stereo_seecolor.run_folder.layout import INDEX, refuse_links_out
 
 # ``view``: open the page of a run in a browser, or its map in a window, of rerun where it is
 # installed, else of Open3D.
@@ -37,11 +37,15 @@ def view(out: Path) -> ViewResult:
     """Show ``out``/index.html in the browser; where there is no page, the map in a window, as
     ``view_map``.
 
-    Raises InputError if there is neither; DeviceError if there is no browser, viewer or screen.
+    A page is opened as it is: that of a stranger's folder is the stranger's until ``report`` makes
+    it anew.
+    Raises InputError if there is neither; OutputError where a link leads out of it;
+    DeviceError if there is no browser, viewer or screen.
     """
     page = out / INDEX
     if not out.is_dir():
         raise InputError(f"{out}: no such folder: give the output folder of a run")
+    refuse_links_out(out)
     if not page.is_file():
         return view_map(out)
     if not (_has_screen() and webbrowser.open(page.resolve().as_uri())):
@@ -61,6 +65,8 @@ def view_map(out: Path) -> ViewResult:
     mesh = next(
         (path for path in (out / "map" / "mesh.ply", out / "mesh.ply") if path.is_file()), None
     )
+    if mesh is not None and not mesh.resolve().is_relative_to(out.resolve()):
+        raise InputError(f"{mesh}: is a link that leads out of {out}: put the file in its place")
     if mesh is None:
         raise InputError(
             f"{out}: holds no map (map/mesh.ply): make it with stereo-seecolor fuse {out}"

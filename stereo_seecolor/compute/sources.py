@@ -12,7 +12,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("stereo_seecolor", "calibration")
 
 _IMPORT = re.compile(
-    rf"^\s*(?:from\s+((?:{'|'.join(PACKAGES)})[\w.]*)\s+import\s+(\([^)]*\)|.*)|import\s+((?:{'|'.join(PACKAGES)})[\w.]*))",
+    rf"^[ \t]*(?:from\s+((?:{'|'.join(PACKAGES)})[\w.]*)\s+import\s+(\([^)]*\)|.*)"
+    rf"|import\s+((?:{'|'.join(PACKAGES)})[\w.]*))",
     re.M,
 )
 

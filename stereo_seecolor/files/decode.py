@@ -193,6 +193,10 @@ def _add_differences(rows, values):  # type: ignore[no-untyped-def]
 JPEG_END = b"\xff\xd9"
 MOST_PER_BYTE = 10_000
 """Pixels; deflate makes a byte of 1032 at the most, each of 8 pixels."""
+MOST_PIXELS = 1 << 28
+"""Of an image of ours: no camera has as many."""
+JPEG_FRAMES = {*range(0xFFC0, 0xFFD0)} - {0xFFC4, 0xFFC8, 0xFFCC}
+"""Markers before the size of a JPEG (ITU T.81, table B.1)."""
 FEW_FILES = 16
 """So many OpenCV decodes while numba is imported, a quarter of a second; more are decoded in half
 the time by our own kernels.
@@ -200,12 +204,23 @@ the time by our own kernels.
 _read = count(1)
 
 
-def read_array(path: Path) -> NDArray[Any]:
+def read_array(path: Path, size: tuple[int, int] | None = None) -> NDArray[Any]:
     """The pixels of a PNG, TIFF or JPEG as they are stored: (H, W), or (H, W, 3) RGB.
 
-    Raises InputError if the file is gone, cut short or damaged.
+    size: (width, height) that it has to have. The header is asked before a pixel is decoded: a
+    small file may claim, and hold, gigabytes.
+    Raises InputError if the file is gone, cut short or damaged, of another size, or of more than
+    MOST_PIXELS.
     """
     content = read_bytes(path)
+    stored = _stored_size(content)
+    if size is not None and stored != size:
+        raise InputError(
+            f"{path}: is damaged: {' x '.join(map(str, stored)) or 'no'} pixels, and not "
+            f"{size[0]} x {size[1]}"
+        )
+    if stored and stored[0] * stored[1] > MOST_PIXELS:
+        raise InputError(f"{path}: is damaged: it claims {stored[0]} x {stored[1]} pixels")
     # OpenCV fills the rest with gray
     if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):
         raise InputError(f"{path}: is cut short")
@@ -219,6 +234,27 @@ def read_array(path: Path) -> NDArray[Any]:
     if pixels is None:
         raise InputError(f"{path}: is damaged")
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels
+
+
+def _stored_size(content: bytes) -> tuple[int, int] | tuple[()]:
+    """(width, height) by the header of a PNG, TIFF or JPEG; () where it says none."""
+    try:
+        if content.startswith(SIGNATURE):
+            width, height = struct.unpack_from(">2I", content, 16)
+            return width, height
+        if content.startswith(b"II*\0"):
+            tags = _tiff_tags(content)
+            return tags[WIDTH], tags[HEIGHT]
+        at = 2
+        while content.startswith(b"\xff\xd8"):
+            marker, length = struct.unpack_from(">HH", content, at)
+            if marker in JPEG_FRAMES:
+                height, width = struct.unpack_from(">HH", content, at + 5)
+                return width, height
+            at += 2 + length
+    except (KeyError, struct.error):
+        pass
+    return ()
 
 
 def _is_whole(content: bytes) -> bool:

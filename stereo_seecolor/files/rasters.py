@@ -4,8 +4,10 @@ GDAL recognizes a file by its content: a ``dem.tif`` that is a virtual raster wo
 files, and the network.
 """
 
+import importlib.util
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +26,19 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
     Raises InputError where it cannot be read; ImportError without rasterio.
     """
     import rasterio
-    from rasterio.errors import RasterioError
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a file")
-        with rasterio.Env(**_ALONE), rasterio.open(path.absolute(), driver="GTiff") as file:
+        with rasterio.Env(**_ALONE), ExitStack() as stack:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NotGeoreferencedWarning)
+                file = stack.enter_context(rasterio.open(path.absolute(), driver="GTiff"))
+            if file.transform.is_identity:
+                raise InputError(
+                    f"{path}: says no more where it lies: make the map again with fuse"
+                )
             if file.count < bands:
                 raise InputError(
                     f"{path}: has {file.count} bands where {bands} are expected: make the map "
@@ -45,3 +54,19 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
         if error.filename not in (None, str(path)):
             raise
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def can_read_rasters() -> bool:
+    """Tell whether rasterio is installed."""
+    return importlib.util.find_spec("rasterio") is not None
+
+
+def raster_problem(path: Path, bands: int = 1) -> str:
+    """Why a GeoTIFF cannot be read to its last block; "" where it can. Needs rasterio."""
+    try:
+        with open_raster(path, bands) as file:
+            for _, window in file.block_windows(1):
+                file.read(window=window)
+    except InputError as error:
+        return str(error)
+    return ""

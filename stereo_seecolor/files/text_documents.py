@@ -83,7 +83,28 @@ def csv_text(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
 def _cell(value: Any) -> Any:
     if isinstance(value, float):
         return f"{value:.6g}" if math.isfinite(value) else ""
-    return value
+    return guarded(value)
+
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""How a text begins that a spreadsheet would run, or that ``guarded`` made."""
+
+
+def guarded(cell: Any) -> Any:
+    """A cell that a spreadsheet shows and does not run: an apostrophe before a text that begins as
+    a formula does. Numbers stay; the readers of this file take it off again.
+    """
+    if not isinstance(cell, str) or not _FORMULA.match(cell):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
+
+
+def _unguarded(cell: str) -> str:
+    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 
 def table_rows(content: bytes) -> Iterator[dict[str, str]]:
@@ -98,7 +119,7 @@ def table_rows(content: bytes) -> Iterator[dict[str, str]]:
         ):
             if None in row or None in row.values():
                 raise ValueError(f"row {number} has other cells than the header")
-            yield row
+            yield {name: _unguarded(cell) for name, cell in row.items()}
     except csv.Error as error:
         raise ValueError(f"is not a table: {error}") from error
 
@@ -142,10 +163,10 @@ def separator_of(header: str) -> str:
 def split_fields(line: str, separator: str) -> list[str]:
     """The cells of a line. Raises csv.Error."""
     if separator == " ":
-        return line.split()
+        return [_unguarded(field) for field in line.split()]
     line = _SPLIT_SECOND.sub(r"\1.\2", line) if separator == "," else line
     return [
-        field.strip()
+        _unguarded(field.strip())
         for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     ]
 
@@ -155,6 +176,10 @@ def is_unit(field: str) -> bool:
     return re.fullmatch(r"[\[(]?(?:[A-Za-z°/%]{1,8}\d?|-)?[\])]?", field) is not None
 
 
+DECIMAL_COMMA = r"(?<![^{0}\n])([+-]?\d+),(\d+)(?=[{0}\n]|$)"
+"""A number that fills a cell of a table with this separator."""
+
+
 def dict_reader(text: str) -> "csv.DictReader[str]":
     """The rows of a table that people wrote, with decimal commas where no comma stands between its
     columns.
@@ -162,9 +187,29 @@ def dict_reader(text: str) -> "csv.DictReader[str]":
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     separator = separator_of(text.partition("\n")[0].strip())
     if separator != ",":
-        number = rf"(?<![^{separator}\n])([+-]?\d+),(\d+)(?=[{separator}\n]|$)"
-        text = re.sub(number, r"\1.\2", text)
-    return csv.DictReader(io.StringIO(text), delimiter=separator, restval="", skipinitialspace=True)
+        text = re.sub(DECIMAL_COMMA.format(separator), r"\1.\2", text)
+    reader = csv.DictReader(
+        io.StringIO(text), delimiter=separator, restval="", skipinitialspace=True
+    )
+    reader.reader = _Cells(reader.reader)  # type: ignore[assignment]  # what it needs of a reader
+    return reader
+
+
+class _Cells:
+    """The cells of a reader without what guards them."""
+
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+
+    @property
+    def line_num(self) -> int:
+        return int(self._reader.line_num)
+
+    def __iter__(self) -> Iterator[list[str]]:
+        return self
+
+    def __next__(self) -> list[str]:
+        return list(map(_unguarded, next(self._reader)))
 
 
 def _reader(path: Path) -> "csv.DictReader[str]":

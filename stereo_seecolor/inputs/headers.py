@@ -16,7 +16,7 @@ JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 BMP_SIGNATURE = b"BM"
 # pgm and ppm of the netpbm manual: binary
-NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s")
+NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s|#[^\n]*\n)+(\d+)" + rb"\s")
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 TIFF_SHORT = 3  # kind of a value: two bytes
 TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a mask

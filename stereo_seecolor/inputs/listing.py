@@ -167,7 +167,7 @@ def folder_parts(source: Path, kinds: frozenset[str] = EXTENSIONS) -> dict[str, 
     if not parts:
         return (
             {}
-            if _holds_images(folder, kinds)
+            if holds_images(folder, kinds)
             else {path.name: path for path in inner_folders(folder, kinds)}
         )
     matched = _matched(folder, parts, kinds)
@@ -201,7 +201,7 @@ def _matched(
     """
     part, *rest = parts
     if not rest and (
-        (folder / part).is_file() or (is_marked(part) and _holds_images(folder, kinds, part))
+        (folder / part).is_file() or (is_marked(part) and holds_images(folder, kinds, part))
     ):
         yield "", folder / part
         return
@@ -211,10 +211,11 @@ def _matched(
 
 
 def _leads_to_images(folder: Path, kinds: frozenset[str]) -> bool:
-    return _holds_images(folder, kinds) or bool(inner_folders(folder, kinds))
+    return holds_images(folder, kinds) or bool(inner_folders(folder, kinds))
 
 
-def _holds_images(folder: Path, kinds: frozenset[str], pattern: str = "*") -> bool:
+def holds_images(folder: Path, kinds: frozenset[str] = EXTENSIONS, pattern: str = "*") -> bool:
+    """Tell whether an image lies directly in a folder."""
     try:
         with os.scandir(folder) as entries:
             return any(_is_image(entry.name, pattern, kinds) for entry in entries)
@@ -233,7 +234,7 @@ def inner_folders(folder: Path, kinds: frozenset[str] = EXTENSIONS) -> list[Path
             for path in folder.iterdir()
             if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
         ]
-    inner = [path for path in inner if _holds_images(path, kinds)]
+    inner = [path for path in inner if holds_images(path, kinds)]
     sides = {side_of(path.name) for path in inner} - {None}
     return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
 

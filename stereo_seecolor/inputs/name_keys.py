@@ -8,10 +8,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from stereo_seecolor.files.names import natural_key
 
 # Keys of file names, under which the left and the right file of a pair meet.
 
@@ -68,30 +71,55 @@ def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Key
     return _within_affixes(lefts), _within_affixes(rights)
 
 
-def number_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
-    """The left stems, each for the right file whose number is that of the left one and a constant
-    (``DSC_4711``, ``DSC_0523``).
+def number_pairs(lefts: Sequence[Path], rights: Sequence[Path]) -> list[tuple[Path, Path]]:
+    """The files in the order of their numbers, where those of both sides differ by a constant
+    (``DSC_4711``, ``DSC_0523``), also where a camera's counter starts again, in a folder (9999,
+    then 1) or with a new one (``100MEDIA/DJI_0999``, ``101MEDIA/DJI_0001``).
 
     None at all unless both sides have as many files, of which all numbers differ by that constant:
     no image is missing then.
     """
-    numbers = [
-        [int(found[0]) if (found := re.search(r"\d+$", path.stem)) else None for path in side]
-        for side in (lefts, rights)
-    ]
-    known = [sorted(number for number in side if number is not None) for side in numbers]
-    if len(lefts) < 2 or len({len(lefts), len(rights), *map(len, known)}) > 1:
-        return {}, {}
-    shifts = {right - left for left, right in zip(*known, strict=True)}
-    if len(shifts) > 1 or any(len(set(side)) < len(side) for side in known):
-        return {}, {}
-    shift = shifts.pop()
-    names = {number: path.stem for number, path in zip(numbers[0], lefts, strict=True)}
-    by_right = {
-        names[(number or 0) - shift]: [path]
-        for number, path in zip(numbers[1], rights, strict=True)
-    }
-    return {path.stem: [path] for path in lefts}, by_right
+    counted = [_counted(side) for side in (lefts, rights)]
+    if (
+        len(lefts) < 2
+        or {len(side) for side in counted} != {len(lefts)}
+        or len(lefts) != len(rights)
+    ):
+        return []
+    both = list(zip(*(sorted(side.items()) for side in counted), strict=True))
+    if len({right - left for (left, _), (right, _) in both}) > 1:
+        return []
+    return [(left, right) for (_, left), (_, right) in both]
+
+
+def _counted(paths: Sequence[Path]) -> dict[int, Path]:
+    """Files by the number that a counter would have that never starts again; none where a file has
+    no number.
+    """
+    found = {path: re.search(r"(?<!\d)\d+$", path.stem) for path in paths}
+    numbers = {path: int(digits[0]) for path, digits in found.items() if digits}
+    if len(numbers) < len(paths):
+        return {}
+    counted: dict[int, Path] = {}
+    before, offset = -1, 0
+    for folder in sorted({path.parent for path in paths}, key=lambda one: natural_key(str(one))):
+        own = sorted((number, path) for path, number in numbers.items() if path.parent == folder)
+        for number, path in _unrolled(own, len(found[own[-1][1]][0])):  # type: ignore[index]
+            if number + offset <= before:
+                offset = before + 1 - number
+            before = number + offset
+            counted[before] = path
+    return counted
+
+
+def _unrolled(own: list[tuple[int, Path]], digits: int) -> list[tuple[int, Path]]:
+    """The sorted files of a folder, the ones after 9999 last."""
+    steps = [after - before for (before, _), (after, _) in pairwise(own)]
+    rolled = own[0][0] <= 1 and own[-1][0] == 10**digits - 1
+    if not rolled or max(steps, default=0) <= 1:
+        return own
+    turn = steps.index(max(steps)) + 1
+    return [*own[turn:], *own[:turn]]
 
 
 def _grouped(paths: Sequence[Path], key_of: Callable[[str], str]) -> Keys:
@@ -128,7 +156,7 @@ def _common_prefix(texts: Sequence[str]) -> str:
         (i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b),
         min(len(first), len(last)),
     )
-    return re.sub(r"\d+$", "", first[:length])
+    return re.sub(r"(?<!\d)\d+$", "", first[:length])
 
 
 # Time stamps as vehicles write them into file names.

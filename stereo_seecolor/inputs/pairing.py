@@ -30,7 +30,7 @@ from stereo_seecolor.inputs.name_keys import (
     distances_s,
     drift_notes,
     nearest,
-    number_keys,
+    number_pairs,
     side_keys,
     stem_keys,
     timed,
@@ -270,7 +270,8 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
     if config.pairing != "name":
         matching.settle_by_time(config.timestamp_tolerance_s)
         notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
-    if not matching.pairs and config.pairing != "timestamp":
+    by_number = not matching.pairs and config.pairing != "timestamp"
+    if by_number:
         notes = _settle_by_number(matching)
     if matching.ambiguous:
         raise InputError(f"{where}: {matching.ambiguous}")
@@ -287,7 +288,10 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         )
     if not notes and config.pairing != "name":
         matching.say_how_far(config.timestamp_tolerance_s)
-    return _pairing(matching, "no right image matches", "no left image matches").with_notes(notes)
+    pairing = _pairing(
+        matching, "no right image matches", "no left image matches", in_order=by_number
+    )
+    return pairing.with_notes(notes)
 
 
 def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...]:
@@ -313,10 +317,12 @@ def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
     """Where nothing else paired, by numbers that differ by a constant: each camera counts its own
     images.
     """
-    matching.settle(*number_keys(matching.lefts, matching.rights))
+    for left, right in number_pairs(matching.lefts, matching.rights):
+        matching.add(left.stem, left, right)
+    matching.drop_settled()
     if not matching.pairs:
         return ()
-    first = in_dive_order(matching.pairs)[0]
+    first = matching.pairs[0]
     found = (
         f"no names agree: {counted(len(matching.pairs), 'pair')} were brought together by the "
         "order of their numbers"
@@ -382,10 +388,14 @@ def _settle_by_name(matching: _Matching) -> None:
         matching.settle(*affix_keys(matching.lefts, matching.rights))
 
 
-def _pairing(matching: _Matching, left_reason: str, right_reason: str) -> Pairing:
+def _pairing(
+    matching: _Matching, left_reason: str, right_reason: str, in_order: bool = False
+) -> Pairing:
+    """in_order: the pairs are in the dive's order already, which their names do not tell."""
     unpaired = [*matching.unpaired, *(Unpaired(path, left_reason) for path in matching.lefts)]
     unpaired += [Unpaired(path, right_reason) for path in matching.rights]
-    pairs = in_dive_order(with_unique_names(matching.pairs))
+    pairs = with_unique_names(matching.pairs)
+    pairs = pairs if in_order else in_dive_order(pairs)
     return Pairing(DivePairs.of(pairs), _in_order(unpaired), _drift_notes(pairs))
 
 

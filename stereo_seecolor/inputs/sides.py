@@ -19,6 +19,7 @@ from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.listing import (
     EXTENSIONS,
     folder_parts,
+    holds_images,
     inner_folders,
     list_images,
     unread_hint,
@@ -90,7 +91,8 @@ def find_sides(places: Sequence[Path]) -> Sides:
         if images or videos:
             break
     if len(images) >= 2:
-        sides = _both_in_each(images) or _best_pair(images | _parents(images))
+        among = _given(folders, images) if len(places) == 2 else {}
+        sides = _both_in_each(images) or _best_pair(among or images | _parents(images))
         names = {sides.left.name, sides.right.name}
         others = [
             one for one in images if one.name in names and one not in (sides.left, sides.right)
@@ -129,6 +131,28 @@ def _look_through(
         images |= {here: count} if count else {}
         videos += [here / name for name in names if is_video(here / name)]
     return images, videos
+
+
+def _given(folders: Sequence[Path], images: dict[Path, int]) -> dict[Path, int]:
+    """Two folders that were given, each with images in it or in its inner folders: the two sides,
+    never cut; else none.
+    """
+    found = {
+        folder: images.get(folder) or sum(images.get(one, 0) for one in inner_folders(folder))
+        for folder in folders
+    }
+    return found if len(found) == 2 and all(found.values()) else {}
+
+
+def video_of(side: Path) -> Path:
+    """The one video of a folder without images, as a camera's card is (``DCIM/100GOPRO``, with
+    reduced copies and thumbnails beside it); the side itself where it is anything else.
+    """
+    if is_video(side) or not side.is_dir() or holds_images(side) or inner_folders(side):
+        return side
+    images, videos = _look_through(side, DEPTH, False)
+    shown = [video for video in videos if not video.name.startswith(".")]
+    return shown[0] if len(shown) == 1 and not images else side
 
 
 def _parents(images: dict[Path, int]) -> dict[Path, int]:

@@ -150,7 +150,7 @@ def _table(
         (f"{path}: line {number}", _cells(f"{path}: line {number}", line, separator))
         for number, line in lines
     ]
-    above = (i for i, (_, row) in enumerate(cells[:LINES_ABOVE]) if not _lacks(row, names))
+    above = (i for i, (_, row) in enumerate(cells[:LINES_ABOVE]) if not _lacks(path, row, names))
     cells = cells[next(above, 0) :]
     first, units = cells[0][1], dict[str, float]()
     if len(first) >= len(in_order) and all(
@@ -158,19 +158,23 @@ def _table(
     ):
         columns, rows = {role: i for i, role in enumerate(in_order)}, cells
     else:
-        columns, units = _roles(first, names)
+        columns, units = _roles(path, first, names)
         _check(path, columns, first, names)
         rows = cells[1:]
         if len(rows) > 1 and all(is_unit(cell) for cell in rows[0][1]):
             rows = rows[1:]
     # a template's own words
     rows = [(where, row) for where, row in rows if not row[0].startswith("[")]
+    if not rows:
+        raise InputError(f"{path}: holds no rows below its header")
     if short := next((where for where, row in rows if len(row) <= max(columns.values())), None):
         raise InputError(f"{short}: has too few columns for {', '.join(first)}")
     return rows, columns, units
 
 
-def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], dict[str, float]]:
+def _roles(
+    path: Path, header: list[str], names: dict[str, str]
+) -> tuple[dict[str, int], dict[str, float]]:
     columns: dict[str, int] = {}
     units: dict[str, float] = {}
     for i, cell in enumerate(header):
@@ -179,9 +183,9 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
             .strip()
             .lower()
         )
-        unit = re.search(rf"[ (\[]*\b({_UNITS})[)\]]*$", said)
+        unit = re.search(rf"(?<![ (\[])[ (\[]*\b({_UNITS})[)\]]*$", said)
         other = None if unit else re.search(r"[(\[](\w+)[)\]]$", said)
-        bare = re.sub(r"\s*[(\[].*$", "", said[: unit.start()] if unit else said).strip(" ]")
+        bare = re.split(r"[(\[]", said[: unit.start()] if unit else said)[0].strip(" ]")
         role = next(
             (
                 role
@@ -191,7 +195,9 @@ def _roles(header: list[str], names: dict[str, str]) -> tuple[dict[str, int], di
             None,
         )
         if role and other and role in ("length", "x", "y", "z", "depth"):
-            raise InputError(f"column {cell!r}: its unit is not known: write {', '.join(METERS)}")
+            raise InputError(
+                f"{path}: column {cell!r}: its unit is not known: write {', '.join(METERS)}"
+            )
         if role:
             columns[role] = i
             units[role] = METERS[unit[1]] if unit else 1.0
@@ -202,9 +208,9 @@ def _separators(line: str) -> int:
     return max(map(line.count, ",;\t|"))
 
 
-def _lacks(header: list[str], names: dict[str, str]) -> bool:
+def _lacks(path: Path, header: list[str], names: dict[str, str]) -> bool:
     """Tell whether a line is not the header of such a table."""
-    columns, _ = _roles(header, names)
+    columns, _ = _roles(path, header, names)
     return len(columns) < (2 if names is BAR else 3)
 
 

@@ -23,6 +23,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.text_documents import guarded
 from stereo_seecolor.mapping.frame_index import FrameIndex, PointSampling, Progress, silent
 from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
@@ -323,7 +324,7 @@ def write_poses(path: Path, component: Component, placed: PlacedSurvey) -> Path:
             position = component.T_local_camera[i, :3, 3] + component.offset_m
             values = (index.timestamps_s[i], *position, *(column[i] for column in columns.values()))
             numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in values]
-            writer.writerow([index.names[i], *numbers])
+            writer.writerow([guarded(index.names[i]), *numbers])
     return path
 
 

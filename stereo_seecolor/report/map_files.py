@@ -12,6 +12,7 @@ import numpy as np
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
 from stereo_seecolor.report.overview import DiveFacts
@@ -32,12 +33,14 @@ FOLDER = f"{PAGE}/map"
 Files = Iterator[tuple[str, bytes]]
 
 
-def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None:
+def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict[str, str]:
     """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
     with_raw: also write the map in uncorrected colors, from frames whose image before correction is
     on the page; it is made again when more of them are. Without it, such files of an earlier page
     are kept.
+    Returns the rasters of the map that are damaged, which the page goes without: path in OUT ->
+    why.
     """
     made = facts.map
     key = content_key(FORMAT, False, *_stamps(made)) if made else ""
@@ -46,13 +49,24 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None
     key_before, _, painted_before = folder.dive.record.made_from.get(FOLDER, "").partition(" ")
     current = key == key_before and (painted_before == painted or not with_raw)
     if earlier and current and all((folder.root / name).is_file() for name in earlier):
-        return
+        return {}
     if earlier:
         folder.dive.remove(FOLDER)
-    if made is not None:
-        folder.dive.write_folder(
-            FOLDER, _MapFiles.of(facts, made, with_raw).contents(key), made_from=f"{key} {painted}"
-        )
+    if made is None:
+        return {}
+    bands = {MOSAIC: 4, TERRAIN: 1}
+    damaged = {
+        name: why
+        for name in (MOSAIC, TERRAIN)
+        if (made.folder / name).is_file()
+        and can_read_rasters()
+        and (why := raster_problem(made.folder / name, bands[name]))
+    }
+    files = _MapFiles.of(facts, made, with_raw, frozenset(damaged))
+    # a page without a part is not kept: the next report makes it again, and names what is damaged
+    made_from = f"{'' if damaged else key} {painted}"
+    folder.dive.write_folder(FOLDER, files.contents(key), made_from=made_from)
+    return {f"{MAP}/{name}": why for name, why in damaged.items()}
 
 
 def _stamps(made: FinishedMap) -> list[str]:
@@ -66,7 +80,7 @@ def _stamps(made: FinishedMap) -> list[str]:
 @dataclass(frozen=True, eq=False)
 class _MapFiles:
     """Makes the page's files of a map. terrain, raw: None where it has none. std_m: standard error
-    of a height, NaN if unknown.
+    of a height, NaN if unknown. has_mosaic: whether there is one that can be read.
     """
 
     made: FinishedMap
@@ -74,16 +88,21 @@ class _MapFiles:
     terrain: TerrainImages | None
     raw: RawMosaic | None
     squares: Squares | None
+    has_mosaic: bool
 
     @classmethod
-    def of(cls, facts: DiveFacts, made: FinishedMap, with_raw: bool) -> "_MapFiles":
-        terrain = (
-            TerrainImages.open(made.folder / TERRAIN) if (made.folder / TERRAIN).is_file() else None
-        )
+    def of(
+        cls, facts: DiveFacts, made: FinishedMap, with_raw: bool, damaged: frozenset[str]
+    ) -> "_MapFiles":
+        there = {
+            name: (made.folder / name).is_file() and name not in damaged
+            for name in (MOSAIC, TERRAIN)
+        }
+        terrain = TerrainImages.open(made.folder / TERRAIN) if there[TERRAIN] else None
         raw = (
             RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
         )
-        return cls(made, height_std_m(facts.run), terrain, raw, facts.squares)
+        return cls(made, height_std_m(facts.run), terrain, raw, facts.squares, there[MOSAIC])
 
     def contents(self, key: str) -> Files:
         """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
@@ -97,9 +116,7 @@ class _MapFiles:
         }
         about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])
         yield from self._mesh(about["pieces"])
-        if (self.made.folder / MOSAIC).is_file() and (
-            mosaic := mosaic_tiles(self.made.folder / MOSAIC)
-        ):
+        if self.has_mosaic and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
             about["mosaic"], tiles = mosaic
             yield from ((f"mosaic/{name}", content) for name, content in tiles)
         yield from self._terrain(about)

@@ -9,10 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.color.white_point import DOUBT, white_doubt
 from stereo_seecolor.config import RunConfig
@@ -112,24 +114,22 @@ class DiveFacts(RowFacts):
 
     @cached_property
     def squares(self) -> Squares | None:
-        """The metrics of the map's squares without noise; None without a terrain. Raises InputError
-        if the map is damaged.
+        """The metrics of the map's squares without noise; None without a terrain, or one that
+        cannot be read. Raises InputError if their table is damaged.
         """
         made, pixel_m = self.map, self.ground_pixel_m
         if made is None or pixel_m is None or not made.area_m2:
             return None
         paths = made.folder / FILE, made.folder / TERRAIN
-        terrain = TerrainImages.open(paths[1]) if all(path.is_file() for path in paths) else None
-        if terrain is None:
+        heights = _terrain_m(paths[1]) if all(path.is_file() for path in paths) else None
+        if heights is None:
             return None
         width, height = self.run.geometry.image_size if self.run.geometry else (0, 0)
         seen_m2 = len(made.track) * (self.typical("coverage") or 1) * width * height * pixel_m**2
         try:
             return squares_of(
                 paths[0].read_bytes(),
-                terrain.heights_m((0, 0, terrain.about["width"], terrain.about["height"])).astype(
-                    np.float64
-                ),
+                heights,
                 made.cell_m["dem_m"],
                 made.cell_m["metrics_m"],
                 height_std_m(self.run) / float(np.sqrt(max(seen_m2 / made.area_m2, 1))),
@@ -139,6 +139,17 @@ class DiveFacts(RowFacts):
             raise InputError(
                 f"{paths[0]}: is damaged ({error}): make the map again with stereo-seecolor fuse"
             ) from error
+
+
+def _terrain_m(path: Path) -> NDArray[np.float64] | None:
+    """All heights of a terrain; None where they, or the library that reads them, cannot be had."""
+    try:
+        if (terrain := TerrainImages.open(path)) is None:
+            return None
+        box = (0, 0, terrain.about["width"], terrain.about["height"])
+        return terrain.heights_m(box).astype(np.float64)
+    except InputError:
+        return None  # named with the page's other parts
 
 
 def _waters(run: FinishedRun) -> Mapping[str, Water]:

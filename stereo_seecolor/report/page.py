@@ -45,7 +45,7 @@ class PageSummary:
     """The page that was written: the file to open. made, kept: numbers of frames whose files were
     made now, or earlier.
 
-    left_out: frames whose files are gone or damaged, with the reason.
+    left_out: frames whose files are gone or damaged, and such rasters of the map, with the reason.
     """
 
     page: Path
@@ -59,7 +59,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
 
     brief: show only some frames of a long dive in full, so that a run takes hardly longer.
     Raises OutputError; InputError if files that the page is made from are missing or damaged. A
-    frame whose files are, is named in the summary and left out.
+    frame whose files are, or a raster of the map, is named in the summary and left out.
     """
     facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
@@ -78,7 +78,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
     folder.dive.update(
         replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
     )
-    write_map_files(folder, facts, with_raw=not brief)
+    left_out |= write_map_files(folder, facts, with_raw=not brief)
     files = {
         f"{PAGE}/{name}": (STATIC / name).read_bytes()
         for name in ASSETS

@@ -44,6 +44,7 @@ class FinishedFrame:
         products: Product -> file in OUT.
         facts: The frame's numbers by column of frames.csv.
         sha256_right: Of the right image; "" where there is none.
+        size: (width, height) of the products, by the run's geometry; None without one.
     """
 
     name: str
@@ -53,6 +54,7 @@ class FinishedFrame:
     products: dict[str, Path]
     facts: dict[str, float] = field(default_factory=dict)
     sha256_right: str = ""
+    size: tuple[int, int] | None = None
 
     @property
     def taken(self) -> datetime | None:
@@ -80,7 +82,8 @@ class FinishedFrame:
                 f"{self.name}: the run wrote no {product}: run again with it turned on"
             )
         try:
-            pixels = read_array(path)
+            # products in the left camera's own pixels have its size
+            pixels = read_array(path, None if "/" in product else self.size)
         except InputError as error:
             raise InputError(
                 f"{path}: is gone or damaged: run again, which makes it again"
@@ -157,6 +160,7 @@ class FinishedRun:
         frames: Frames that are finished and current, in the dive's order.
         state: Whether the latest run came to its end.
         stale: Names of frames whose products are of earlier settings.
+        unfinished: Names of frames that have some of their products, none of earlier settings.
         totals: The numbers of the latest run's summary.
         inputs: What the run was given, by name.
         version: Of the program.
@@ -178,6 +182,7 @@ class FinishedRun:
     made: str
     libraries: dict[str, str | None]
     command_line: tuple[str, ...]
+    unfinished: tuple[str, ...] = ()
 
     @property
     def water_file(self) -> Path:
@@ -273,6 +278,7 @@ def open_run(out: str | Path) -> FinishedRun:
     last = "corrected" if "corrected" in dive.settings else "range"
     current = [record for record in records if dive.is_current(record, last)]  # type: ignore[arg-type]
     names = {record.name for record in current}
+    others = [record for record in records if record.name not in names and record.files]
     geometry = content["geometry"]
     T = content["T_rectified_left"]
     return FinishedRun(
@@ -281,10 +287,12 @@ def open_run(out: str | Path) -> FinishedRun:
         geometry=geometry,
         T_rectified_left=T,
         frames=tuple(
-            _frame(out, record, dive, Path(content["working_directory"])) for record in current
+            _frame(out, record, dive, Path(content["working_directory"]), geometry)
+            for record in current
         ),
         state=dive.state,
-        stale=tuple(record.name for record in records if record.name not in names and record.files),
+        stale=tuple(record.name for record in others if not _is_unfinished(record, dive)),
+        unfinished=tuple(record.name for record in others if _is_unfinished(record, dive)),
         totals=content["totals"],
         inputs=content["inputs"],
         version=content["version"],
@@ -294,7 +302,14 @@ def open_run(out: str | Path) -> FinishedRun:
     )
 
 
-def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> FinishedFrame:
+def _is_unfinished(record: FrameRecord, dive: DiveRecord) -> bool:
+    """Tell whether all that there is of a frame is of the latest settings."""
+    return all(dive.is_current(record, stage) for stage in record.stages)
+
+
+def _frame(
+    out: Path, record: FrameRecord, dive: DiveRecord, base: Path, geometry: RectifiedPair | None
+) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
     source, right = (
         record.inputs.get("left") or record.inputs.get("image"),
@@ -310,6 +325,7 @@ def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> Fini
         },
         facts={key: value for stage in stages for key, value in stage.facts.items()},
         sha256_right=right.sha256 if right else "",
+        size=geometry.image_size if geometry else None,
     )
 
 

@@ -18,7 +18,7 @@ from stereo_seecolor.compute.sequences import Names, Packed, SomeNames
 from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.files.contained import regular_bytes
 from stereo_seecolor.files.keys import ContentKey
-from stereo_seecolor.files.text_documents import table_rows
+from stereo_seecolor.files.text_documents import guarded, table_rows
 from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.cache import Compared
 from stereo_seecolor.run_folder.finished_run import TrackPoint
@@ -151,7 +151,8 @@ def _csv_line(cells: Sequence[object]) -> bytes:
 def _csv_text(rows: Iterable[Sequence[object]]) -> bytes:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(
-        [printable(cell) if isinstance(cell, str) else cell for cell in row] for row in rows
+        [guarded(printable(cell)) if isinstance(cell, str) else cell for cell in row]
+        for row in rows
     )
     return text.getvalue().encode()
 
@@ -159,7 +160,7 @@ def _csv_text(rows: Iterable[Sequence[object]]) -> bytes:
 # The table of a run, with a row for each pair and each file without a partner; its problems, and
 # its summary.
 
-_PATH = re.compile(r"^\S*/.*?: ")
+_PATH = re.compile(r"^[^\s/]*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 

@@ -265,6 +265,21 @@ def refuse_links(root: Path) -> None:
                 )
 
 
+def refuse_own_place(*paths: Path) -> None:
+    """Raise OutputError for a file or folder to be written into a folder of products of a run,
+    which the next command of that run would replace or refuse.
+    """
+    for path in paths:
+        place = path.resolve()
+        for root in place.parents:
+            name = place.relative_to(root).parts[0]
+            if name in OWN_FOLDERS and state(root, "manifest.json").is_file():
+                raise OutputError(
+                    f"{path}: lies in {name} of the run {root}, which the program fills by itself: "
+                    "choose a place outside"
+                )
+
+
 def refuse_links_out(root: Path) -> None:
     """Raise OutputError where a file or folder that the program reads is a link that leads out of
     OUT.

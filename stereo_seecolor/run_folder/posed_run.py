@@ -53,11 +53,14 @@ class SurveyFrames(Lazy[SurveyFrame]):
     ) -> None:
         geometry, T_rectified_left = geometry_of(run, "a map"), run.T_rectified_left
         assert T_rectified_left is not None
-        if run.stale:
+        if run.stale or run.unfinished:
+            others = {"of earlier settings": run.stale, "not finished": run.unfinished}
+            said = " and ".join(
+                f"{len(names)} are {what} ({names[0]})" for what, names in others.items() if names
+            )
             raise InputError(
                 f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
-                f"latest settings, and {len(run.stale)} are of earlier ones ({run.stale[0]}): run "
-                "the same line again first"
+                f"latest settings, {said}: run the same line again first"
             )
         if not run.frames or any("corrected" not in frame.products for frame in run.frames):
             raise InputError(

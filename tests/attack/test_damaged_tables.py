@@ -6,9 +6,11 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -273,6 +275,33 @@ def test_a_damaged_image_of_the_program_is_not_decoded(tmp_path: Path, form: str
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="damaged"):
             read_array(path)
+
+
+@pytest.mark.parametrize("form", ["png", "tiff", "jpg"])
+def test_an_image_of_another_size_is_refused_by_its_header(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
+    """A small file of a stranger's may hold gigabytes of pixels."""
+    pixels = np.zeros((6, 8), np.float32 if form == "tiff" else np.uint8)
+    path = tmp_path / f"a.{form}"
+    if form == "tiff":
+        path.write_bytes(encode_map(pixels, False))
+    else:
+        cv2.imwrite(str(path), pixels)
+    product = "range" if form == "tiff" else "corrected"
+    fitting = FinishedFrame("a", None, path, "", {product: path}, size=(8, 6))
+    assert fitting.size is not None and read_array(path, fitting.size).shape == (6, 8)
+
+    def decoded(*_: object) -> None:
+        raise AssertionError("a pixel was decoded")
+
+    monkeypatch.setattr("stereo_seecolor.files.decode.quickly_decoded", decoded)
+    monkeypatch.setattr("cv2.imdecode", decoded)
+    with pytest.raises(InputError, match="damaged"):
+        replace(fitting, size=(6, 8)).read(product)
+    monkeypatch.setattr("stereo_seecolor.files.decode.MOST_PIXELS", 47)
+    with pytest.raises(InputError, match="damaged"):
+        replace(fitting, size=None).read(product)
 
 
 @pytest.mark.timeout(30)

@@ -39,6 +39,24 @@ def test_the_log_of_a_run_may_lie_in_its_folder(make_dive, cli, tmp_path: Path) 
     assert cli(*dive.command(tmp_path / "other"))[0] == 1
 
 
+@pytest.mark.parametrize("place", ["map/x", "corrected/x", "page/a/b", ".state/x"])
+def test_nothing_is_written_into_a_folder_that_a_run_fills(
+    copy_run, cli, tmp_path: Path, place: str
+) -> None:
+    out = tmp_path / "out"
+    copy_run(out)
+    for words in (
+        ["export", out, "--to", "colmap", "--out", out / place],
+        ["metrics", out, "--out", out / place],
+        ["markers", out, "--size", "0.1", "--out", out / place],
+        ["compare", out, out, "--out", out / place],
+        ["convert-calib", out / "rig.yaml", f"{out / place}.yaml"],
+    ):
+        code, _, said = cli(*words)
+        assert code == 1 and "which the program fills by itself" in said, words
+    assert not (out / place).exists()
+
+
 @pytest.mark.slow
 def test_a_plan_replaces_plans_alone(make_dive, cli, tmp_path: Path) -> None:
     dive, file = make_dive(2), tmp_path / "out/.state/plan.kept"

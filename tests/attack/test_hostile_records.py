@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from conftest import CopyRun, Dive, command
 
+from stereo_seecolor.commands.view import view
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth, true_frames
 from stereo_seecolor.files.decode import read_array
@@ -178,6 +179,25 @@ def test_links_that_lead_out_are_neither_read_nor_written_through(
     code, said = command("fuse", out)
     assert code == 1 and "is a link" in said
     assert mine.read_bytes() == MINE
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize("name", ["index.html", "mesh.ply", "page", "map/mesh.ply"])
+def test_view_opens_nothing_outside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
+    monkeypatch.setattr("stereo_seecolor.commands.view._has_screen", lambda: True)
+    monkeypatch.setattr("stereo_seecolor.commands.view._rerun_program", lambda: "true")
+    monkeypatch.setattr("subprocess.run", lambda words, **_: opened.append(words[1]))
+    (tmp_path / "notes.txt").write_bytes(MINE)
+    out = tmp_path / "out"
+    (out / name).parent.mkdir(parents=True)
+    (out / name).symlink_to(tmp_path if name == "page" else tmp_path / "notes.txt")
+    with pytest.raises((OutputError, InputError), match=r"is a link that leads out"):
+        view(out)
+    assert not opened
 
 
 @pytest.mark.slow

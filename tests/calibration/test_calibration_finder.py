@@ -266,6 +266,74 @@ def test_two_baselines_in_a_file_are_named(tmp_path: Path) -> None:
     assert any("two baselines" in doubt and "stereo.T is taken" in doubt for doubt in found.doubts)
 
 
+def pose_at(x: float) -> list[list[float]]:
+    """In meters along x, turned by 90 degrees where it is not zero."""
+    turned = Rotation.from_euler("z", 90 if x else 0, degrees=True).as_matrix()
+    return [*np.column_stack([turned, [x, 0, 0]]).tolist(), [0, 0, 0, 1]]
+
+
+SENSORS: dict[str, dict[str, Any]] = {
+    "an IMU": {"imu0": {"body_T_imu": pose_at(0.35)}},
+    "an IMU in the body's axes": {"imu0": {"T_imu_body": pose_at(0.3), "rate_hz": 200}},
+    "an IMU at the origin": {"imu0": {"body_T_imu": pose_at(0.0)}},
+    "a compass": {"mag0": {"body_T_sensor": pose_at(0.05)}},
+    "a DVL": {"dvl0": {"T": pose_at(0.3)}},
+    "a DVL of R and T": {"dvl": {"R": [row[:3] for row in pose_at(0.3)[:3]], "T": [0.3, 0, 0]}},
+    "a USBL receiver": {"usbl": {"extrinsics": pose_at(0.4)}},
+    "an acoustic receiver": {"aps0": {"body_T_receiver": pose_at(0.4)}},
+    "a depth sensor": {"depth0": {"T_body_sensor": pose_at(0.2)}},
+    "a lidar": {"lidar": {"body_T_lidar": pose_at(0.11)}},
+    "a lidar at one camera": {"T_cam_lidar": pose_at(0.11)},
+    "a sensor of another name": {"xyz7": {"pose": pose_at(0.25)}},
+    "a sensor of another name at the origin": {"xyz": {"pose": pose_at(0.0)}},
+    "all of them": {},
+}
+SENSORS["all of them"] = {key: value for case in SENSORS.values() for key, value in case.items()}
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("cameras", ["poses of cameras on a body", "stereo"])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_place_of_another_sensor_is_no_baseline(
+    sensor: str, cameras: str, first: bool, tmp_path: Path
+) -> None:
+    rig = NESTED["poses of cameras on a body"]
+    if cameras == "stereo":
+        rig = {"left": LEFT, "right": RIGHT, "stereo": {"R": R, "T": T}}
+    write_json(tmp_path / "rig.json", SENSORS[sensor] | rig if first else rig | SENSORS[sensor])
+    found = load_rig(tmp_path / "rig.json", SIZE)
+    assert_same(found)
+    named = [doubt for doubt in found.doubts if "baselines" in doubt]
+    assert not named or "another name" in sensor or "all" in sensor
+
+
+def open_icc(camera: Any, size: tuple[int, int] = SIZE) -> dict[str, Any]:
+    (fx, fy, cx, cy), D = four(camera), camera.distortion.tolist()
+    return {
+        "intrinsic_type": "PINHOLE_RADIAL_TANGENTIAL", "fps": 29.97, "nr_calib_images": 89,
+        "image_width": size[0], "image_height": size[1], "final_reproj_error": 0.3,
+        "intrinsics": {
+            "aspect_ratio": fy / fx, "focal_length": fx, "principal_pt_x": cx, "principal_pt_y": cy,
+            "radial_distortion_1": D[0], "radial_distortion_2": D[1],
+            "radial_distortion_3": [*D, 0.0][4],
+            "tangential_distortion_1": D[2], "tangential_distortion_2": D[3], "skew": 0.0,
+        },
+    }  # fmt: skip
+
+
+def test_lenses_of_open_icc(tmp_path: Path) -> None:
+    """One lens each, without the transform between them."""
+    for side in ("left", "right"):
+        write_json(tmp_path / f"{side}.json", open_icc(getattr(RIG, side)))
+    files = ",".join(str(tmp_path / f"{side}.json") for side in ("left", "right"))
+    with pytest.raises(CalibrationError, match=r"holds one lens, and so does .*write R and T"):
+        load_rig(files)
+    with pytest.raises(CalibrationError, match="holds one lens: give"):
+        load_rig(tmp_path / "left.json")
+    write_json(tmp_path / "stereo.json", {"R": R, "T": T})
+    assert_same(load_rig(tmp_path))
+
+
 MATRICES = {
     "K1": RIG.left.K,
     "D1": RIG.left.distortion,

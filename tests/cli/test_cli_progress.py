@@ -146,6 +146,18 @@ def test_a_log_file_that_is_none(cli: Cli, tmp_path: Path, name: str, message: s
     assert (tmp_path / "cam.yaml").read_text() == "version: 1\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no disk is full at will")
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_log_on_a_full_disk_is_named_once(make_dive, cli: Cli, as_json: bool) -> None:
+    words = ("inspect", make_dive(2).root, "--log-file", "/dev/full", *["--json"] * as_json)
+    assert cli(*words[:2])[0] == 0
+    code, out, said = cli(*words)
+    assert said.count("--log-file /dev/full: ends here: No space left on device") == 1
+    assert "Traceback" not in said and "Logging error" not in said
+    assert code == 3
+    assert not as_json or json.loads(out)["exit_code"] == 3
+
+
 @pytest.mark.slow
 def test_verbose_is_the_log_on_standard_error(make_dive, cli: Cli, tmp_path: Path) -> None:
     _, _, said = cli(*make_dive(1).command(tmp_path / "out"), "--verbose")

@@ -441,3 +441,32 @@ def test_counters_of_which_an_image_is_missing_are_not_guessed(
 ) -> None:
     with pytest.raises(InputError, match="no left image matches a right one"):
         pair_folders(*folders(tmp_path, ["DSC_998.png", "DSC_999.png"], rights), InputConfig())
+
+
+ROLLED = ["DSC_9997.png", "DSC_9998.png", "DSC_9999.png", "DSC_0001.png", "DSC_0002.png"]
+FROM_ZERO = ["P9998.png", "P9999.png", "P0000.png", "P0001.png", "P0002.png"]
+CARD = ["100MEDIA/D_0998.png", "100MEDIA/D_0999.png", *(f"101MEDIA/D_000{n}.png" for n in "123")]
+CONTINUED = [f"{100 + (n > 300)}CANON/I_{n:04d}.png" for n in range(299, 304)]
+PLAIN = [f"X_{n:04d}.png" for n in range(412, 417)]
+
+
+@pytest.mark.parametrize("other", [PLAIN, CONTINUED])
+@pytest.mark.parametrize("one", [ROLLED, FROM_ZERO, CARD])
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_a_counter_that_starts_again_is_followed(
+    tmp_path: Path, one: list[str], other: list[str], exchanged: bool
+) -> None:
+    """In one folder, or with a new one; the order is the dive's."""
+    sides = {"left": other, "right": one} if exchanged else {"left": one, "right": other}
+    for side, files in sides.items():
+        for file in reversed(files):
+            (tmp_path / side / file).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / side / file).touch()
+    pairing = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig())
+    found = [
+        (str(pair.left.relative_to(tmp_path / "left")),
+         str(pair.right.relative_to(tmp_path / "right")))
+        for pair in pairing.pairs
+    ]  # fmt: skip
+    assert found == list(zip(sides["left"], sides["right"], strict=True))
+    assert not pairing.unpaired

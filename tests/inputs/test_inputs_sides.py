@@ -9,7 +9,7 @@ from conftest import make_files
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.file_form import image_facts
-from stereo_seecolor.inputs.sides import find_sides
+from stereo_seecolor.inputs.sides import find_sides, video_of
 
 RNG = np.random.default_rng(0)
 
@@ -165,3 +165,25 @@ def test_kinds_of_images(
         used_bits,
         (96, 64),
     )
+
+
+@pytest.mark.parametrize("sides", [("left", "right"), ("b", "a")])
+def test_sides_that_are_given_are_never_cut(tmp_path: Path, sides: tuple[str, str]) -> None:
+    """A card has a folder of every 999 images: two folders of one side look like two sides."""
+    for side in sides:
+        for folder, numbers in (("100MEDIA", range(994, 1000)), ("101MEDIA", range(1, 7))):
+            make_files(tmp_path, *(f"{side}/{folder}/DJI_{n:04d}.png" for n in numbers))
+    found = find_sides([tmp_path / side for side in sides])
+    assert {found.left, found.right} == {tmp_path / side for side in sides}
+    if sides == ("left", "right"):
+        assert found.left == tmp_path / "left"
+
+
+def test_a_card_with_one_video_is_that_video(tmp_path: Path) -> None:
+    names = ["GX010012.MP4", "GL010012.LRV", "GX010012.THM", "._GX010012.MP4"]
+    make_files(tmp_path, *(f"left/DCIM/100GOPRO/{name}" for name in names))
+    video = tmp_path / "left/DCIM/100GOPRO/GX010012.MP4"
+    assert video_of(tmp_path / "left") == video_of(video) == video
+    make_files(tmp_path, "two/a.mp4", "two/b.mp4", "images/a.png", "images/a.mp4")
+    for name in ("two", "images", "nowhere"):
+        assert video_of(tmp_path / name) == tmp_path / name

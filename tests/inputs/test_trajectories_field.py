@@ -27,7 +27,12 @@ def known(trajectory: Trajectory) -> list[bool]:
 
 
 @pytest.mark.parametrize(
-    "word", ["", "--.--", "-", "NA", "N/A", "null", "None", "nan", "-9999", "-999"]
+    "word",
+    [
+        *("", "--.--", "-", "NA", "N/A", "#N/A", "n.a.", "null", "NULL", "(null)", "<NA>", "None"),
+        *("nan", "-nan", "-nan(ind)", "1.#QNAN", "#VALUE!", "#DIV/0!", "#REF!", "#NUM!", "#NAME?"),
+        *("####", "\\N", "no data", "NODATA", "no fix", "missing", "?", "*", ".", "-9999", "-999"),
+    ],
 )
 def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Path) -> None:
     text = f"{HEADER}\n{NOON},50,-10,5,0\n{NOON + 1},{word},{word},5,0\n{NOON + 2},50,-10,5,90\n"
@@ -365,3 +370,37 @@ def test_what_positions_are_rounded_to_is_known(
     text = f"{HEADER}\n{NOON},{latitude},-10,5,0\n"
     found = read_trajectory(write(tmp_path, text, "nav.csv"))
     assert found.position_step_m == pytest.approx(step_m, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (
+            '{"ts": 1.0, "x": 1, "y": 2, "z": 3, "type": "position_local", "format": "json_v3"}\n'
+            * 3,
+            "a log of a Water Linked DVL .*time, north, east, depth",
+        ),
+        ("$PSONLLD,120000.00,A,-14.6,145.4,5.0,1,1,45,1*00\n" * 3, "Sonardyne USBL .*no date"),
+        ("$PSIMSSB,120000.00,B01,A,,C,H,M,1.0,2.0,5.0,0.4,N,,*00\n" * 3, "Kongsberg HiPAP"),
+        ("[Script Info]\nTitle: Cockpit\n\n[Events]\n", "as Cockpit writes telemetry"),
+        ("1\n0:00:01,000 --> 0:00:02,000\n[latitude: 1] [longitude: 2]\n\n" * 3, "subtitles"),
+    ],
+)
+def test_logs_of_small_vehicles_are_named(text: str, what: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=what):
+        read_trajectory(write(tmp_path, text, "log.txt"))
+
+
+@pytest.mark.parametrize("many", [1, 100])
+def test_units_of_mavlink(many: int, tmp_path: Path) -> None:
+    """GLOBAL_POSITION_INT: 1e-7 and 1e-2 of a degree, millimeters."""
+    names = [f"GLOBAL_POSITION_INT.{name}" for name in ("lat", "lon", "relative_alt", "hdg")]
+    rows = [
+        f"{NOON + i},{-146800000 - 90 * i},1454500000,{-12 * many},{hdg}"
+        for i, hdg in enumerate((0, 90 * many, 65535))
+    ]
+    table = "\n".join([",".join(["timestamp", *names]), *rows, ""])
+    trajectory = read_trajectory(write(tmp_path, table, "mavlog.csv"))
+    np.testing.assert_allclose(trajectory.T_world_camera[:2, 2, 3], -0.012 * many)
+    assert known(trajectory) == [True, True, False]
+    assert np.ptp(trajectory.T_world_camera[:2, 1, 3]) == pytest.approx(1.0, rel=0.01)

@@ -23,6 +23,7 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS
 from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles
 from stereo_seecolor.run_folder.posed_run import SurveyFrames
 
@@ -472,6 +473,24 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(
         SurveyFrames(open_run(out))
     assert go(dive, out).all_done
     assert len(SurveyFrames(open_run(out))) == 3
+
+
+@pytest.mark.parametrize("settings", ["", "other"])
+def test_what_is_not_finished_is_not_called_of_earlier_settings(
+    copy_run: CopyRun, tmp_path: Path, settings: str
+) -> None:
+    out = tmp_path / "out"
+    copy_run(out)
+    manifest = Manifest(out)
+    record = manifest.frame("0001")
+    assert record is not None
+    stages = {"range": record.stages["range"]}
+    if settings:
+        stages["range"] = replace(stages["range"], settings=settings)
+    manifest.save_frame(replace(record, stages=stages))
+    said = "1 are of earlier settings" if settings else "1 are not finished"
+    with pytest.raises(InputError, match=rf"2 frames are finished .*, {said} \(0001\): run"):
+        SurveyFrames(open_run(out))
 
 
 @pytest.mark.slow

@@ -234,7 +234,7 @@ def _repair(text: str) -> str:
     rotation_matrix:` on one line.
     """
     text = re.sub(r"\A\s*%YAML.*\n(---.*\n)?", "", text)
-    text = re.sub(r"^(\s*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
+    text = re.sub(r"^([ \t]*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
     indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
     if indent:
         text = re.sub(
@@ -246,7 +246,8 @@ def _repair(text: str) -> str:
     return text
 
 
-_JSON_COMMENTS = re.compile(r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', re.DOTALL)
+_JSON_COMMENTS = re.compile(r'("(?:\\.|[^"\\])*"?)|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
+# A text or comment without an end goes to the end of the file, so that each byte is seen once.
 
 
 def _parse_json(text: str) -> Any:
@@ -416,7 +417,7 @@ def merged(documents: list[Section]) -> Section:
 
 _NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 _TWO = rf"{_NUMBER}[,\t ]+{_NUMBER}"
-_FIRST_KEY = r"\A(?:%YAML.*\s*---|<\?xml.*>\s*<opencv_storage>)\s*<?"
+_FIRST_KEY = r"\A(?:%YAML.*\n\s*---|<\?xml.*>\s*<opencv_storage>)\s*<?"
 """Of a file of OpenCV."""
 
 FOREIGN = {
@@ -425,10 +426,13 @@ FOREIGN = {
     "settings of a RealSense camera": r"RealSense",
     "the lenses of a RealSense camera": r"\"ppx\"\s*:",
     "what MATLAB's window shows of a calibration": (
-        r"^\s*(?:stereoParams|stereoParameters)\s*=\s*$|^\s*(?:RotationOfCamera2|CameraParameters1):\s*\["
+        r"^[ \t]*(?:stereoParams|stereoParameters)[ \t]*=[ \t]*$"
+        r"|^[ \t]*(?:RotationOfCamera2|CameraParameters1):[ \t]*\["
     ),
     "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",  # noqa: E501
-    "coefficients of a direct linear transformation (DLT)": rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z",
+    "coefficients of a direct linear transformation (DLT)": (
+        rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z|<cal\.coeff\b|\bdlt_?coef"
+    ),
     "a camera of RealityCapture (XMP)": r"capturingreality\.com",
     "a project of Meshroom": r"\"intrinsicId\"\s*:",
     "a reconstruction or rig of OpenSfM": (
@@ -436,7 +440,7 @@ FOREIGN = {
     ),
     "a lens of Gyroflow": r"\"calibrated_by\"\s*:|\"fisheye_params\"\s*:",
     "a mission of oplab": r"\A(?:\s|#.*\n|version\s*:.*\n)*(?:origin|mission|vehicle)\s*:[\s\S]*?(?:records_|surge_m|latitude)",  # noqa: E501
-    "a camera of mrcal": r"^\s*[\"']?lensmodel[\"']?\s*:",
+    "a camera of mrcal": r"^[ \t]*[\"']?lensmodel[\"']?\s*:",
 }
 
 

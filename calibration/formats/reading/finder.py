@@ -71,6 +71,16 @@ ANGLE_WORDS = {"euler", "rpy", "angles", "deg", "degrees", "roll", "pitch", "yaw
 """Of a rotation whose order of turns differs between tools."""
 COMMON = {"world", "w", "map", "vehicle", "robot", "base", "rig", "body", "b", "imu", "i"}
 """Axes in which the poses of both cameras may be given."""
+SENSORS = {
+    "imu", "gyro", "gyroscope", "accel", "accelerometer", "acc", "mag", "magnetometer", "compass",
+    "ahrs", "ins", "mru", "gnss", "gps", "rtk", "antenna", "dvl", "adcp", "usbl", "sbl", "lbl",
+    "aps", "acoustic", "modem", "transponder", "transducer", "receiver", "beacon", "hydrophone",
+    "sonar", "multibeam", "mbes", "fls", "sss", "echosounder", "altimeter", "lidar", "laser",
+    "radar", "depth", "pressure", "baro", "barometer", "ctd", "thruster", "arm", "gripper",
+    "manipulator", "light", "lamp", "strobe", "flash", "led",
+}  # fmt: skip
+"""Words of what stands on a vehicle beside its cameras."""
+OF_PLACE: set[Role] = {"R", "T", "pose", "place", "body", "angles"}
 OUT_OF_CAMERA = {"sc", "bs", "wc", "bc", "ic"}
 PLACE_WORDS = {"position", "center", "centre", "place"}
 SIZE_WORDS = {
@@ -120,6 +130,11 @@ def find(content: Mapping[str, Any]) -> Parts:
     """The parts of a rig in a file's content."""
     found = [(role, leaf) for leaf in map(_lens_alone, leaves(content)) if (role := _role(leaf))]
     marks = {id(leaf): _marks(role, leaf) for role, leaf in found}
+    found = [
+        (role, leaf)
+        for role, leaf in found
+        if role not in OF_PLACE or not _is_of_sensor(leaf, bool(marks[id(leaf)]))
+    ]
     lenses = [(leaf, marks[id(leaf)]) for role, leaf in found if role == "K"]
     numbers = sorted({mark for _, own in lenses for mark in own} & {"0", "1", "2"})
     sided = {"left", "right"} <= {mark for _, own in lenses for mark in own}
@@ -189,6 +204,24 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
         if marks := side_marks(tuple(said)):
             return marks
     return ()
+
+
+def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
+    """Tell whether numbers are of the place of a sensor that is no camera: by the innermost key
+    that names one or the other. One camera's place in a sensor's axes, as ``T_cam_imu``, is no
+    transform between two cameras unless it is sided.
+    """
+    for key in reversed(leaf.path):
+        said = words(key)
+        sensors = set(said) & SENSORS
+        of_camera = any(word[:3] == "cam" or word == "c" for word in said)
+        # the r of a rotation is no side
+        of_side = bool({"left", "right"} & {*side_marks(tuple(w for w in said if len(w) > 1))})
+        if sensors:
+            return not (sided and (of_camera or (of_side and sensors <= COMMON)))
+        if of_camera or of_side:
+            return False
+    return False
 
 
 def _role(leaf: Leaf) -> Role | None:
@@ -266,6 +299,8 @@ def as_transform(numbers: Numbers) -> Numbers | None:
     """Twelve or sixteen numbers as [R t] (3, 4), row by row or column by column, as programs of row
     vectors write it; None where they are not a transform.
     """
+    if numbers.size not in (12, 16):
+        return None
     if numbers.size == 16:
         matrix = numbers.reshape(4, 4)
         matrix = matrix if np.array_equal(matrix[3], [0, 0, 0, 1]) else matrix.T
@@ -314,7 +349,7 @@ def _is_of_camera(said: set[str]) -> bool:
 
 
 def _is_unit(numbers: Numbers) -> bool:
-    return abs(float(np.linalg.norm(numbers)) - 1) < ORTHONORMAL
+    return abs(float(np.linalg.norm(np.clip(numbers, -2, 2))) - 1) < ORTHONORMAL
 
 
 def _starts(said: set[str], stem: str) -> bool:

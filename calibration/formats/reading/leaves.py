@@ -27,8 +27,8 @@ CANONICAL = {
     for name, spellings in {
         "fx": "fx focalx focallengthx f focal focallength focallengthpx",
         "fy": "fy focaly focallengthy",
-        "cx": "cx u0 ppx centerx principalpointx",
-        "cy": "cy v0 ppy centery principalpointy",
+        "cx": "cx u0 ppx centerx principalpointx principalptx",
+        "cy": "cy v0 ppy centery principalpointy principalpty",
         "skew": "skew",
     }.items()
     for spelling in spellings.split()
@@ -42,6 +42,8 @@ PAIRS = {
 """Words of two numbers: ``focal_length: [fx, fy]``."""
 SHORT_PAIRS = {"f": "focal", "fc": "focal", "pp": "principal", "c": "principal", "cc": "principal"}
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
+_COEFFICIENT = re.compile("(radial|tangential)_distortion_([1-6])")
+"""As OpenICC writes coefficients of distortion."""
 SIZES = (("width", "height"), ("cols", "rows"), ("columns", "rows"))
 FISHEYE, PINHOLE = ("k1", "k2", "k3", "k4"), ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 SIDES = {
@@ -213,7 +215,9 @@ def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Le
     """
     groups: dict[tuple[str, ...], dict[str, float]] = {}
     for key, numbers in few.items():
-        side, name = _side_and_name(key)
+        one = _COEFFICIENT.fullmatch(key) if numbers.size == 1 else None
+        side, name = ((), f"{one[1][0]}{one[2]}") if one else _side_and_name(key)
+        name = name.replace("r", "k").replace("t", "p") if one else name
         own = groups.setdefault((*path, *side), {})
         if numbers.size == 1:
             own[CANONICAL.get(name.replace("_", ""), name)] = float(numbers[0])
@@ -256,7 +260,7 @@ def _of_numbers(own: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
                 own.get("skew", 0.0),
                 own["cx"],
                 0,
-                own.get("fy", own["fx"]),
+                own.get("fy", own["fx"] * own.get("aspect_ratio", 1.0)),
                 own["cy"],
                 0,
                 0,

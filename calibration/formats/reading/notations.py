@@ -23,10 +23,12 @@ OST_KEYS = {
     "rectification": "rectification_matrix",
     "projection": "projection_matrix",
 }
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
-_NUMBERS = re.compile(rf"[\s\[\](){{}},;]*(?:{_NUMBER}(?:[\s\[\](){{}},;]+|$))+")
+_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?")
+_BETWEEN = re.compile(r"[\s\[\](){},;]+")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?")
-_AROUND = re.compile(r"(?:np\.|numpy\.)?\b(?:array|matrix|single|double)\(|,?\s*dtype\s*=\s*[\w.]+")
+_AROUND = re.compile(
+    r"(?:np\.|numpy\.)?\b(?:array|matrix|single|double)\(|(?:,\s*)?\bdtype\s*=\s*[\w.]+"
+)
 """What NumPy and MATLAB write around numbers."""
 _COMMENT = re.compile(r"%|#|//|\.\.\.\s*$")
 
@@ -35,7 +37,7 @@ def read(text: str) -> dict[str, Any] | None:
     """Keys and values of a text in one of these notations; None if it is in none."""
     if re.search(r"^(cam0|\w*IntrinsicMatrix\w*)\s*=\s*\[", text, re.MULTILINE):
         return _parse_lines(
-            re.sub(r"\[[^\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "="
+            re.sub(r"\[[^\[\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "="
         )
     if re.search(r"^P(_rect_0)?[0-3]:[ \t]*[-+.\d]", text, re.MULTILINE):
         return _parse_lines(text, ":")
@@ -68,9 +70,10 @@ def numbers_of_text(text: str, one: bool = False) -> list[float] | None:
         and all(_DECIMAL_COMMA.fullmatch(part) for part in parts)
     ):
         return [float(part.replace(",", ".")) for part in parts]
-    if not _NUMBERS.fullmatch(body):
+    numbers = [part for part in _BETWEEN.split(body) if part]
+    if not numbers or not all(map(_NUMBER.fullmatch, numbers)):
         return None
-    return [float(re.sub("[dD]", "e", number)) for number in re.findall(_NUMBER, body)]
+    return [float(re.sub("[dD]", "e", number)) for number in numbers]
 
 
 def named_numbers(text: str) -> dict[str, Any] | None:
@@ -86,7 +89,12 @@ def named_numbers(text: str) -> dict[str, Any] | None:
             continue
         numbers = numbers_of_text(body)
         sizes += [len(numbers)] if numbers else []
-        own = content.setdefault(heading, {}) if heading else content
+        own = content
+        if heading:
+            twice = twice or (heading if isinstance(content.get(heading), list) else "")
+            # a text of the same name, as ``left: GoPro 7``, is no number of the rig
+            own = content[heading] if isinstance(content.get(heading), dict) else {}
+            content[heading] = own
         twice = twice or (name if name in own and numbers else "")
         own[name] = body.strip() if numbers is None else numbers
     if not (sum(size > 2 for size in sizes) >= LEAST_NAMED or sum(sizes) >= LEAST_NUMBERS):
@@ -101,14 +109,14 @@ def _named(text: str) -> Iterator[tuple[str, str]]:
     name, body = "", ""
     for line in text.splitlines():
         plain = _COMMENT.split(line)[0].strip()
-        marked = re.match(r"[\"']?([A-Za-z][^:=\[]*?)[\"']?\s*[:=]\s*(.*)", plain)
+        marked = re.match(r"[\"']?([A-Za-z][^:=\[]*)[:=]\s*(.*)", plain)
         bare = re.match(r"([A-Za-z]\w*)[\s,;]+(?=[-+.\d\[(])(.*)", plain) or re.match(
             r"([A-Za-z][^,;\[\]]*)()$", plain
         )
         if (found := marked or bare) and not _AROUND.match(plain):
             if name:
                 yield name, body
-            name, body = found[1].strip(), found[2]
+            name, body = found[1].strip("\"' \t"), found[2]
         else:
             body += f"\n{plain}"
     if name:
@@ -117,7 +125,7 @@ def _named(text: str) -> Iterator[tuple[str, str]]:
 
 def _cells(text: str) -> dict[str, Any] | None:
     """A table with a row a parameter and a column a camera, or the reverse; None for other text."""
-    rows = [re.split(r"\s*[,;\t]\s*", line.strip()) for line in text.splitlines() if line.strip()]
+    rows = [_cells_of(line) for line in text.splitlines() if line.strip()]
     header = rows[0]
     if len(rows) < 3 or len(header) < 3 or any(len(row) != len(header) for row in rows):
         return None
@@ -135,6 +143,10 @@ def _cells(text: str) -> dict[str, Any] | None:
     return {
         row[0]: {name: own.get(row[0], "") for name, own in columns.items()} for row in rows[1:]
     }
+
+
+def _cells_of(line: str) -> list[str]:
+    return [cell.strip() for cell in re.split(r"[,;\t]\s*", line.strip())]
 
 
 def _parse_lines(text: str, mark: str) -> dict[str, Any]:
@@ -165,7 +177,8 @@ def _matrices(text: str) -> dict[str, Any] | None:
     distortion with blank lines between (KRTD).
     """
     lines = text.strip().splitlines()
-    if len(lines) > 1 and re.fullmatch(r"[^\d\s]\S*(?:\s*[,;\t]\s*\S+)+", lines[0]):
+    cells = _cells_of(lines[0])
+    if len(lines) > 1 < len(cells) and not any(re.match(r"\d|$|.*\s", cell) for cell in cells):
         lines = lines[1:] if not numbers_of_text(lines[0]) and numbers_of_text(lines[1]) else lines
     parts = re.split(r"\n\s*\n", "\n".join(lines))
     blocks = [numbers for part in parts if (numbers := numbers_of_text(part))]
@@ -182,7 +195,8 @@ def _parse_ini(text: str) -> dict[str, Any]:
     parser = configparser.RawConfigParser()
     parser.optionxform = str  # type: ignore[assignment,method-assign]
     try:
-        parser.read_string(text)
+        # its own pattern takes the square of a row of spaces
+        parser.read_string(re.sub(r"[ \t]+", " ", text))
     except configparser.Error as error:
         raise CalibrationError(f"cannot be parsed: {' '.join(str(error).split())[:200]}") from error
     return {name: dict(parser.items(name)) for name in parser.sections()}

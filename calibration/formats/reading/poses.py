@@ -27,6 +27,8 @@ OTHER_BASELINE = 0.01
 """Relative difference of baselines from which two transforms in one file are of two
 calibrations.
 """
+OF_RIG = {"stereo", "pair", "rig", "relative", "extrinsic", "extrinsics"}
+"""Words of a transform between the two cameras."""
 FULL_TURN = 2 * np.pi + 0.01
 ROUNDED = 1e-6
 """Error of R R^T = I from which a rotation has been rounded when it was written."""
@@ -65,6 +67,10 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
     first = next(found, None)
     if first is None:
         return None
+    # a place that is the axes' own origin, where another one is not
+    first = (
+        first if first.T[:3, 3].any() else next((one for one in found if one.T[:3, 3].any()), first)
+    )
     pose = _in_meters(document, first, parts)
     others: list[str] = []
     with suppress(CalibrationError):
@@ -73,7 +79,7 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
                 1000 * float(np.linalg.norm(one.T[:3, 3]))
                 for one in (pose, _in_meters(document, other, parts))
             ]
-            if abs(lengths_mm[1] / lengths_mm[0] - 1) > OTHER_BASELINE:
+            if abs(lengths_mm[1] - lengths_mm[0]) > OTHER_BASELINE * lengths_mm[0]:
                 mine, its = (
                     f"{key} ({length_mm:.1f} mm)"
                     for key, length_mm in zip((pose.key, other.key), lengths_mm, strict=True)
@@ -84,15 +90,18 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
 
 def _poses(where: str, parts: Parts) -> Iterator[Pose]:
     R, T, transform = (_one(parts, role) for role in ("R", "T", "pose"))
+    between: list[tuple[bool, Pose]] = []
     if R and T:
-        yield _with_sense(
-            Pose(_name(T[0]), rigid(_rotation(where, R[0]), T[0].finite(where)), T[1] != ""), T[1]
-        )
+        matrix = rigid(_rotation(where, R[0]), T[0].finite(where))
+        pose = _with_sense(Pose(_name(T[0]), matrix, T[1] != ""), T[1])
+        between.append((_is_between(*T), pose))
     if transform:
-        yield _with_sense(
-            Pose(_name(transform[0]), _square(where, transform[0]), True), transform[1]
-        )
+        pose = Pose(_name(transform[0]), _square(where, transform[0]), True)
+        between.append((_is_between(*transform), _with_sense(pose, transform[1])))
+    yield from (pose for is_between, pose in between if is_between)
+    # the cameras' own poses outrank a transform that does not name what it is between
     yield from _of_cameras(where, parts)
+    yield from (pose for is_between, pose in between if not is_between)
     turns, projections = parts.pair("R"), parts.pair("P")
     if projections and (turns or not parts.pair("K")):
         rotations = [_rotation(where, turn) for turn in turns] if turns else [np.eye(3), np.eye(3)]
@@ -105,6 +114,12 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
                 f"{where}: {_name(angles)}: angles of a rotation, whose order differs between "
                 "tools: give R as a matrix, a quaternion, or a rotation vector in radians"
             )
+
+
+def _is_between(leaf: Leaf, side: Side) -> bool:
+    """Tell whether a transform's keys name what it is between, or there is but one key."""
+    said = {word for key in leaf.path for word in words(key)}
+    return side != "" or len(leaf.path) == 1 or bool(said & OF_RIG)
 
 
 def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:
@@ -163,9 +178,9 @@ def _rotation(where: str, leaf: Leaf) -> Array:
     if numbers.size == 4:
         return _of_quaternion(leaf)
     if numbers.size == 3:
-        if float(np.linalg.norm(numbers)) > FULL_TURN:
+        if (turn := float(np.linalg.norm(np.clip(numbers, -1e9, 1e9)))) > FULL_TURN:
             raise CalibrationError(
-                f"{where}: {_name(leaf)}: a rotation vector of {np.linalg.norm(numbers):.4g} is "
+                f"{where}: {_name(leaf)}: a rotation vector of {turn:.4g} is "
                 "longer than a full turn: give it in radians, or R as a matrix"
             )
         return np.asarray(cv2.Rodrigues(numbers)[0], dtype=np.float64)
@@ -200,6 +215,8 @@ def _in_meters(document: Section, pose: Pose, parts: Parts) -> Pose:
         one in words(key) for key in leaf.path[-1:] for one in ("0", "1")
     )
     length = float(np.linalg.norm(np.clip(pose.T[:3, 3], -1e9, 1e9)))
+    if length == 0:
+        return pose
     if not stated and numbered and not LEAST_MM <= length <= MAX_BASELINE_M * 1000:
         return pose
     shift, doubts = to_meters(pose.T[:3, 3], stated)

@@ -14,6 +14,7 @@ from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
+from stereo_seecolor.run_folder.layout import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 
@@ -43,6 +44,7 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
             f"--to {format}: is not a known format: one of {', '.join(added('exports'))}"
         )
     known: ExportFormat = load("exports", format)
+    refuse_own_place(folder)
     posed = open_posed_run(out)
     with new_folder(folder) as building:
         note = known.write(posed, building)

@@ -17,7 +17,7 @@ from calibration import CalibrationError
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.extras.export import ifdo, stac
 from stereo_seecolor.files.atomic import Content, write_atomic
-from stereo_seecolor.files.text_documents import as_record, load_object
+from stereo_seecolor.files.text_documents import as_record, guarded, load_object
 from stereo_seecolor.run_folder.finished_run import open_map
 from stereo_seecolor.run_folder.layout import is_plain_name
 from stereo_seecolor.run_folder.posed_run import open_posed_run
@@ -185,5 +185,7 @@ def save_states(root: Path, states: Mapping[str, DiveState]) -> None:
     text = io.StringIO()
     table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
     table.writeheader()
-    table.writerows(asdict(state) for state in states.values())
+    table.writerows(
+        {key: guarded(value) for key, value in asdict(state).items()} for state in states.values()
+    )
     write_own(root, root / TABLE, text.getvalue().encode())

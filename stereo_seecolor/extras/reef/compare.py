@@ -20,6 +20,7 @@ from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.products import known_area_m2
 from stereo_seecolor.report.range_code import height_std_m
 from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.layout import refuse_own_place
 
 SECOND_TRACK = "second_track.tum"
 
@@ -50,6 +51,7 @@ def compare(
     """
     if folder:
         refuse_filled(folder)
+        refuse_own_place(folder)
     elif joint:
         raise InputError("--joint: writes the second's track: give --out, a new or empty folder")
     a, b = open_site(first), open_site(second)
@@ -84,6 +86,8 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     none.
     Raises InputError for a run without a map, or a polygon file that cannot be used; OutputError.
     """
+    if folder:
+        refuse_own_place(folder)
     site = open_site(out)
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))

@@ -26,6 +26,7 @@ from stereo_seecolor.mapping.marker_placing import (
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
+from stereo_seecolor.run_folder.layout import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import PosedRun, SurveyFrames, open_posed_run
 
 
@@ -76,6 +77,7 @@ def markers(
     """
     if folder:
         refuse_filled(folder)
+        refuse_own_place(folder)
     detector = MarkerDetector(known.family)
     bars = read_bars(known.bars) if known.bars else {}
     if known.points:

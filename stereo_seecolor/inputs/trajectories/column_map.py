@@ -56,7 +56,8 @@ _FIXES = {"name", "time", "date", "us_date", "lat", "lon", "north", "east", "val
 _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
 _DEGREES = re.compile(
-    r"([NSEWO])?\s*([+-]?\d+(?:\.\d+)?)\s*(?:[°º\ufffd:\s]\s*(?:(\d+(?:\.\d+)?)\s*['’′:\s]*\s*(?:(\d+(?:\.\d+)?)\s*(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
+    r"([NSEWO])?\s*([+-]?\d++(?:\.\d++)?)(?:(?:\s*[°º\ufffd:]\s*+|\s++)"
+    r"(?:(\d++(?:\.\d++)?)['’′:\s]*+(?:(\d++(?:\.\d++)?)\s*+(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
     re.IGNORECASE,
 )
 """Degrees, minutes and seconds, as far as there are, and the hemisphere before or after:
@@ -70,6 +71,8 @@ _MINUTES = re.compile(r"(\d{2,3})(\d{2}\.\d+)( [NSEW])", re.IGNORECASE)
 """Degrees and minutes as receivers write them, ddmm.mmmm, with the hemisphere."""
 _MAVLINK = 1e7
 """Whole numbers a degree."""
+UNKNOWN_HEADING, _MESSAGE = 65535, "global_position_int"
+"""Of MAVLink."""
 MAX_GAP_S = 10.0
 """Acoustic positions come every few seconds; further apart, what lies between is not known."""
 
@@ -248,7 +251,35 @@ def _values(table: Table, columns: Mapping[str, str]) -> dict[str, Column]:
         )
         reversed_ = (depth_m <= 0).any() and not (depth_m > 0).any()
         values["depth"] = -depth_m if reversed_ else depth_m
+    return _in_units_of_mavlink(table, columns, values)
+
+
+def _in_units_of_mavlink(
+    table: Table, columns: Mapping[str, str], values: dict[str, Column]
+) -> dict[str, Column]:
+    """Beside places in 1e-7 of a degree, as the message GLOBAL_POSITION_INT holds them, whole
+    numbers are its millimeters and hundredths of a degree.
+    """
+    raw = _raw(table, columns["lat"]) if "lat" in columns else np.zeros(0)
+    raw = raw[np.isfinite(raw)]
+    if not (np.abs(raw) > 1000).any() or (raw != np.round(raw)).any():
+        return values
+    height = columns.get("depth") or columns.get("up") or ""
+    for role, column, many, most in (
+        ("depth", height, 1000.0, 1000.0),
+        ("heading", columns.get("heading", ""), 100.0, 360.0),
+    ):
+        known = values[role][np.isfinite(values[role])] if role in values else np.zeros(0)
+        is_its_own = _MESSAGE in column.lower() or (np.abs(known) > most).any()
+        if is_its_own and (known == np.round(known)).all():
+            unknown = values[role] == (UNKNOWN_HEADING if role == "heading" else np.inf)
+            values[role] = np.where(unknown, np.nan, values[role] / many)
     return values
+
+
+def _raw(table: Table, column: str) -> Column:
+    cells = table.text(column.lower())
+    return np.array([float(cell) if is_number(cell) else np.nan for cell in cells])
 
 
 def _camera(

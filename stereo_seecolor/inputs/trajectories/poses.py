@@ -1,7 +1,9 @@
 """Tables of poses: rows of numbers (TUM, KITTI, TartanAir), and any with a header."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,9 +177,9 @@ def read_tartanair(lines: Lines, mount: MountConfig) -> Trajectory:
 # A table of poses with a header: time, x, y, z and a quaternion by the names of their columns, as
 # of EuRoC and ROS.
 
-_TIME = r"(.*[._])?(time_?)?stamps?([._](sec|s|ns|us|ms))?|%?time|t"
-_POSITION = r"(.*[._])?(t|p|pos|position|translation)?([._].*)?[._]?{}"
-_ROTATION = r"(.*[._])?(q|quat|quaternion|orientation|rotation)([._].*)?[._]?{}"
+_TIME = re.compile(r"(.*[._])?(time_?)?stamps?([._](sec|s|ns|us|ms))?|%?time|t")
+_POSITION = {"", "t", "p", "pos", "position", "translation"}
+_ROTATION = {"q", "quat", "quaternion", "orientation", "rotation"}
 
 
 def is_pose_table(lines: Lines) -> bool:
@@ -203,18 +205,31 @@ def read_pose_table(lines: Lines, mount: MountConfig) -> Trajectory:
 def _columns(lines: Lines) -> list[str] | None:
     """Of time, x, y, z, qx, qy, qz, qw, in this order; None where one is missing."""
     names = _names(lines)
-    bare = [re.sub(r"\s*[\[(][^\[\]()]*[\])]", "", name) for name in names]
+    bare = [re.sub(r"(?<!\s)\s*[\[(][^\[\]()]*[\])]", "", name) for name in names]
     found: list[str] = []
-    for pattern in (_TIME, *map(_POSITION.format, "xyz"), *map(_ROTATION.format, "xyzw")):
+    wanted: list[Callable[[str], object]] = [
+        _TIME.fullmatch,
+        *(partial(_is_of, _POSITION, axis) for axis in "xyz"),
+        *(partial(_is_of, _ROTATION, axis) for axis in "xyzw"),
+    ]
+    for fits in wanted:
         fitting = (
             name
             for name, plain in zip(names, bare, strict=True)
-            if name not in found and re.fullmatch(pattern, plain)
+            if name not in found and fits(plain)
         )
         if (first := next(fitting, None)) is None:
             return None
         found.append(first)
     return found
+
+
+def _is_of(quantity: set[str], axis: str, name: str) -> bool:
+    """Tell whether a name says an axis of a quantity: ``pose.position.x`` and ``px`` of a
+    position.
+    """
+    parts = re.split("[._]", name.removesuffix(axis))
+    return name.endswith(axis) and not quantity.isdisjoint(parts)
 
 
 def _names(lines: Lines) -> list[str]:

@@ -26,9 +26,14 @@ SENTENCES = {
 _SENTENCE = re.compile(
     r"\$(\w{2}(RMC|GGA|GLL|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
-_GPX = re.compile(r"<(?:\w+:)?(trkpt|wpt|rtept)\b([^>]*)>(.*?)</(?:\w+:)?\1>", re.DOTALL)
-_TIME = re.compile(r"<(?:\w+:)?time>\s*([^<]+?)\s*</")
-_KML = re.compile(r"<when>\s*([^<]+?)\s*</when>|<gx:coord>\s*(\S+)\s+(\S+)[^<]*</gx:coord>")
+_POINT = r"(?:\w+:)?(?:trkpt|wpt|rtept)\b"
+_GPX = re.compile(
+    rf"<(?:\w+:)?(trkpt|wpt|rtept)\b([^<>]*)>([^<]*(?:<(?!/?{_POINT})[^<]*)*)</(?:\w+:)?\1>"
+)
+"""A point, which holds no other."""
+PLACE = r"\b{}\s*=\s*[\"']([^\"']+)[\"']"
+_TIME = re.compile(r"<(?:\w+:)?time>([^<]+)</")
+_KML = re.compile(r"<when>([^<]+)</when>|<gx:coord>\s*([^\s<]+)\s+([^\s<]+)[^<]*</gx:coord>")
 
 
 def recognizes(lines: Lines) -> bool:
@@ -92,17 +97,17 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
 
 
 def _gpx_row(attributes: str, inner: str) -> str:
-    place = [
-        re.search(rf"\b{name}\s*=\s*[\"']([^\"']+)[\"']", attributes) for name in ("lat", "lon")
-    ]
+    place = [re.search(PLACE.format(name), attributes) for name in ("lat", "lon")]
     time = _TIME.search(inner)
-    return f"{time[1]},{place[0][1]},{place[1][1]}" if time and place[0] and place[1] else ""
+    return (
+        f"{time[1].strip()},{place[0][1]},{place[1][1]}" if time and place[0] and place[1] else ""
+    )
 
 
 def _kml_rows(text: str) -> list[str]:
     found = list(_KML.finditer(text))
     times, places = (
-        [match[1] for match in found if match[1]],
+        [match[1].strip() for match in found if match[1]],
         [match for match in found if match[2]],
     )
     return [f"{time},{place[3]},{place[2]}" for time, place in zip(times, places, strict=False)]

@@ -27,7 +27,7 @@ past the year 5000.
 """
 _MOMENT = re.compile(
     r"(\d{1,4})([/.: -])(\d{1,2})[/.: -](\d{1,4})[ ,T]+"
-    r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*([AP])?\.?(?:M\.?)?\s*(?:Z|UTC|GMT)?",
+    r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*+([AP])?\.?(?:M\.?)?\s*+(?:Z|UTC|GMT)?",
     re.IGNORECASE,
 )
 _COMPACT = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)[ _T-]?(\d\d)(\d\d)(\d\d(?:\.\d*)?)Z?")
@@ -53,8 +53,15 @@ _DAYS = ((25569, 30_000, 80_000), (719529, 720_000, 800_000))
 """
 MAX_DAYS, MAX_STEP_DAYS = 3.0, 0.01
 """Of a column of such days: a dive is shorter, and has a row every quarter of an hour."""
-_UNKNOWN = re.compile(r"|-+(\.-+)?|n/?a|nan|null|nil|none|unknown|invalid", re.IGNORECASE)
-"""What stands in a cell without a value, ``--.--`` and ``N/A`` among them."""
+_UNKNOWN = re.compile(
+    r"|-+(\.-+)?|[.?*]+|#?n\.?/?a\.?|[-+]?nan(\(\w*\))?|-?1\.#\w+|[<(\[]?(null|nil|none|na|nan)[>)\]]?"
+    r"|unknown|invalid|missing|undefined|no[ _-]?(data|value|fix)|not[ _]available|\\n"
+    r"|#(null|value|ref|div/0|num|name)[!?]|#+",
+    re.IGNORECASE,
+)
+"""What stands in a cell without a value: ``--.--``, ``N/A``, errors of spreadsheets, and what
+programs and databases write.
+"""
 
 
 class AmbiguousDateError(ValueError):
