@@ -1,0 +1,213 @@
+"""What changes from pair to pair of a dive: focus, zoom, a knocked camera, stabilization, pairs of
+another rig; by the rows of matched points.
+
+A rig is rigid: the rows of all its pairs disagree alike. Each pair is described by the offset, the
+roll and the vertical scale of its right image that explain its rows, and the pairs are compared.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.field_checks.matches import Matches, explain, robust_fit, row_inliers
+from calibration.geometry import RectifiedPair
+
+Array = NDArray[np.float64]
+Kind = Literal["", "odd", "step", "each"]
+
+LEAST_PX = 0.5
+"""Pairs of one rig differ by less over the image: by 0.02 px in the sample dive, up to 0.3 px on a
+real survey with a drifted rig, whose lens model leaves more in one scene than in another."""
+RANGE_ERROR = 0.02
+"""Of the median disparity: a change that moves it by less makes no range wrong by more than 2 %."""
+LEAST_POINTS = 50
+"""Of a pair: fewer do not reach the corners of the image, where roll and scale show."""
+LEAST_PAIRS = 4
+"""Fewer pairs do not tell which of them is the odd one."""
+MOST_ODD = 0.34
+"""Fraction of pairs that may be odd among others that agree."""
+ONE_CAUSE = 0.9
+"""Fraction of the squared change that one of offset, roll and scale makes where it is the cause."""
+CLEARLY = 1.5
+"""A rival explains rows better only where it leaves so many times less."""
+
+
+@dataclass(frozen=True)
+class PairRows:
+    """The rows of one pair.
+
+    motion_px: (3,) what the offset, the roll and the vertical scale that explain them move rows by,
+    pixels, root mean square over the image, with their signs. scale: of the right image's rows over
+    the left one's. rest_px: median that these leave; parallax_px: the same beside a term in
+    disparity, as between two moments. disparity_px: median.
+    """
+
+    motion_px: Array
+    scale: float
+    rest_px: float
+    parallax_px: float
+    disparity_px: float
+
+    @property
+    def is_behind(self) -> bool:
+        """Tell whether most points lie behind infinity."""
+        return self.disparity_px < 0
+
+
+def pair_rows(found: Matches, pair: RectifiedPair) -> PairRows | None:
+    """Describe a pair by its matches in the images that are matched; None for too few."""
+    if len(found.left) < LEAST_POINTS:
+        return None
+    kept = row_inliers(found.left, found.right, pair)
+    if kept.sum() < LEAST_POINTS:
+        return None
+    left = found.left[kept] - [pair.cx_left_px, pair.cy_px]
+    right = found.right[kept] - [pair.cx_right_px, pair.cy_px]
+    rows, disparity = right[:, 1] - left[:, 1], left[:, 0] - right[:, 0]
+    (offset, scale, roll), rest = explain(rows, left)
+    terms = np.column_stack([np.ones(len(left)), left, disparity - np.median(disparity)])
+    _, between = robust_fit(terms, rows)
+    width, height = pair.image_size
+    return PairRows(
+        np.array([offset, roll * width / np.sqrt(12), scale * height / np.sqrt(12)]),
+        1 + float(scale),
+        float(np.median(np.abs(rest))),
+        float(np.median(np.abs(between))),
+        float(np.median(disparity)),
+    )
+
+
+def differ(one: PairRows, other: PairRows) -> bool:
+    """Tell whether two pairs cannot be of one rigid rig, or ranges of one are wrong by more than
+    2 % if the other's are right.
+
+    A change that rows show is taken to move columns as much.
+    """
+    least_px = min(abs(one.disparity_px), abs(other.disparity_px))
+    apart_px = float(np.linalg.norm(one.motion_px - other.motion_px))
+    noise_px = CLEARLY * max(one.rest_px, other.rest_px)
+    return one.is_behind != other.is_behind or apart_px > max(
+        LEAST_PX, noise_px, RANGE_ERROR * least_px
+    )
+
+
+@dataclass(frozen=True)
+class Changes:
+    """How pairs of a dive differ, in its order.
+
+    kind: "odd", some pairs among others that agree; "step", all from a pair on; "each", pair by
+    pair; "" where they agree, or too few tell. first, last: places of the first and the last pair
+    that changed; before: of the last that had not. odd: places of all odd pairs.
+    scale: the vertical scale of the right image against the left one after the change, over that
+    before; NaN where the change is another. spread_px: standard deviation of the rows of pairs, or
+    size of the step, root mean square over the image.
+    range_error: what ranges at the median disparity are wrong by where columns change as rows do,
+    relative. moments: rows are explained better by parallax, as of two moments.
+    """
+
+    kind: Kind = ""
+    first: int = 0
+    last: int = 0
+    before: int = 0
+    odd: tuple[int, ...] = ()
+    scale: float = float("nan")
+    spread_px: float = 0.0
+    range_error: float = 0.0
+    moments: bool = False
+
+
+NO_CHANGES = Changes()
+
+
+def changes_of(rows: Sequence[PairRows | None]) -> Changes:
+    """Compare the pairs of a dive, None for those that show too little."""
+    places = [place for place, one in enumerate(rows) if one]
+    known = [one for one in rows if one]
+    if len(known) < LEAST_PAIRS:
+        return NO_CHANGES
+    groups = _groups(known)
+    largest = max(groups, key=len)
+    others = sorted(set(range(len(known))) - set(largest))
+    if not others:
+        return NO_CHANGES
+    if step := _step(known):
+        before, after = known[:step], known[step:]
+        change = _middle(after) - _middle(before)
+        of_scale = change[2] ** 2 > ONE_CAUSE * float(change @ change)
+        size_px = float(np.linalg.norm(change))
+        return Changes(
+            "step",
+            places[step],
+            places[-1],
+            places[step - 1],
+            scale=_scale(after) / _scale(before) if of_scale else float("nan"),
+            spread_px=size_px,
+            range_error=size_px / _disparity(known),
+            moments=_moments(after),
+        )
+    if len(others) <= MOST_ODD * len(known):
+        found = [places[other] for other in others]
+        return Changes("odd", found[0], found[-1], odd=tuple(found))
+    motions = np.array([one.motion_px for one in known])
+    spread = motions.std(axis=0, ddof=1)
+    size_px = float(np.linalg.norm(spread))
+    of_scale = spread[2] ** 2 > ONE_CAUSE * float(spread @ spread)
+    return Changes(
+        "each",
+        places[0],
+        places[-1],
+        scale=1.0 if of_scale else float("nan"),
+        spread_px=size_px,
+        range_error=size_px / _disparity(known),
+        moments=_moments(known),
+    )
+
+
+def _groups(known: Sequence[PairRows]) -> list[list[int]]:
+    """For each pair, those that it agrees with."""
+    return [
+        [other for other in range(len(known)) if not differ(known[one], known[other])]
+        for one in range(len(known))
+    ]
+
+
+def _step(known: Sequence[PairRows]) -> int:
+    """The first pair of a second part, where each of two parts agrees in itself and not with the
+    other, but for single odd pairs; 0 where there are no such parts.
+    """
+    best, least = 0, len(known)
+    for step in range(2, len(known) - 1):
+        misfits = 0
+        sides = (known[:step], known[step:])
+        middles = [
+            min(side, key=lambda one: float(np.linalg.norm(one.motion_px - _middle(side))))
+            for side in sides
+        ]
+        if not differ(*middles):
+            continue
+        for side, middle in zip(sides, middles, strict=True):
+            odd = sum(differ(one, middle) for one in side)
+            misfits += odd if odd <= len(side) / 4 else len(known)
+        if misfits < least:
+            best, least = step, misfits
+    return best
+
+
+def _middle(rows: Sequence[PairRows]) -> Array:
+    return np.asarray(np.median([one.motion_px for one in rows], axis=0))
+
+
+def _scale(rows: Sequence[PairRows]) -> float:
+    return float(np.median([one.scale for one in rows]))
+
+
+def _disparity(rows: Sequence[PairRows]) -> float:
+    return max(float(np.median([abs(one.disparity_px) for one in rows])), 1.0)
+
+
+def _moments(rows: Sequence[PairRows]) -> bool:
+    rest_px, parallax_px = np.median([(one.rest_px, one.parallax_px) for one in rows], axis=0)
+    return bool(rest_px > CLEARLY * parallax_px)
