@@ -5,14 +5,15 @@ A rig is rigid: the rows of all its pairs disagree alike. Each pair is described
 roll and the vertical scale of its right image that explain its rows, and the pairs are compared.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.field_checks.matches import Matches, explain, robust_fit, row_inliers
+from calibration.field_checks.motion import LATER, SeenTwice, fit_motions
 from calibration.geometry import RectifiedPair
 
 Array = NDArray[np.float64]
@@ -33,6 +34,9 @@ ONE_CAUSE = 0.9
 """Fraction of the squared change that one of offset, roll and scale makes where it is the cause."""
 CLEARLY = 1.5
 """A rival explains rows better only where it leaves so many times less."""
+LIKELIER = 15.0
+"""Logarithm of a likelihood ratio from which on a side is named: errors of neighboring points are
+alike, so that far more than the usual 3 is asked for."""
 
 
 @dataclass(frozen=True)
@@ -211,3 +215,34 @@ def _disparity(rows: Sequence[PairRows]) -> float:
 def _moments(rows: Sequence[PairRows]) -> bool:
     rest_px, parallax_px = np.median([(one.rest_px, one.parallax_px) for one in rows], axis=0)
     return bool(rest_px > CLEARLY * parallax_px)
+
+
+def enlarged_side(couples: Sequence[SeenTwice], geometry: RectifiedPair, scale: float) -> str:
+    """Which side a lens changed on, "left" or "right"; "" where motion does not tell.
+
+    couples: of a pair before the change and one after. scale: of the right images against the left
+    ones after the change, over that before. Either right images became that much larger, or left
+    ones smaller: with the wrong one of both, points after the change look as if the focal length of
+    both sides had changed, which no motion over a bottom with relief explains.
+    """
+    likelier = 0.0  # the logarithm of the likelihood of the right side over that of the left one
+    for couple in couples:
+        if_left_px = _rest_px(couple, geometry, scale, 1.0)
+        if_right_px = _rest_px(couple, geometry, 1.0, 1 / scale)
+        if np.isfinite([if_left_px, if_right_px]).all():
+            likelier += 3 * len(couple.first) * float(np.log(if_left_px / if_right_px))
+    if abs(likelier) < LIKELIER:
+        return ""
+    return "right" if likelier > 0 else "left"
+
+
+def _rest_px(couple: SeenTwice, geometry: RectifiedPair, left: float, right: float) -> float:
+    """What a rigid motion leaves where the images of the second moment are resized by these
+    factors.
+    """
+    x, y, disparity = couple.second.T
+    back = np.column_stack([left * x, left * y, left * x - right * (x - disparity)])
+    try:
+        return fit_motions([replace(couple, second=back)], geometry, LATER).rest_px
+    except np.linalg.LinAlgError:
+        return float("inf")

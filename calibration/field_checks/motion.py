@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
 from calibration.field_checks.matches import (
+    MATCHES_LIMITS,
     QUICK,
     Images,
     Matches,
+    MatchLimits,
     describe_left,
     describe_right,
+    explain,
     jackknife,
     match_described,
     same_points,
@@ -24,33 +27,34 @@ from calibration.field_checks.matches import (
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
 
-# Rigid motions between pairs, fitted together with an offset of all disparities and a factor of
-# the focal length.
+# Rigid motions between pairs, fitted together with what is wrong with all disparities and with the
+# focal length.
 
 Array = NDArray[np.float64]
 POSE = 6
-"""A turn (rad) and a shift (baselines) of each couple; then come the offset (px) and the logarithm
-of the focal length's factor.
-"""
-STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-2, 1e-4])
+"""A turn (rad) and a shift (baselines) of each couple; then come the shared values."""
+OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS = range(6)
+"""Shared values, to be added to disparities, pixels: an offset; an amount that grows over the rows
+and one that grows over the columns, at half the image's height and width from the middle; and, at
+the second moment alone, an offset and an amount that grows over the rows. FOCAL is the logarithm of
+the focal length's factor."""
+STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-2, 1e-4, 1e-2, 1e-2, 1e-2, 1e-2])
 """Of numerical derivatives; a pose that moves by less has converged."""
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """rounds: of Gauss-Newton; poses_first: how many of them leave offset and focal length alone.
+    """rounds: of Gauss-Newton; poses_first: how many of them leave the shared values alone.
 
-    noise_px: where the loss turns from squares to absolute values. offset_px, focal: standard
-    deviations of both before anything is seen, the latter of the logarithm: couples that only move
-    sideways hold no focal length.
+    noise_px: where the loss turns from squares to absolute values. free: standard deviations of the
+    shared values before anything is seen: couples that only move sideways hold no focal length.
     fixed: of one that is not free.
     """
 
     rounds: int = 40
     poses_first: int = 6
     noise_px: float = 0.15
-    offset_px: float = 30.0
-    focal: float = 0.1
+    free: tuple[float, ...] = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
     fixed: float = 1e-6
 
 
@@ -61,57 +65,64 @@ SETTINGS = FitSettings()
 class SeenTwice:
     """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
     disparity.
+
+    roll_rad, scale: of the right image against the left one, less 1, by the rows at the first
+    moment.
     """
 
     first: Array
     second: Array
+    roll_rad: float = 0.0
+    scale: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """values: (2,) offset, pixels, and focal length, relative to the calibrated one. partial:
-    (couples, 2) the same without each.
+    """values: (6,) shared values, 0 where they were not free. partial: (couples, 6) the same
+    without each couple.
 
-    std: (2,) standard errors, from the residuals and between couples.
+    std: (6,) standard errors, from the residuals and between couples. rest_px: root mean square of
+    the residuals.
     """
 
     values: Array
     partial: Array
     std: Array
+    rest_px: float
 
 
-def fit_motions(couples: Sequence[SeenTwice], focal_px: float, free_focal: bool = True) -> Fitted:
-    """Robust least squares of all couples' motions with the offset and the focal length that they
-    share.
+def fit_motions(couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int) -> Fitted:
+    """Robust least squares of all couples' motions with the ``free`` of the values that they share.
 
     Raises LinAlgError where a couple's points hold no motion.
     """
-    poses, shared = np.zeros((len(couples), POSE)), np.zeros(2)
-    prior = (
-        SETTINGS.noise_px
-        / np.array([SETTINGS.offset_px, SETTINGS.focal if free_focal else SETTINGS.fixed])
-    ) ** 2
+    poses, shared = np.zeros((len(couples), POSE)), np.zeros(len(SETTINGS.free))
+    deviations = np.full(len(shared), SETTINGS.fixed)
+    deviations[list(free)] = np.array(SETTINGS.free)[list(free)]
+    prior = (SETTINGS.noise_px / deviations) ** 2
     for number in range(SETTINGS.rounds):
         normals = [
-            _normal(couple, np.append(pose, shared), focal_px)
+            _normal(couple, np.append(pose, shared), geometry)
             for couple, pose in zip(couples, poses, strict=True)
         ]
         H = np.diag(prior) + sum(normal.H for normal in normals)
         g = -prior * shared + sum(normal.g for normal in normals)
-        step = np.asarray(np.linalg.solve(H, g)) if number >= SETTINGS.poses_first else np.zeros(2)
+        late = number >= SETTINGS.poses_first
+        step = np.asarray(np.linalg.solve(H, g)) if late else np.zeros(len(shared))
         moved = np.array([normal.pose_step(step) for normal in normals])
         poses, shared = poses + moved, shared + step
         if number > SETTINGS.poses_first and (np.abs(moved) < STEPS[:POSE]).all():
             break
     without = np.array([shared + np.linalg.solve(H - normal.H, g - normal.g) for normal in normals])
     square = float(np.mean([normal.square for normal in normals]))
-    std = np.hypot(jackknife(without), np.sqrt(np.diag(np.linalg.inv(H)) * square))
-    return Fitted(shared, without, std)
+    formal = np.sqrt(np.diag(np.linalg.inv(H)) * square)
+    std = np.hypot(jackknife(without), formal) if len(couples) > 1 else formal
+    return Fitted(shared, without, std, float(np.sqrt(square)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """Normal equations of the shared values, its pose eliminated: H (2, 2), g (2,). square:
+    """Normal equations of the shared values, its pose eliminated: H (6, 6), g (6,). square:
     weighted mean squared residual.
     """
 
@@ -126,13 +137,13 @@ class _Normal:
         return np.asarray(self.to_pose - self.by_shared @ step)
 
 
-def _normal(couple: SeenTwice, values: Array, focal_px: float) -> _Normal:
-    rest = _residuals(couple, values, focal_px)
+def _normal(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> _Normal:
+    rest = _residuals(couple, values, geometry)
     slope = np.empty((*rest.shape, len(values)))
     for i, size in enumerate(STEPS):
         moved = values.copy()
         moved[i] += size
-        slope[:, :, i] = (_residuals(couple, moved, focal_px) - rest) / size
+        slope[:, :, i] = (_residuals(couple, moved, geometry) - rest) / size
     weights = 1 / np.sqrt(1 + (rest**2).sum(axis=1) / SETTINGS.noise_px**2)
     A, r = slope.reshape(-1, len(values)), rest.ravel()
     weighted = A * np.repeat(weights, 3)[:, None]
@@ -150,17 +161,26 @@ def _normal(couple: SeenTwice, values: Array, focal_px: float) -> _Normal:
     )
 
 
-def _residuals(couple: SeenTwice, values: Array, focal_px: float) -> Array:
+def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> Array:
     """(n, 3) pixels by which the points, moved from the first moment, miss those of the second."""
-    turn, shift, offset_px, focal = values[:3], values[3:6], values[6], values[7]
-    scale = focal_px * np.exp(focal)
-    first, second = (
-        (points + np.array([0, 0, offset_px])) / scale for points in (couple.first, couple.second)
-    )
+    turn, shift, shared = values[:3], values[3:POSE], values[POSE:]
+    scale = geometry.focal_px * np.exp(shared[FOCAL])
+    first = _corrected(couple.first, shared[[OFFSET, COLUMNS, ROWS]], geometry) / scale
+    later = shared[[OFFSET, COLUMNS, ROWS]] + [shared[LATER], 0, shared[LATER_ROWS]]
+    second = _corrected(couple.second, later, geometry) / scale
     R = cv2.Rodrigues(turn)[0]
     rays = np.column_stack([first[:, :2], np.ones(len(first))]) @ R.T + first[:, 2:] * shift
     moved = np.column_stack([rays[:, :2], first[:, 2]]) / rays[:, 2:]
     return np.asarray((moved - second) * scale)
+
+
+def _corrected(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array:
+    """(n, 3) points with what is wrong added to their disparities: an offset, over columns, over
+    rows.
+    """
+    half = np.array(geometry.image_size) / 2
+    disparity = points[:, 2] + wrong_px[0] + points[:, :2] / half @ wrong_px[1:]
+    return np.column_stack([points[:, :2], disparity])
 
 
 # Errors of the calibration that rows do not show, seen in the motion between neighboring pairs of
@@ -171,6 +191,10 @@ def _residuals(couple: SeenTwice, values: Array, focal_px: float) -> Array:
 # But the bottom is rigid: between two moments, points move in the image by their true inverse
 # depth, and by the turn of the camera. Disparities with an offset, or a wrong focal length, fit
 # no rigid motion. The length of the baseline is not seen: all of it would be larger, alike.
+#
+# The cause is tested against its rivals: disparities that are wrong by an amount that grows over the
+# rows (shutters that read rows in opposite directions while the cameras move) or the columns, and
+# by amounts that differ from pair to pair, look like an offset where an offset alone is fitted.
 
 
 @dataclass(frozen=True)
@@ -188,6 +212,11 @@ class MotionLimits:
     known_focal: the focal length is fitted where its standard error is below that. range_error,
     deviations: ranges are said to be wrong where they are by more than both. seen: an error of
     ranges that would be found, else it is said to be unseen.
+    uneven: an error of ranges at the edges of the image, or from pair to pair, relative, that is
+    named; pair_deviations: of single couples, by how many standard errors it must stand out.
+    misfit: residuals so many times those of couples that each have values of their own are not
+    understood (1.0 to 1.1 on the sample dive and a real survey).
+    explained: part of an uneven error that a rival must make to be its cause.
     """
 
     least_points: int = 20
@@ -202,11 +231,20 @@ class MotionLimits:
     range_error: float = 0.05
     deviations: float = 2.0
     seen: float = 0.15
+    uneven: float = 0.02
+    pair_deviations: float = 4.0
+    misfit: float = 1.3
+    explained: float = 0.5
 
 
 LIMITS = MotionLimits()
 FEATURES = replace(QUICK, max_features=1000)
-ANYWHERE = replace(FEATURES, max_row_fraction=1.0)
+
+
+SHUTTERS = (
+    "as rolling shutters that read rows in opposite directions, or not at one moment, while the "
+    "cameras move sideways: mount and trigger both cameras alike, or move slowly"
+)
 
 
 @dataclass(frozen=True)
@@ -219,6 +257,14 @@ class Motion:
     relative; at_m: the depth that this disparity gives as calibrated, meters. std: their standard
     errors, with those of a lens model.
     pixel_error: what a pixel of offset changes a range by, relative, for each meter of range.
+    rows_px, rows_std_px: to be added to disparities at the lower edge of the rectified image, and taken from
+    them at the upper edge; columns_px, columns_std_px: at the right edge, and from the left one;
+    0 where they explain nothing. rolled_px, scaled_px: the same as the rows of the images want
+    them, after a roll or an enlargement of one side.
+    between_px: by how much disparities differ between two moments of a couple (median), where that
+    is what couples show; between_rows: that is at the upper and lower edge alone.
+    rest_px, own_px: what the values leave, and what couples leave that each have values of their
+    own. disparity_px: median.
     """
 
     couples: int = 0
@@ -231,6 +277,17 @@ class Motion:
     range_std: float = np.inf
     at_m: float = np.nan
     pixel_error: float = np.nan
+    rows_px: float = 0.0
+    rows_std_px: float = np.inf
+    columns_px: float = 0.0
+    columns_std_px: float = np.inf
+    rolled_px: float = 0.0
+    scaled_px: float = 0.0
+    between_px: float = 0.0
+    between_rows: bool = False
+    rest_px: float = 0.0
+    own_px: float = np.inf
+    disparity_px: float = np.nan
 
     @property
     def is_known(self) -> bool:
@@ -242,16 +299,42 @@ class Motion:
         """True if ranges are right to within what is said to be wrong, their standard error
         included.
         """
-        return abs(self.range_error) + self.range_std < LIMITS.range_error
+        return abs(self.range_error) + self.range_std < LIMITS.range_error and not self.is_uneven
+
+    @property
+    def is_uneven(self) -> bool:
+        """True if disparities are wrong by amounts that differ over the image or from pair to
+        pair.
+        """
+        return bool(self.rows_px or self.columns_px or self.between_px)
+
+    @property
+    def is_misfit(self) -> bool:
+        """True if points fit no rigid motion, and nothing that was tested explains it."""
+        return self.rest_px > LIMITS.misfit * self.own_px
 
     @property
     def is_found(self) -> bool:
         """True if ranges are wrong by more than the points and a usual lens model leave open."""
+        return self.is_uneven or self._is_off
+
+    @property
+    def _is_off(self) -> bool:
         return abs(self.range_error) > max(LIMITS.range_error, LIMITS.deviations * self.range_std)
 
     @property
     def line(self) -> str:
         """What was measured, or what is not seen, for a report."""
+        if self.is_misfit:
+            return (
+                f"motion between {counted(self.couples, 'couple')} of neighboring pairs fits no "
+                f"rigid bottom: {self.rest_px:.2f} px are left, {self.own_px:.2f} px where each "
+                "couple has an error of its own; an offset, a focal length and errors over rows "
+                "and columns do not explain it, and how wrong ranges are is not known: moving "
+                "things, or pairs that differ: compare a known length"
+            )
+        if self.is_uneven:
+            return self._uneven
         if not (self.is_known or self.is_found):
             return (
                 "not seen: images shifted along the baseline (a pixel changes ranges by "
@@ -268,12 +351,71 @@ class Motion:
     @property
     def advice(self) -> str:
         """What is wrong and what to do."""
+        if self.is_uneven:
+            return self._uneven
         return (
             f"neighboring pairs fit each other only with {self._figures}: images shifted along the "
             "baseline (a cut-out, stabilization, another mode, a wrong principal point), a camera "
             "turned sideways or another focal length, which rows hardly show: give images of the "
             "calibrated mode, or calibrate again, and compare a known length"
         )
+
+    @property
+    def _uneven(self) -> str:
+        """What differs over the image or from pair to pair, the cause that its rivals leave, and
+        what to do.
+        """
+        if self.between_px:
+            error = self.between_px / self.disparity_px
+            if self.between_rows:
+                cause = (
+                    "images that are turned from frame to frame explain it, which rows show, too "
+                    f"({self.rolled_px:.1f} px): stabilization, or a loose camera"
+                    if _makes(self.rolled_px, self.between_px)
+                    else f"rows show no such roll of a camera ({self.rolled_px:.1f} px): {SHUTTERS}"
+                )
+                return (
+                    "disparities are wrong by amounts that grow over the rows and differ from pair "
+                    f"to pair, by {self.between_px:.1f} px (median) at the upper and lower edge: "
+                    f"ranges there are wrong by about {error:.0%}; {cause}"
+                )
+            return (
+                f"disparities differ from pair to pair by {self.between_px:.1f} px (median) and "
+                f"fit no one rig: ranges are wrong by about {error:.0%}, by another amount in each "
+                "pair: images shifted along the baseline from frame to frame (stabilization of a "
+                "side), or sides not of one moment: switch stabilization off, trigger both cameras "
+                "together"
+            )
+        parts = []
+        if self.rows_px:
+            error = abs(self.rows_px / self.disparity_px)
+            cause = (
+                f"a roll of one camera explains it, which rows show, too ({self.rolled_px:+.1f} px)"
+                if _makes(self.rolled_px, self.rows_px)
+                else "rows show no such roll of a camera "
+                f"({self.rolled_px:+.1f} px): {SHUTTERS}"
+            )
+            parts.append(
+                f"disparities are {self.rows_px:+.1f} +- {self.rows_std_px:.1f} px longer at the "
+                f"lower edge of the rectified image and {-self.rows_px:+.1f} px at the upper edge: ranges "
+                f"there are off by up to {error:.0%}, with opposite signs; {cause}"
+            )
+        if self.columns_px:
+            error = abs(self.columns_px / self.disparity_px)
+            cause = (
+                "another focal length of one side explains it, which rows show, too "
+                f"({self.scaled_px:+.1f} px)"
+                if _makes(self.scaled_px, self.columns_px)
+                else f"rows show no other focal length of one side ({self.scaled_px:+.1f} px): one "
+                "side may be stretched along its rows, or its lens be another"
+            )
+            parts.append(
+                f"disparities are {self.columns_px:+.1f} +- {self.columns_std_px:.1f} px longer at "
+                f"the right edge of the rectified image and {-self.columns_px:+.1f} px at the left edge: "
+                f"ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
+            )
+        middle = f"in the middle {self._figures}" if self._is_off else ""
+        return "; ".join([*parts, *([middle] if middle else [])])
 
     @property
     def _figures(self) -> str:
@@ -294,7 +436,19 @@ class Motion:
         return f"; not seen here: {focal}a wrong baseline"
 
 
+def _makes(rival_px: float, found_px: float) -> bool:
+    """Tell whether a rival makes as much of what was found as to be its cause."""
+    return rival_px * np.sign(found_px) > LIMITS.explained * abs(found_px)
+
+
 NO_MOTION = Motion()
+
+
+def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
+    """As ``find_motion`` makes a couple, of all features that there are. pairs: the first, and
+    those that follow it.
+    """
+    return _couple(rectification, pairs, MATCHES_LIMITS)
 
 
 def find_motion(
@@ -319,56 +473,111 @@ def find_motion(
 
 def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
     """Measure on points that were seen twice."""
-    focal_px, pixel_error = geometry.focal_px, 1 / (geometry.focal_px * geometry.baseline_m)
+    pixel_error = 1 / (geometry.focal_px * geometry.baseline_m)
     if len(couples) < LIMITS.least_couples:
         return Motion(pixel_error=pixel_error)
     try:
-        fitted = fit_motions(couples, focal_px)
-        focal_is_known = fitted.std[1] < LIMITS.known_focal
-        fitted = fitted if focal_is_known else fit_motions(couples, focal_px, free_focal=False)
+        return _motion_of(couples, geometry, Motion(pixel_error=pixel_error))
     except np.linalg.LinAlgError:  # points that hold no motion: all on a line
         return Motion(pixel_error=pixel_error)
+
+
+def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: Motion) -> Motion:
+    focal_px, (width, height) = geometry.focal_px, geometry.image_size
     disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
-    offset_px, log_focal = map(float, fitted.values)
-    lens_px, lens_focal = LIMITS.lens_rad * focal_px, LIMITS.focal * focal_is_known
-    errors = (1 + fitted.partial[:, :1] / disparity_px) * np.exp(-fitted.partial[:, 1:])
+    seen = replace(
+        unknown,
+        couples=len(couples),
+        points=sum(len(couple.first) for couple in couples),
+        at_m=focal_px * geometry.baseline_m / disparity_px,
+        disparity_px=disparity_px,
+    )
+    own = [fit_motions([couple], geometry, OFFSET, LATER, LATER_ROWS) for couple in couples]
+    for value in (LATER, LATER_ROWS):
+        if between_px := _between_px(own, value, disparity_px):
+            rolled_px = float(np.median([abs(one.roll_rad) for one in couples])) * height / 2
+            rows = value == LATER_ROWS
+            return replace(seen, between_px=between_px, between_rows=rows, rolled_px=rolled_px)
+    lens_px = LIMITS.lens_rad * focal_px
+    uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
+    free = [OFFSET, FOCAL]
+    for value in (ROWS, COLUMNS):
+        std_px = float(np.hypot(uneven.std[value], lens_px / 2))
+        least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
+        free += [value] if abs(uneven.values[value]) > least_px else []
+    fitted = fit_motions(couples, geometry, *free)
+    focal_is_known = fitted.std[FOCAL] < LIMITS.known_focal
+    if not focal_is_known:
+        free.remove(FOCAL)
+        fitted = fit_motions(couples, geometry, *free)
+    found = replace(
+        seen, rest_px=fitted.rest_px, own_px=float(np.median([one.rest_px for one in own]))
+    )
+    if found.is_misfit:
+        return found
+    offset_px, log_focal, rows_px, columns_px = map(float, fitted.values[:4])
+    roll_rad = float(np.median([couple.roll_rad for couple in couples]))
+    scale = float(np.median([couple.scale for couple in couples]))
+    lens_focal = LIMITS.focal * focal_is_known
+    errors = (1 + fitted.partial[:, OFFSET] / disparity_px) * np.exp(-fitted.partial[:, FOCAL])
     parts = [
-        float(jackknife(errors)[0]),
-        fitted.std[0] / disparity_px,
+        float(jackknife(errors[:, None])[0]),
+        fitted.std[OFFSET] / disparity_px,
         lens_px / disparity_px,
         lens_focal,
     ]
-    return Motion(
-        couples=len(couples),
-        points=sum(len(couple.first) for couple in couples),
+    return replace(
+        found,
         offset_px=offset_px,
-        offset_std_px=float(np.hypot(fitted.std[0], lens_px)),
+        offset_std_px=float(np.hypot(fitted.std[OFFSET], lens_px)),
         focal=float(np.expm1(log_focal)) if focal_is_known else np.nan,
-        focal_std=float(np.hypot(fitted.std[1], lens_focal)) if focal_is_known else np.inf,
+        focal_std=float(np.hypot(fitted.std[FOCAL], lens_focal)) if focal_is_known else np.inf,
         range_error=float((1 + offset_px / disparity_px) * np.exp(-log_focal) - 1),
         range_std=float(np.linalg.norm(parts)),
-        at_m=focal_px * geometry.baseline_m / disparity_px,
-        pixel_error=pixel_error,
+        rows_px=rows_px if ROWS in free else 0.0,
+        rows_std_px=float(np.hypot(fitted.std[ROWS], lens_px / 2)) if ROWS in free else np.inf,
+        columns_px=columns_px if COLUMNS in free else 0.0,
+        columns_std_px=(
+            float(np.hypot(fitted.std[COLUMNS], lens_px / 2)) if COLUMNS in free else np.inf
+        ),
+        rolled_px=-roll_rad * height / 2,
+        scaled_px=scale * width / 2,
     )
 
 
-def _couple(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
+def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float:
+    """By how much disparities differ between two moments (median), where most couples show it; 0
+    where they do not.
+    """
+    found_px = np.array([abs(one.values[value]) for one in own])
+    std_px = np.array([one.std[value] for one in own])
+    clear = found_px > np.maximum(
+        LIMITS.uneven * disparity_px, LIMITS.pair_deviations * std_px
+    )
+    return float(np.median(found_px)) if 2 * clear.sum() > len(own) else 0.0
+
+
+def _couple(
+    rectification: Rectification, pairs: Iterable[Images], features: MatchLimits = FEATURES
+) -> SeenTwice | None:
     """The points that the first pair and the first one that has moved far enough show; None also
     for images of another size.
     """
     with suppress(CalibrationError):
-        return _moved(rectification, iter(pairs))
+        return _moved(rectification, iter(pairs), features)
     return None
 
 
-def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice | None:
+def _moved(
+    rectification: Rectification, pairs: Iterator[Images], features: MatchLimits
+) -> SeenTwice | None:
     start = next(pairs, None)
     if start is None:
         return None
-    first = describe_left(rectification, start[0], FEATURES)
+    first = describe_left(rectification, start[0], features)
     for images in pairs:
-        left = describe_left(rectification, images[0], FEATURES)
-        moved = match_described(first, left, ANYWHERE)
+        left = describe_left(rectification, images[0], features)
+        moved = match_described(first, left, replace(features, max_row_fraction=1.0))
         if len(moved.left) < LIMITS.least_points:
             return None
         if (
@@ -376,7 +585,7 @@ def _moved(rectification: Rectification, pairs: Iterator[Images]) -> SeenTwice |
             >= LIMITS.least_move * left.image.shape[1]
         ):
             here, there = (
-                match_described(seen, describe_right(rectification, right, FEATURES), FEATURES)
+                match_described(seen, describe_right(rectification, right, features), features)
                 for seen, (_, right) in ((first, start), (left, images))
             )
             return _seen_twice(rectification, here, moved, there)
@@ -402,4 +611,8 @@ def _seen_twice(
         disparity = disparity - (geometry.cx_left_px - geometry.cx_right_px)
         kept &= (np.abs(row_px) < LIMITS.most_row_px) & (disparity > LIMITS.least_disparity_px)
         sides.append(np.column_stack([left - [geometry.cx_left_px, geometry.cy_px], disparity]))
-    return SeenTwice(sides[0][kept], sides[1][kept]) if kept.sum() >= LIMITS.least_points else None
+    if kept.sum() < LIMITS.least_points:
+        return None
+    rows_px = (here.right - here.left)[at_first[found][kept], 1]
+    (_, scale, roll_rad), _ = explain(rows_px, sides[0][kept][:, :2])
+    return SeenTwice(sides[0][kept], sides[1][kept], float(roll_rad), float(scale))

@@ -85,6 +85,7 @@ class RowCheck:
     distance of the points in them.
     between_pairs_px: standard deviation of the pairs' rows, each pair's median, after what explains
     the most; 0 for under three.
+    change: what changes from pair to pair, so that no one calibration fits all, and what to do.
     """
 
     pairs: int
@@ -104,16 +105,29 @@ class RowCheck:
     unrectified_px: float = float("inf")
     apart_px: float = float("inf")
     between_pairs_px: float = 0.0
+    change: str = ""
 
     @property
     def acceptable(self) -> bool:
         """True if rows agree to a quarter of a pixel, neither keystone nor motion stands for wrong
         ranges, and left is left.
         """
-        ranges_wrong = (
-            self.swapped or self.keystone.is_found or self.motion.is_found or self.one_picture
+        return self.row_error_px <= LIMITS.acceptable_px and not self.ranges_are_wrong
+
+    @property
+    def ranges_are_wrong(self) -> bool:
+        """True if keystone or motion stand for wrong ranges, left is not left, or pairs differ, so
+        that rows that agree would not make ranges right.
+        """
+        return bool(
+            self.swapped
+            or self.keystone.is_found
+            or self.motion.is_found
+            or self.one_picture
+            or self.cut_out
+            or self.air_in_water
+            or self.change
         )
-        return self.row_error_px <= LIMITS.acceptable_px and not ranges_wrong
 
     @property
     def swapped(self) -> bool:
@@ -184,6 +198,7 @@ class RowCheck:
             or self.keystone.is_lens
             or self.refusal
             or self.no_rig
+            or self.change
         )
         return drifted and not (otherwise or self.mistake)
 
@@ -235,6 +250,8 @@ class RowCheck:
         """What to do, one line each, the most severe first."""
         if self.refusal or self.mistake:
             return (self.refusal or self.mistake,)
+        if self.change:
+            return (self.change,)
         if self.swapped:
             return (
                 f"{self.behind_fraction:.0%} of the points lie behind infinity: left and right are "
@@ -286,7 +303,7 @@ class RowCheck:
             f"{self.unexplained_px:.2f} px",
             *(
                 []
-                if self.motion is NO_MOTION or self.mistake or self.refusal
+                if self.motion is NO_MOTION or self.mistake or self.refusal or self.change
                 else [self.motion.line]
             ),
             *self.advice,

@@ -12,6 +12,7 @@ from calibration.checks import RowCheck, vertical_disparity
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong
 from calibration.field_checks.motion import Motion, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
+from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
     evenly_spaced,
@@ -30,30 +31,45 @@ a camera may be knocked.
 """
 
 
-def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Notes on rows that ``check`` would not accept, and on features outside the limits of range,
-    from pairs spread over the dive.
+@dataclass(frozen=True)
+class RigCheck:
+    """What the check of a dive's rig found. is_wrong: ranges are wrong, as the notes say."""
+
+    notes: tuple[str, ...] = ()
+    is_wrong: bool = False
+
+    def after(self, notes: tuple[str, ...]) -> "RigCheck":
+        """This check, after these notes."""
+        return replace(self, notes=(*notes, *self.notes))
+
+
+def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> RigCheck:
+    """Check rows as ``check`` does, and features against the limits of range, on pairs spread over
+    the dive.
 
     A quick look is enough for most dives. A full check takes longer than matching a pair and is
-    made only where rows of a pair disagree or may hold a keystone. Raises InputError where no pair
-    can be matched and the likely mistake is known.
+    made only where rows of a pair disagree or may hold a keystone. change: what changes from pair
+    to pair. Raises InputError where no pair can be matched and the likely mistake is known.
     """
+    pairs = change.shared(pairs)
+    said = (f"calibration: {change.line}",) if change.line else ()
     # of pairs that are not as large as calibrated: the run names them
     with suppress(CalibrationError):
         seen = readable(evenly_spaced(pairs, LOOKED_AT), pipeline.config.input)
         looks = [(pair, quick_check(pipeline.rectification, both)) for pair, both in seen]
         looks = [(pair, look) for pair, look in looks if look.range_m.size]
-        if looks and all(look.rows_agree for _, look in looks):
+        if change.is_rigid and looks and all(look.rows_agree for _, look in looks):
             pair, first = looks[0]
             limits = range_limits(first.range_m, pipeline.config.matching)
-            notes = tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
+            said = (*(f"range: in pair {pair.name}, {limit.note}" for limit in limits), *said)
             if not any(look.keystone for _, look in looks):
-                return notes + _motion_note(pipeline, pairs)
-            return notes + _rows_note(pipeline, pairs)
-    return _rows_note(pipeline, pairs)
+                return _motion_check(pipeline, pairs).after(said)
+    rows = _rows_check(pipeline, pairs)
+    # no one number describes pairs that differ
+    return rows.after(said) if change.is_rigid else RigCheck(said, is_wrong=True)
 
 
-def _motion_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
     """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also
     that it shows nothing.
     """
@@ -61,16 +77,16 @@ def _motion_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
     motion = find_motion(pipeline.rectification, from_ends, until_right=True)
     if motion.is_found:
-        return (f"calibration: {motion.advice}",)
-    unseen = pipeline.config.input.refine and not motion.is_known
-    return (f"calibration: {motion.line}",) if unseen else ()
+        return RigCheck((f"calibration: {motion.advice}",), is_wrong=True)
+    unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
+    return RigCheck((f"calibration: {motion.line}",) if unseen else ())
 
 
 def _motion(pipeline: Pipeline, pairs: Sequence[Pair]) -> Motion:
     return find_motion(pipeline.rectification, neighbors(pairs, pipeline.config.input))
 
 
-def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+def _rows_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
     """What ``check`` says of the rows of pairs spread over the dive."""
     rig, images = pipeline.rig, pipeline.config.input
     chosen = evenly_spaced(pairs, LOOKED_AT)
@@ -89,14 +105,17 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
         ):
             raise InputError(shift)
     if check is None:
-        return ()
+        return RigCheck()
     with suppress(CalibrationError):
         check = replace(check, motion=_motion(pipeline, pairs))
     if check.acceptable:
-        return ()
-    return (
-        f"calibration: {'; '.join(check.advice)}"
-        + (" (stereo-seecolor run --refine)" if check.has_moved else ""),
+        return RigCheck()
+    return RigCheck(
+        (
+            f"calibration: {'; '.join(check.advice)}"
+            + (" (stereo-seecolor run --refine)" if check.has_moved else ""),
+        ),
+        is_wrong=check.ranges_are_wrong,
     )
 
 

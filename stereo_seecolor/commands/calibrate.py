@@ -23,6 +23,7 @@ from calibration.port import FlatPort
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
+from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
     evenly_spaced,
@@ -209,7 +210,8 @@ class CheckResult:
         """
         if self.refined is None:
             return self.rows.acceptable
-        return self.refined.after_px <= LIMITS.acceptable_px and not self.rows.motion.is_found
+        wrong = self.rows.motion.is_found or self.rows.change
+        return self.refined.after_px <= LIMITS.acceptable_px and not wrong
 
 
 def check(
@@ -240,15 +242,23 @@ def check(
 
     raw = list(matching_threads(loaded.left.image_size).each(matched, sample))
     rig = settle_matches(loaded, raw)
+    settled = Rectification.from_rig(rig)
+    known = list(zip(sample, rectified_matches(rig, raw), strict=True))
+    change = find_change(settled, pairs, images, known)
+    raw = [one for pair, one in zip(sample, raw, strict=True) if pair.name not in change.odd]
+    pairs = change.shared(pairs)
     rows = _judged(
         rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))
     )
+    rows = replace(rows, change=change.line)
     if refine and (rows.mistake or rows.refusal):
         raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
     refined = refine_matches(rig, raw) if refine else None
     if refine and refined:
         write_rig(refined, refine)
-    motion = find_motion(Rectification.from_rig(refined or rig), neighbors(pairs, images))
+    motion = find_motion(
+        Rectification.from_rig(refined) if refined else settled, neighbors(pairs, images)
+    )
     return CheckResult(
         rig_facts(rig),
         replace(rows, motion=motion),

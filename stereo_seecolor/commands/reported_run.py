@@ -179,7 +179,10 @@ def _summary(
         )
     notes = (*pairing.notes, *run.notes, *aside, *run.folder.dive.removed, *misfits)
     return RunSummary(
-        FinalRows(run.table, current.done, unpaired), notes, missing_shards=pairing.missing_shards
+        FinalRows(run.table, current.done, unpaired),
+        notes,
+        missing_shards=pairing.missing_shards,
+        is_wrong=pairing.is_wrong,
     )
 
 

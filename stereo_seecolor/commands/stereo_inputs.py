@@ -7,8 +7,9 @@ from typing import BinaryIO, Protocol
 
 from calibration.checks import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
+from stereo_seecolor.checks.changes import LEFT_OUT, DiveChange, find_change
 from stereo_seecolor.checks.image_files import image_notes
-from stereo_seecolor.checks.rig import first_notes
+from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for
 from stereo_seecolor.compute.interface import Shard
@@ -25,8 +26,10 @@ from stereo_seecolor.inputs.sides import video_of
 from stereo_seecolor.inputs.video_file import is_video
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.plugins import load
+from stereo_seecolor.run_folder.cache import KeptRigCheck
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.ownership import Owner
+from stereo_seecolor.version import __version__
 
 STORAGE_PAIRS = 6
 """Pairs that are examined for how images store their pixels: one dark frame must not decide."""
@@ -177,12 +180,31 @@ class Opened:
         """
         pairing, pipeline = self.pairing, self.pipeline
         images = pipeline.config.input
+        key = content_key(
+            __version__, pipeline.settings, images.refine, len(pairing.pairs), pairing.pairs[-1].name
+        )
+        known = KeptRigCheck.load(folder.root, key)
+        change = (
+            DiveChange()
+            if known
+            else find_change(pipeline.rectification, pairing.pairs, pipeline.config.input)
+        )
+        if change.out_of_step:
+            raise InputError(change.line)
         if images.refine:
-            rig, note = DiveRefinement(folder, pairing, images, options).of(pipeline.rig)
+            shared = replace(pairing, pairs=change.shared(pairing.pairs))
+            rig, note = DiveRefinement(folder, shared, images, options).of(pipeline.rig)
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
-        if not folder.manifest.names():  # an earlier run into this folder has given these notes
-            pairing = pairing.with_notes(first_notes(pipeline, pairing.pairs))
+        if known is None:
+            found = check_rig(pipeline, pairing.pairs, change)
+            known = KeptRigCheck(found.notes, found.is_wrong, dict.fromkeys(change.odd, LEFT_OUT))
+            known.save(folder.root, key)
+        elif not known.is_wrong:  # an earlier run into this folder has given these notes
+            known = replace(known, notes=())
+        pairing = replace(
+            pairing.with_notes(known.notes), is_wrong=known.is_wrong, left_out=known.left_out
+        )
         return Opened(pairing, pipeline)
 
     def part(self, shard: Shard) -> "Opened":

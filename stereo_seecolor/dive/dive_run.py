@@ -106,7 +106,11 @@ class DiveRun:
         self.pairs: Sequence[Pair] = pairing.pairs
         self.folder, self.options, self.page = folder, options, page
         self.frames = Frames(
-            source, folder, KeptPixels(folder.root if len(passes) > 1 else None), options.verify
+            source,
+            folder,
+            KeptPixels(folder.root if len(passes) > 1 else None),
+            options.verify,
+            pairing.left_out,
         )
         self.table, self.summary = FrameTable(), RunSummary(())
         self.notes: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ Each is done once: an earlier run's result is found in OUT, or it is made now an
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -106,13 +106,14 @@ class Frames:
     sent to another process.
 
     folder: OUT. pixels: kept for later passes of the run. verify: hash inputs again, also those
-    that look unchanged.
+    that look unchanged. left_out: name of a pair that is not of the dive's rig -> why.
     """
 
     source: PairSource
     folder: RunFolder
     pixels: KeptPixels
     verify: bool = False
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def config(self) -> RunConfig:
@@ -162,6 +163,8 @@ def measure_range(
     earlier run's files are damaged. Raises InputError, MatchingError, CalibrationError.
     """
     products, source = frames.folder.frames, frames.source
+    if pair.name in frames.left_out:
+        raise MatchingError(f"{pair.name}: {frames.left_out[pair.name]}")
     with clock("read"):
         inputs = products.inputs(pair.name, source.inputs(pair), frames.verify)
         record = products.record(pair.name, pair.timestamp_s, inputs, pair.place)

@@ -4,7 +4,7 @@ to none.
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
@@ -100,12 +100,16 @@ class Pairing:
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
     missing_shards: shards of the dive whose pairs are not among these.
+    is_wrong: ranges of the dive as a whole are wrong, as notes say. left_out: name of a pair that is
+    not of the dive's rig -> why.
     """
 
     pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
     missing_shards: tuple[str, ...] = ()
+    is_wrong: bool = False
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> Iterator[str]:

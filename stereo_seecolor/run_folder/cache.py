@@ -180,6 +180,28 @@ class KeptRefinement:
             return None
 
 
+@dataclass(frozen=True)
+class KeptRigCheck:
+    """What the check of a dive's rig found.
+
+    notes: of the run. is_wrong: ranges of the dive are wrong. left_out: name of a pair that is not
+    of the dive's rig -> why.
+    """
+
+    notes: tuple[str, ...]
+    is_wrong: bool
+    left_out: Mapping[str, str]
+
+    def save(self, root: Path, key: str) -> None:
+        """Keep it under the hash of the rig and of the dive's pairs. Raises OutputError."""
+        keep(cache_file(root, "rig_check"), key, JsonText(asdict(self)))
+
+    @classmethod
+    def load(cls, root: Path, key: str) -> "KeptRigCheck | None":
+        """Read that of an earlier run; None where there is none."""
+        return _kept_record(cls, cache_file(root, "rig_check"), key)
+
+
 def forget_refinement(root: Path) -> None:
     """Delete the refined rig of an earlier run."""
     cache_file(root, "refined_rig").unlink(missing_ok=True)

@@ -211,7 +211,8 @@ class RunSummary:
     notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was
     interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
-    missing_shards: of the dive, which were not merged.
+    missing_shards: of the dive, which were not merged. is_wrong: ranges of the dive as a whole are
+    wrong, as notes say.
     """
 
     rows: Sequence[FrameRow]
@@ -221,13 +222,15 @@ class RunSummary:
     products: tuple[ProductSummary, ...] = ()
     plan: Compared | None = None
     missing_shards: tuple[str, ...] = ()
+    is_wrong: bool = False
 
     @property
     def all_done(self) -> bool:
-        """Tell whether every file of the whole dive found its partner and every pair went
-        through.
+        """Tell whether every file of the whole dive found its partner, every pair went through, and
+        no check found ranges of the dive wrong.
         """
-        return not self.stopped and not self.missing_shards and self.count("ok") == len(self.rows)
+        unfinished = self.stopped or self.missing_shards or self.count("ok") != len(self.rows)
+        return not unfinished and not self.is_wrong
 
     def count(self, status: Status) -> int:
         """The number of rows of that status."""

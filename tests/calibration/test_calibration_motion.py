@@ -13,7 +13,8 @@ import pytest
 from calibration import Rectification, RectifiedPair
 from calibration.field_checks.motion import Motion, SeenTwice, find_motion, motion_of
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor.checks.rig import first_notes
+from stereo_seecolor.checks.changes import DiveChange
+from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import neighbors
 from stereo_seecolor.commands.calibrate import check
 from stereo_seecolor.commands.dive_rig import pairs_of
@@ -127,7 +128,7 @@ def test_left_images_cut_out_off_center_are_named_by_run_and_check(
     K[0, 2] -= shift_px
     rig = replace(rig, left=replace(rig.left, K=K))
     pairs = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
-    notes = first_notes(Pipeline(rig, RunConfig()), pairs)
+    notes = check_rig(Pipeline(rig, RunConfig()), pairs, DiveChange()).notes
     assert any(
         "neighboring pairs fit each other only with disparities" in note for note in notes
     ) == bool(shift_px)

@@ -9,7 +9,8 @@ import pytest
 
 from calibration import StereoRig
 from calibration.formats import load_rig
-from stereo_seecolor.checks.rig import first_notes
+from stereo_seecolor.checks.changes import DiveChange
+from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.commands.dive_rig import pairs_of
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
@@ -28,7 +29,7 @@ def lowered(rig: StereoRig, by_px: float) -> StereoRig:
 @pytest.mark.parametrize(("by_px", "said"), [(0.0, False), (0.35, True)])
 def test_a_run_names_rows_that_check_would_not_accept(by_px: float, said: bool) -> None:
     pairs = pairs_of(REEF / "left", REEF / "right", RunConfig().input).pairs
-    notes = first_notes(Pipeline(lowered(load_rig(REEF / "cam.yaml"), by_px), RunConfig()), pairs)
+    notes = check_rig(Pipeline(lowered(load_rig(REEF / "cam.yaml"), by_px), RunConfig()), pairs, DiveChange()).notes
     assert (
         any("a vertical disparity of 0.3" in note and "run --refine" in note for note in notes)
         == said

@@ -107,7 +107,7 @@ def test_a_run_writes_down_how_rectification_turned_the_camera(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the images are another rig's, which a run would refuse
-    monkeypatch.setattr(stereo_inputs, "first_notes", lambda *_: ())
+    monkeypatch.setattr(stereo_inputs, "check_rig", lambda *_: RigCheck())
     dive = make_dive(1)
     rig = toed_in_rig(size=(176, 128))
     write_rig(rig, dive.root / "toed.yaml")

@@ -1,0 +1,270 @@
+"""Pairs of a dive that are not of one rigid rig: where it changes, pairs of another rig, and images
+that move from frame to frame.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+from calibration import CalibrationError, Rectification
+from calibration.field_checks.changes import (
+    Changes,
+    PairRows,
+    changes_of,
+    differ,
+    enlarged_side,
+    pair_rows,
+)
+from calibration.field_checks.matches import QUICK, Matches, find_matches
+from calibration.field_checks.motion import couple_across
+from stereo_seecolor.checks.neighbors import constant_shift
+from stereo_seecolor.checks.sample import (
+    DECIDING_PAIRS,
+    evenly_spaced,
+    matching_threads,
+    read_both,
+    readable,
+)
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.pairing import Pair
+
+COMPARED = 12
+"""Pairs, spread over the dive, that are compared."""
+AFTER = (0, 1, 2, 4, 8)
+"""Pairs after a change, counted from its first one, that are tried for a couple with one before:
+frames of a video move little."""
+COUPLES = 3
+"""Pairs before a change that are tried."""
+
+
+LEFT_OUT = "is not of the rig of the other pairs, and is left out (as a note says)"
+"""Why a pair fails that is not of the dive's rig."""
+
+
+@dataclass(frozen=True)
+class DiveChange:
+    """What changes within a dive. line: what, where, and what to do; "" where nothing does.
+
+    odd: names of pairs that are not of the rig of the others. is_rigid: False where no one rig took
+    the other pairs. out_of_step: the sides are, alike in all pairs.
+    """
+
+    line: str = ""
+    odd: frozenset[str] = frozenset()
+    is_rigid: bool = True
+    out_of_step: bool = False
+
+    def shared(self, pairs: Sequence[Pair]) -> Sequence[Pair]:
+        """The pairs that are not odd."""
+        return [pair for pair in pairs if pair.name not in self.odd] if self.odd else pairs
+
+
+def look_at(rectification: Rectification, pair: Pair, images: InputConfig) -> PairRows | None:
+    """Describe a pair by a quick look at its rows; None where it cannot be read or shows too
+    little.
+    """
+    with suppress(InputError, CalibrationError):
+        both = read_both(pair, images)
+        return pair_rows(find_matches(rectification, *both, QUICK), rectification.matching_pair)
+    return None
+
+
+def find_change(
+    rectification: Rectification,
+    pairs: Sequence[Pair],
+    images: InputConfig,
+    known: Sequence[tuple[Pair, Matches]] = (),
+) -> DiveChange:
+    """Compare pairs spread over a dive, and look for the first and the last one that changed.
+
+    known: pairs whose matches in the images that are matched are known; else COMPARED pairs have a
+    quick look.
+    """
+    geometry = rectification.matching_pair
+    if known:
+        sample = [pair for pair, _ in known]
+        rows = [pair_rows(matches, geometry) for _, matches in known]
+    else:
+        sample = evenly_spaced(pairs, COMPARED)
+        threads = matching_threads(rectification.raw_size)
+        rows = list(threads.each(lambda pair: look_at(rectification, pair, images), sample))
+    places = [pairs.index(pair) for pair in sample]
+    changes = changes_of(rows)
+
+    def changed(place: int, reference: PairRows) -> bool:
+        seen = look_at(rectification, pairs[place], images)
+        return seen is not None and differ(seen, reference)
+
+    if changes.kind == "step":
+        before = rows[changes.before]
+        assert before
+        first = _edge(places[changes.before], places[changes.first], lambda i: changed(i, before))
+        if _are_exchanged(rectification, pairs[first], images, before):
+            return DiveChange(_exchanged_line(pairs[first].name, pairs[-1].name), is_rigid=False)
+        side = _side(rectification, pairs, first, changes, images)
+        return DiveChange(_step_line(pairs, first, changes, side), is_rigid=False)
+    if changes.kind == "each":
+        chosen = evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1]
+        shift = constant_shift(chosen, pairs, rectification, images)
+        line = shift or _each_line(pairs, changes)
+        return DiveChange(line, is_rigid=False, out_of_step=shift is not None)
+    if changes.kind == "odd":
+        good = [number for number, one in enumerate(rows) if one and number not in changes.odd]
+        reference = rows[good[len(good) // 2]]
+        assert reference
+        parts = _odd_parts(
+            [places[number] for number in changes.odd],
+            [places[number] for number in good],
+            len(pairs),
+            lambda i: changed(i, reference),
+        )
+        lines = [
+            _exchanged_line(pairs[first].name, pairs[last].name)
+            if _are_exchanged(rectification, pairs[first], images, reference)
+            else odd_line(pairs[first].name, pairs[last].name)
+            for first, last in parts
+        ]
+        odd = {pairs[i].name for first, last in parts for i in range(first, last + 1)}
+        return DiveChange("; ".join(lines), frozenset(odd))
+    return DiveChange()
+
+
+def _edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
+    """The place nearest to ``inside``, which is not outside, that is; by halves. inside may lie
+    before or after ``outside``.
+    """
+    while abs(outside - inside) > 1:
+        middle = (inside + outside) // 2
+        if is_outside(middle):
+            outside = middle
+        else:
+            inside = middle
+    return outside
+
+
+def _odd_parts(
+    odd: Sequence[int], good: Sequence[int], pairs: int, is_odd: Callable[[int], bool]
+) -> list[tuple[int, int]]:
+    """The first and last pair of each part of odd ones. odd, good: places of compared pairs."""
+    parts: list[tuple[int, int]] = []
+    for here in odd:
+        if parts and here <= parts[-1][1]:
+            continue
+        before = [place for place in good if place < here]
+        after = [place for place in good if place > here]
+        first = _edge(before[-1], here, is_odd) if before else 0
+        last = _edge(after[0], here, is_odd) if after else pairs - 1
+        parts.append((first, last))
+    return parts
+
+
+def _are_exchanged(
+    rectification: Rectification, pair: Pair, images: InputConfig, reference: PairRows
+) -> bool:
+    """Tell whether a pair fits the rig of ``reference`` with its sides exchanged."""
+    exchanged = replace(pair, left=pair.right, right=pair.left)
+    seen = look_at(rectification, exchanged, images)
+    return seen is not None and not differ(seen, reference)
+
+
+def _exchanged_line(first: str, last: str) -> str:
+    return (
+        f"{_named(first, last)}: left and right are exchanged: their rows fit the rig of the other "
+        "pairs with both sides exchanged, and not as given: exchange the files of these pairs"
+    )
+
+
+def _named(first: str, last: str) -> str:
+    return first if first == last else f"from {first} to {last}"
+
+
+def _side(
+    rectification: Rectification,
+    pairs: Sequence[Pair],
+    first: int,
+    changes: Changes,
+    images: InputConfig,
+) -> str:
+    """The side whose lens changed at the pair ``first``; "" where that is not seen, or no lens
+    did.
+    """
+    if changes.scale != changes.scale:  # NaN
+        return ""
+    after = [pairs[first + step] for step in AFTER if first + step < len(pairs)]
+    couples = [
+        couple_across(rectification, (both for _, both in readable([before, *after], images)))
+        for before in pairs[max(0, first - COUPLES) : first]
+    ]
+    seen = [couple for couple in couples if couple]
+    return enlarged_side(seen, rectification.matching_pair, changes.scale)
+
+
+def _step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) -> str:
+    here = pairs[first].name
+    if changes.scale == changes.scale:
+        larger = changes.scale - 1
+        what = {
+            "right": f"the right images are {_percent(larger)} than before",
+            "left": f"the left images are {_percent(1 / changes.scale - 1)} than before",
+            "": f"the right images are {_percent(larger)} than before, or the left ones "
+            f"{_percent(1 / changes.scale - 1)}, which motion does not tell",
+        }[side]
+        cause = "rows fit that, and no offset or roll: focus or zoom of a lens moved"
+    else:
+        what = (
+            f"the rows of the right images lie otherwise against the left ones, by "
+            f"{changes.spread_px:.1f} px (root mean square over the image)"
+        )
+        cause = (
+            "an offset or a roll, no enlargement, and no exchange of sides: a camera was knocked or "
+            "mounted again, images are cut out otherwise, or pairs are of another rig from there on"
+        )
+    return (
+        f"from {here} on {what}: {cause}: ranges on one side of {here} are wrong by about "
+        f"{changes.range_error:.0%}: run both parts apart, each with a calibration of its own"
+    )
+
+
+def _percent(larger: float) -> str:
+    return f"{abs(larger):.1%} {'larger' if larger > 0 else 'smaller'}"
+
+
+def _each_line(pairs: Sequence[Pair], changes: Changes) -> str:
+    where = f"from {pairs[0].name} to {pairs[-1].name}"
+    amount = (
+        f"rows of the right images change from frame to frame, {where}, by "
+        f"{changes.spread_px:.1f} px (standard deviation)"
+    )
+    if changes.moments:
+        cause = (
+            "near and far points move by different amounts: the sides are not of one moment, or "
+            "one moving camera took both"
+        )
+    elif changes.scale == changes.scale:
+        cause = (
+            "an enlargement of one side explains them, no offset or roll: focus or zoom of a lens "
+            "moves (autofocus)"
+        )
+    else:
+        cause = (
+            "an offset and a roll of whole images, another for each pair, explain them, and near "
+            "and far points move alike: stabilization of one or both sides, or a loose camera; "
+            "sides of two moments while the cameras turn would look the same"
+        )
+    return (
+        f"{amount}: {cause}: where columns move as rows do, ranges are wrong by about "
+        f"{changes.range_error:.0%}, by another amount in each frame: record without stabilization "
+        "and with fixed focus, and trigger both cameras together"
+    )
+
+
+def odd_line(first: str, last: str) -> str:
+    """What is said of pairs that are not of the rig of the others, the first and the last of
+    them.
+    """
+    return (
+        f"{_named(first, last)}: rows fit another rig than those of the other pairs, exchanged or "
+        "not: of another rig or dive, or not of one moment: left out of what the dive shares, to "
+        "be removed or run apart"
+    )
