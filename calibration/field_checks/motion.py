@@ -192,9 +192,9 @@ def _corrected(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array
 # depth, and by the turn of the camera. Disparities with an offset, or a wrong focal length, fit
 # no rigid motion. The length of the baseline is not seen: all of it would be larger, alike.
 #
-# The cause is tested against its rivals: disparities that are wrong by an amount that grows over the
-# rows (shutters that read rows in opposite directions while the cameras move) or the columns, and
-# by amounts that differ from pair to pair, look like an offset where an offset alone is fitted.
+# The cause is tested against its rivals: disparities that are wrong by an amount that grows over
+# rows (shutters that read them in opposite directions while the cameras move) or columns, and by
+# amounts that differ from pair to pair, look like an offset where an offset alone is fitted.
 
 
 @dataclass(frozen=True)
@@ -257,8 +257,8 @@ class Motion:
     relative; at_m: the depth that this disparity gives as calibrated, meters. std: their standard
     errors, with those of a lens model.
     pixel_error: what a pixel of offset changes a range by, relative, for each meter of range.
-    rows_px, rows_std_px: to be added to disparities at the lower edge of the rectified image, and taken from
-    them at the upper edge; columns_px, columns_std_px: at the right edge, and from the left one;
+    rows_px, rows_std_px: to be added to disparities at the lower edge of the rectified image, and
+    taken from them at the upper edge; columns_px, columns_std_px: at the right edge, and from the left one;
     0 where they explain nothing. rolled_px, scaled_px: the same as the rows of the images want
     them, after a roll or an enlargement of one side.
     between_px: by how much disparities differ between two moments of a couple (median), where that
@@ -392,13 +392,12 @@ class Motion:
             cause = (
                 f"a roll of one camera explains it, which rows show, too ({self.rolled_px:+.1f} px)"
                 if _makes(self.rolled_px, self.rows_px)
-                else "rows show no such roll of a camera "
-                f"({self.rolled_px:+.1f} px): {SHUTTERS}"
+                else f"rows show no such roll of a camera ({self.rolled_px:+.1f} px): {SHUTTERS}"
             )
             parts.append(
                 f"disparities are {self.rows_px:+.1f} +- {self.rows_std_px:.1f} px longer at the "
-                f"lower edge of the rectified image and {-self.rows_px:+.1f} px at the upper edge: ranges "
-                f"there are off by up to {error:.0%}, with opposite signs; {cause}"
+                f"lower edge of the rectified image and {-self.rows_px:+.1f} px at the upper edge: "
+                f"ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
             )
         if self.columns_px:
             error = abs(self.columns_px / self.disparity_px)
@@ -411,8 +410,8 @@ class Motion:
             )
             parts.append(
                 f"disparities are {self.columns_px:+.1f} +- {self.columns_std_px:.1f} px longer at "
-                f"the right edge of the rectified image and {-self.columns_px:+.1f} px at the left edge: "
-                f"ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
+                f"the right edge of the rectified image and {-self.columns_px:+.1f} px at the left "
+                f"edge: ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
             )
         middle = f"in the middle {self._figures}" if self._is_off else ""
         return "; ".join([*parts, *([middle] if middle else [])])
@@ -551,9 +550,7 @@ def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float
     """
     found_px = np.array([abs(one.values[value]) for one in own])
     std_px = np.array([one.std[value] for one in own])
-    clear = found_px > np.maximum(
-        LIMITS.uneven * disparity_px, LIMITS.pair_deviations * std_px
-    )
+    clear = found_px > np.maximum(LIMITS.uneven * disparity_px, LIMITS.pair_deviations * std_px)
     return float(np.median(found_px)) if 2 * clear.sum() > len(own) else 0.0
 
 

@@ -86,6 +86,7 @@ class RowCheck:
     between_pairs_px: standard deviation of the pairs' rows, each pair's median, after what explains
     the most; 0 for under three.
     change: what changes from pair to pair, so that no one calibration fits all, and what to do.
+    odd: which pairs are of another rig; they are left out of all else.
     """
 
     pairs: int
@@ -106,13 +107,15 @@ class RowCheck:
     apart_px: float = float("inf")
     between_pairs_px: float = 0.0
     change: str = ""
+    odd: str = ""
 
     @property
     def acceptable(self) -> bool:
         """True if rows agree to a quarter of a pixel, neither keystone nor motion stands for wrong
         ranges, and left is left.
         """
-        return self.row_error_px <= LIMITS.acceptable_px and not self.ranges_are_wrong
+        agree = self.row_error_px <= LIMITS.acceptable_px
+        return agree and not self.ranges_are_wrong and not self.odd
 
     @property
     def ranges_are_wrong(self) -> bool:
@@ -124,8 +127,6 @@ class RowCheck:
             or self.keystone.is_found
             or self.motion.is_found
             or self.one_picture
-            or self.cut_out
-            or self.air_in_water
             or self.change
         )
 
@@ -291,6 +292,7 @@ class RowCheck:
             )
             advice += [self.keystone.line] if self.keystone.is_found else []
         advice += [self.motion.advice] if self.motion.is_found else []
+        advice += [self.odd] if self.odd else []
         return tuple(advice)
 
     def lines(self) -> list[str]:
@@ -303,7 +305,11 @@ class RowCheck:
             f"{self.unexplained_px:.2f} px",
             *(
                 []
-                if self.motion is NO_MOTION or self.mistake or self.refusal or self.change
+                if self.motion is NO_MOTION
+                or self.motion.is_uneven
+                or self.mistake
+                or self.refusal
+                or self.change
                 else [self.motion.line]
             ),
             *self.advice,

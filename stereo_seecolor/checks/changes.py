@@ -2,9 +2,11 @@
 that move from frame to frame.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from calibration import CalibrationError, Rectification
 from calibration.field_checks.changes import (
@@ -38,6 +40,14 @@ COUPLES = 3
 """Pairs before a change that are tried."""
 
 
+AROUND = 5
+"""Pairs on either side with which a measured pair is compared."""
+LEAST_OFF = {"coverage": 0.02, "median_range_m": 0.03, "vertical_px": 0.2}
+"""Deviations that are usual in any dive: fraction, logarithm, pixels."""
+STANDS_OUT = 4.0
+"""Of these, or of the usual deviations of a dive, from which on a pair has a look."""
+MOST_SUSPECTS = 8
+"""Pairs that have one: each takes an eighth of a full check."""
 LEFT_OUT = "is not of the rig of the other pairs, and is left out (as a note says)"
 """Why a pair fails that is not of the dive's rig."""
 
@@ -100,8 +110,13 @@ def find_change(
         before = rows[changes.before]
         assert before
         first = _edge(places[changes.before], places[changes.first], lambda i: changed(i, before))
-        if _are_exchanged(rectification, pairs[first], images, before):
-            return DiveChange(_exchanged_line(pairs[first].name, pairs[-1].name), is_rigid=False)
+        after = look_at(rectification, pairs[first], images)
+        wrong = pairs[:first] if before.is_behind else pairs[first:]
+        if after and after.is_behind != before.is_behind:
+            right = after if before.is_behind else before
+            if _are_exchanged(rectification, wrong[0], images, right):
+                names = frozenset(pair.name for pair in wrong)
+                return DiveChange(_exchanged_line(wrong[0].name, wrong[-1].name), names)
         side = _side(rectification, pairs, first, changes, images)
         return DiveChange(_step_line(pairs, first, changes, side), is_rigid=False)
     if changes.kind == "each":
@@ -128,6 +143,62 @@ def find_change(
         odd = {pairs[i].name for first, last in parts for i in range(first, last + 1)}
         return DiveChange("; ".join(lines), frozenset(odd))
     return DiveChange()
+
+
+def odd_among(
+    rectification: Rectification,
+    pairs: Sequence[Pair],
+    images: InputConfig,
+    facts: Sequence[Mapping[str, float]],
+) -> DiveChange:
+    """Look at the pairs of a dive that was measured whose numbers stand out, and at some that do
+    not. facts: of each pair (``dive.frames.range_facts``).
+
+    Single odd pairs of a long dive are not among those that ``find_change`` compares.
+    """
+    suspects = _standing_out(facts)
+    if not suspects:
+        return DiveChange()
+    usual = [place for place in range(len(pairs)) if place not in suspects]
+    compared = sorted({*suspects, *evenly_spaced(usual, 2 * len(suspects) + 2)})
+    threads = matching_threads(rectification.raw_size)
+    rows = list(threads.each(lambda place: look_at(rectification, pairs[place], images), compared))
+    changes = changes_of(rows)
+    odd = [compared[number] for number in changes.odd if compared[number] in suspects]
+    lines = [odd_line(pairs[first].name, pairs[last].name) for first, last in _stretches(odd)]
+    return DiveChange("; ".join(lines), frozenset(pairs[place].name for place in odd))
+
+
+def _standing_out(facts: Sequence[Mapping[str, float]]) -> list[int]:
+    """Places of the pairs, MOST_SUSPECTS at most, whose numbers differ the most from those of the
+    pairs around them.
+    """
+    far = np.zeros(len(facts))
+    for name in ("coverage", "median_range_m", "vertical_px"):
+        unknown = 0.0 if name == "vertical_px" else np.nan
+        values = np.array([one.get(name, unknown) for one in facts])
+        values = np.log(values) if name == "median_range_m" else values
+        around = np.array(
+            [np.nanmedian(values[max(0, i - AROUND) : i + AROUND + 1]) for i in range(len(values))]
+            if np.isfinite(values).any()
+            else values
+        )
+        off = np.abs(values - around)
+        usual = 1.4826 * float(np.nanmedian(off)) if np.isfinite(off).any() else 0.0
+        far = np.fmax(far, off / max(usual, LEAST_OFF[name]))
+    most = np.argsort(far)[::-1][:MOST_SUSPECTS]
+    return sorted(int(place) for place in most if far[place] > STANDS_OUT)
+
+
+def _stretches(places: Sequence[int]) -> list[tuple[int, int]]:
+    """The first and last of each stretch of neighboring places, which are in order."""
+    parts: list[tuple[int, int]] = []
+    for place in places:
+        if parts and place == parts[-1][1] + 1:
+            parts[-1] = (parts[-1][0], place)
+        else:
+            parts.append((place, place))
+    return parts
 
 
 def _edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
@@ -217,8 +288,8 @@ def _step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) -
             f"{changes.spread_px:.1f} px (root mean square over the image)"
         )
         cause = (
-            "an offset or a roll, no enlargement, and no exchange of sides: a camera was knocked or "
-            "mounted again, images are cut out otherwise, or pairs are of another rig from there on"
+            "an offset or a roll, no enlargement, and no exchange of sides: a camera was knocked "
+            "or mounted again, images are cut out otherwise, or pairs are of another rig from there"
         )
     return (
         f"from {here} on {what}: {cause}: ranges on one side of {here} are wrong by about "

@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -27,7 +29,7 @@ from stereo_seecolor.inputs.headers import (
 )
 from stereo_seecolor.inputs.images import read_image, read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.records import FrameRow
+from stereo_seecolor.records import FrameRow, Image
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,12 @@ Colors = NDArray[np.float64]
 
 
 def order_notes(images: DiveImages) -> tuple[str, ...]:
-    """The left image from which on red and blue are exchanged against those before."""
+    """The left images of which red and blue are exchanged against those before, the first and the
+    last.
+
+    Of a single image other causes are as likely (another camera, light or scene), so that its
+    colors alone are named.
+    """
     pairs, config = images.pairs, images.config.input
     looked_at = evenly_spaced(range(len(pairs)), SETTINGS.looked_at)
     with suppress(InputError):
@@ -66,14 +73,30 @@ def order_notes(images: DiveImages) -> tuple[str, ...]:
             after = _colors(pairs[last], config)
             if before is not None and _are_exchanged(before, after):
                 place = _first_exchanged(pairs, first, last, config)
-                return (
-                    f"input: {pairs[place].left.name} and what follows hold red and blue in each "
-                    f"other's place, compared with {pairs[place - 1].left.name} and before: bring "
-                    "all files to one order, or run the two parts apart, one of them with --set "
-                    "input.channels=bgr",
-                )
+                end = _last_exchanged(pairs, place, last, looked_at, config)
+                return (f"input: {_exchanged_text(pairs, place, end)}",)
             before = after
     return ()
+
+
+def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
+    name = pairs[first].left.name
+    if first == last:
+        return (
+            f"{name}: its red and blue do not fit the images before and after, and would if they "
+            "were exchanged: it may hold them in each other's place, or be of another camera, "
+            "light or scene: look at it, and leave it out or bring it to the others' order"
+        )
+    which = (
+        f"{name} and what follows"
+        if last == len(pairs) - 1
+        else f"{name} to {pairs[last].left.name}"
+    )
+    return (
+        f"{which} ({counted(last - first + 1, 'image')}) hold red and blue in each other's place, "
+        f"compared with {pairs[first - 1].left.name} and before: bring all files to one order, or "
+        "run the parts apart, that one with --set input.channels=bgr"
+    )
 
 
 def _first_exchanged(pairs: Sequence[Pair], first: int, last: int, config: InputConfig) -> int:
@@ -85,6 +108,27 @@ def _first_exchanged(pairs: Sequence[Pair], first: int, last: int, config: Input
         else:
             first = middle
     return last
+
+
+def _last_exchanged(
+    pairs: Sequence[Pair], place: int, seen: int, looked_at: Sequence[int], config: InputConfig
+) -> int:
+    """The last image in a row that is exchanged as the one at ``place`` is. seen: one that is known
+    to be; looked_at: the places that are compared with it.
+    """
+    end = len(pairs)
+    for later in (one for one in (*looked_at, len(pairs) - 1) if one > seen):
+        if _are_exchanged(_colors(pairs[seen], config), _colors(pairs[later], config)):
+            end = later
+            break
+        seen = later
+    while end - seen > 1:
+        middle = (seen + end) // 2
+        if _are_exchanged(_colors(pairs[seen], config), _colors(pairs[middle], config)):
+            end = middle
+        else:
+            seen = middle
+    return seen
 
 
 def _colors(pair: Pair, config: InputConfig) -> Colors:
@@ -102,6 +146,87 @@ def _apart(one: Colors, other: Colors) -> float:
     """How much red and blue over green differ between two images."""
     off = one - other
     return float(np.abs(off[[0, 2]] - off[1]).mean())
+
+
+# Sides of which one holds no color, and files whose mosaic of colors was read one column or row
+# off.
+
+GRAY = 0.01
+"""Of full scale: median difference of the channels of a side without color. JPEGs of gray images
+have less, the dullest underwater frames (a real survey at 2 m in turbid water) 0.03."""
+BLOCK_PX = 16
+"""Side of the blocks that are compared: noise averages out, and color does not."""
+ALIKE_GREEN = 0.3
+"""Red against blue over the less of red and blue against green, medians of blocks. Demosaiced one
+column or row off, red and blue both hold what green pixels saw: 0.00 to 0.27 of four dives; else
+2.0 to 24."""
+LATTICE = 0.02
+"""Difference of even and odd rows, and of columns, of green, over its mean: as green then holds red
+and blue in turn, 0.15 to 0.45 of three colored dives; else at most 0.003."""
+
+
+def side_notes(images: DiveImages) -> tuple[str, ...]:
+    """Left images without color beside right ones with it: true color is that of left images."""
+    looked_at = evenly_spaced(images.pairs, FEW)
+    for pair in looked_at:
+        with suppress(InputError):
+            left, right = (
+                _has_color(path, images.config.input) for path in (pair.left, pair.right)
+            )
+            if left or not right:
+                return ()
+    if not looked_at:
+        return ()
+    return (
+        f"input: the left images hold no color and the right ones do ({looked_at[0].left.name}): "
+        "true color is made of the left images, so that results are gray; ranges do not depend on "
+        "it: exchange --left and --right, and the cameras in the calibration with them, or give "
+        "left images in color",
+    )
+
+
+def _has_color(path: Path, config: InputConfig) -> bool:
+    image = read_image(path, config)
+    some = image[:: SETTINGS.step_px, :: SETTINGS.step_px].astype(np.float64)
+    return bool(np.median(np.ptp(some, axis=2)) > GRAY * np.iinfo(image.dtype).max)
+
+
+def mosaic_notes(images: DiveImages) -> tuple[str, ...]:
+    """Files whose mosaic of colors was read one column or row off, on either side."""
+    for side in ("left", "right"):
+        with suppress(InputError):
+            seen = [
+                _is_off_by_one(read_image(getattr(pair, side), images.config.input))
+                for pair in evenly_spaced(images.pairs, FEW)
+            ]
+            if seen and all(seen):
+                name = getattr(images.pairs[0], side).name
+                return (
+                    f"input: {side} images ({name}): red and blue are alike and green holds a "
+                    "lattice of rows and columns, as where a mosaic of colors (Bayer) is read one "
+                    "column or row off: exchanged channels or another light leave no lattice: "
+                    "convert the raw files again with the pattern shifted by one column (RGGB as "
+                    "GRBG), or for raw mosaics --set input.bayer=...",
+                )
+    return ()
+
+
+def _is_off_by_one(image: Image) -> bool:
+    rows, columns = (length // BLOCK_PX for length in image.shape[:2])
+    if not rows or not columns:
+        return False
+    blocks = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float64)
+    blocks = blocks.reshape(rows, BLOCK_PX, columns, BLOCK_PX, 3)
+    red, green, blue = np.moveaxis(blocks.mean(axis=(1, 3)), 2, 0)
+    apart = min(np.median(np.abs(red - green)), np.median(np.abs(blue - green)))
+    if np.median(np.abs(red - blue)) >= ALIKE_GREEN * apart:
+        return False
+    for axis in (1, 3):
+        lines = np.moveaxis(blocks[..., 1], axis, 0)
+        uneven = lines[::2].mean(axis=(0, 2)) - lines[1::2].mean(axis=(0, 2))
+        if np.median(np.abs(uneven)) < LATTICE * np.median(green):
+            return False
+    return True
 
 
 # Images that a dive holds twice in a row, because a camera stalled or files were copied.
@@ -235,6 +360,8 @@ IMAGE_CHECKS: tuple[Check, ...] = (
     framing_notes,
     compression_notes,
     form_notes,
+    side_notes,
+    mosaic_notes,
     order_notes,
 )
 """Of pairs of image files, in the order in which they are said."""

@@ -166,6 +166,7 @@ def _red_std(water: Water) -> float:
     none. A short dive may leave it at more than the attenuation itself.
     """
     unknown = np.full(3, np.nan)
-    y, w = (water.standard_errors.get(name, unknown)[0] for name in ("y", "w"))
+    # one that is unknown leaves what the other one adds
+    y, w = (np.nan_to_num(water.standard_errors.get(name, unknown)[0]) for name in ("y", "w"))
     fading = np.exp(-water.v[0] * (water.typical_range_m or 0.0))
-    return float(np.nan_to_num(np.hypot(y, w * fading)))
+    return float(np.hypot(y, w * fading))

@@ -115,7 +115,7 @@ def _rows_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
             f"calibration: {'; '.join(check.advice)}"
             + (" (stereo-seecolor run --refine)" if check.has_moved else ""),
         ),
-        is_wrong=check.ranges_are_wrong,
+        is_wrong=check.ranges_are_wrong or check.cut_out or check.air_in_water,
     )
 
 

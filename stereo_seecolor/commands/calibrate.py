@@ -210,7 +210,7 @@ class CheckResult:
         """
         if self.refined is None:
             return self.rows.acceptable
-        wrong = self.rows.motion.is_found or self.rows.change
+        wrong = self.rows.motion.is_found or self.rows.change or self.rows.odd
         return self.refined.after_px <= LIMITS.acceptable_px and not wrong
 
 
@@ -250,7 +250,7 @@ def check(
     rows = _judged(
         rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))
     )
-    rows = replace(rows, change=change.line)
+    rows = replace(rows, **{"odd" if change.is_rigid else "change": change.line})
     if refine and (rows.mistake or rows.refusal):
         raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
     refined = refine_matches(rig, raw) if refine else None

@@ -181,7 +181,11 @@ class Opened:
         pairing, pipeline = self.pairing, self.pipeline
         images = pipeline.config.input
         key = content_key(
-            __version__, pipeline.settings, images.refine, len(pairing.pairs), pairing.pairs[-1].name
+            __version__,
+            pipeline.settings,
+            images.refine,
+            len(pairing.pairs),
+            pairing.pairs[-1].name,
         )
         known = KeptRigCheck.load(folder.root, key)
         change = (

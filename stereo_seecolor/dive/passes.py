@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from stereo_seecolor.checks.changes import LEFT_OUT, odd_among
 from stereo_seecolor.checks.light_and_water import channel_order_notes, range_scale_notes
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
@@ -104,7 +105,27 @@ def measure_ranges(run: DiveRun) -> DiveRanges:
         key.add((row.name, run.frames.range_key(row.hashes)))
         capture = recorded_capture(row.facts)
         captures.append(different.setdefault(capture, capture))
+    _leave_out_odd(run)
     return DiveRanges(None if run.table.failed else key.value, captures)
+
+
+def _leave_out_odd(run: DiveRun) -> None:
+    """Let pairs fail that were measured and turn out to be of another rig, so that they do not
+    spoil light and water of the dive.
+    """
+    rectification, pairs = run.frames.source.rectification, run.good_pairs
+    if rectification is None or not run.frames.source.makes_ranges:
+        return
+    rows = [run.table.row(pair.name) for pair in pairs]
+    odd = odd_among(
+        rectification, pairs, run.frames.config.input, [row.facts if row else {} for row in rows]
+    )
+    if odd.odd:
+        run.notes += (f"calibration: {odd.line}",)
+        run.frames = replace(run.frames, left_out=dict.fromkeys(odd.odd, LEFT_OUT))
+        again = chosen(pairs, lambda pair: pair.name in odd.odd)
+        for _ in run.map("ranges", partial(measure_range, run.frames), again):
+            pass
 
 
 def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:

@@ -100,8 +100,8 @@ class Pairing:
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
     missing_shards: shards of the dive whose pairs are not among these.
-    is_wrong: ranges of the dive as a whole are wrong, as notes say. left_out: name of a pair that is
-    not of the dive's rig -> why.
+    is_wrong: ranges of the dive as a whole are wrong, as notes say. left_out: name of a pair that
+    is not of the dive's rig -> why.
     """
 
     pairs: Sequence[Pair]

@@ -27,6 +27,7 @@ from calibration.formats import write_rig
 from calibration.port import FlatPort, FlatWindow
 from calibration.rectification import rectified_points
 from calibration.refraction import CameraInWater
+from stereo_seecolor.checks.rig import RigCheck
 from stereo_seecolor.cli import main
 from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.commands import stereo_inputs
