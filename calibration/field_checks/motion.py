@@ -258,7 +258,7 @@ class Motion:
     errors, with those of a lens model.
     pixel_error: what a pixel of offset changes a range by, relative, for each meter of range.
     rows_px, rows_std_px: to be added to disparities at the lower edge of the rectified image, and
-    taken from them at the upper edge; columns_px, columns_std_px: at the right edge, and from the left one;
+    taken from them at the upper one; columns_px, columns_std_px: the same at the right and left;
     0 where they explain nothing. rolled_px, scaled_px: the same as the rows of the images want
     them, after a roll or an enlargement of one side.
     between_px: by how much disparities differ between two moments of a couple (median), where that
@@ -437,7 +437,7 @@ class Motion:
 
 def _makes(rival_px: float, found_px: float) -> bool:
     """Tell whether a rival makes as much of what was found as to be its cause."""
-    return rival_px * np.sign(found_px) > LIMITS.explained * abs(found_px)
+    return bool(rival_px * np.sign(found_px) > LIMITS.explained * abs(found_px))
 
 
 NO_MOTION = Motion()

@@ -151,6 +151,8 @@ def _apart(one: Colors, other: Colors) -> float:
 # Sides of which one holds no color, and files whose mosaic of colors was read one column or row
 # off.
 
+LOOKED_AT = 3
+"""Pairs over the dive that are looked at for both."""
 GRAY = 0.01
 """Of full scale: median difference of the channels of a side without color. JPEGs of gray images
 have less, the dullest underwater frames (a real survey at 2 m in turbid water) 0.03."""
@@ -167,7 +169,7 @@ and blue in turn, 0.15 to 0.45 of three colored dives; else at most 0.003."""
 
 def side_notes(images: DiveImages) -> tuple[str, ...]:
     """Left images without color beside right ones with it: true color is that of left images."""
-    looked_at = evenly_spaced(images.pairs, FEW)
+    looked_at = evenly_spaced(images.pairs, LOOKED_AT)
     for pair in looked_at:
         with suppress(InputError):
             left, right = (
@@ -197,7 +199,7 @@ def mosaic_notes(images: DiveImages) -> tuple[str, ...]:
         with suppress(InputError):
             seen = [
                 _is_off_by_one(read_image(getattr(pair, side), images.config.input))
-                for pair in evenly_spaced(images.pairs, FEW)
+                for pair in evenly_spaced(images.pairs, LOOKED_AT)
             ]
             if seen and all(seen):
                 name = getattr(images.pairs[0], side).name

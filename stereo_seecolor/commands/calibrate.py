@@ -250,7 +250,8 @@ def check(
     rows = _judged(
         rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))
     )
-    rows = replace(rows, **{"odd" if change.is_rigid else "change": change.line})
+    odd, other = (change.line, "") if change.is_rigid else ("", change.line)
+    rows = replace(rows, odd=odd, change=other)
     if refine and (rows.mistake or rows.refusal):
         raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
     refined = refine_matches(rig, raw) if refine else None

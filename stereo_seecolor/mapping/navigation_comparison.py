@@ -27,6 +27,7 @@ from stereo_seecolor.mapping.navigation_interpretations import (
     misfit,
     mount_with,
 )
+from stereo_seecolor.mapping.navigation_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.loops import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -152,6 +153,8 @@ def examine(
     step_m = trajectory.position_step_m
     if still := _still(T, posed, motions, step_m):
         return _unfit(verdict, still)
+    if parts := wrong_parts(T, posed, survey.index):
+        return _unfit(verdict, "; ".join(parts))
     turn = constant_turn(motions)
     turned = T.copy()
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
