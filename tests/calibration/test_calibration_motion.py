@@ -156,3 +156,59 @@ def test_couples_follow_a_pair_until_the_camera_has_moved() -> None:
         Rectification.from_rig(load_rig(REEF / "cam.yaml")).pair.image_size
         == next(iter(starts[1]))[0].shape[1::-1]
     )
+
+
+def over_rows(couples: list[SeenTwice], first_px: float, second_px: float) -> list[SeenTwice]:
+    """The couples with disparities shorter at the lower edge of the image, at both moments."""
+    return [
+        replace(
+            couple,
+            first=couple.first - couple.first[:, 1:2] / 240 * [0, 0, first_px],
+            second=couple.second - couple.second[:, 1:2] / 240 * [0, 0, second_px],
+        )
+        for couple in couples
+    ]
+
+
+@pytest.mark.parametrize("amount_px", [-2.5, 2.5])
+def test_an_error_over_the_rows_is_no_offset_of_all_disparities(amount_px: float) -> None:
+    found = motion_of(over_rows(dive(), amount_px, amount_px), GEOMETRY)
+    assert found.rows_px == pytest.approx(amount_px, abs=0.2)
+    assert abs(found.range_error) < 0.02  # 0 in the middle of the image
+    assert found.is_found and not found.is_right
+    assert "shutters" in found.advice and "ranges are off by" not in found.advice
+
+
+def test_a_roll_that_rows_show_is_named_in_the_place_of_shutters() -> None:
+    couples = [replace(one, roll_rad=-2.5 / 240) for one in over_rows(dive(), 2.5, 2.5)]
+    found = motion_of(couples, GEOMETRY)
+    assert found.rolled_px == pytest.approx(2.5)
+    assert "roll" in found.advice and "shutters" not in found.advice
+
+
+@pytest.mark.parametrize("over", ["rows", "all"])
+def test_errors_that_differ_from_pair_to_pair_have_no_one_number(over: str) -> None:
+    couples = dive()
+    for number, couple in enumerate(couples):
+        amount_px = [3.0, -4.0, 2.0, 5.0, -3.0][number]
+        if over == "all":
+            couple.second[:, 2] += amount_px
+        else:
+            couples[number] = over_rows([couple], 0.0, amount_px)[0]
+    found = motion_of(couples, GEOMETRY)
+    assert found.is_found and found.between_rows == (over == "rows")
+    assert found.between_px == pytest.approx(3.0, abs=0.3)
+    assert "ranges are off by" not in found.advice
+
+
+def test_what_is_not_understood_gets_no_number() -> None:
+    """Offsets that differ from couple to couple, and not within one: no error of one rig."""
+    right = np.arange(300) % 8 != 0  # without mismatches
+    couples = [SeenTwice(couple.first[right], couple.second[right]) for couple in dive()]
+    for couple, offset_px in zip(couples, [6.0, -6.0, 0.0, 8.0, -8.0], strict=True):
+        for points in (couple.first, couple.second):
+            points[:, 2] += offset_px
+    found = motion_of(couples, GEOMETRY)
+    assert found.is_misfit and found.rest_px > 1.3 * found.own_px
+    assert not found.is_found and not found.is_known and not found.is_right
+    assert "how wrong ranges are is not known" in found.line

@@ -1,0 +1,147 @@
+"""Dives of which one rig did not take all pairs: `run` and `check` say the same, with exit code 3."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration import Rectification
+from calibration.formats import load_rig
+from stereo_seecolor.checks.changes import find_change, odd_among
+from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.inputs.pairing import Pair
+
+REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
+NAMES = [path.stem for path in sorted((REEF / "left").iterdir())]
+Picture = NDArray[np.uint8]
+Alter = Callable[[int, str, Picture], Picture]
+
+
+def altered(root: Path, alter: Alter) -> tuple[Path, Path]:
+    """The sample dive with each picture altered by its number and side."""
+    for side in ("left", "right"):
+        (root / side).mkdir(parents=True)
+        for number, path in enumerate(sorted((REEF / side).iterdir())):
+            picture = cv2.imread(str(path))
+            cv2.imwrite(str(root / side / path.name), alter(number, side, picture))
+    return root / "left", root / "right"
+
+
+def enlarged(picture: Picture, factor: float, x_px: float = 0.0, y_px: float = 0.0) -> Picture:
+    height, width = picture.shape[:2]
+    M = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0, factor)
+    M[:, 2] += x_px, y_px
+    return cv2.warpAffine(
+        picture, M, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+    )
+
+
+def foreign() -> Iterator[Picture]:
+    """Two views of a drawn scene by another rig: blobs on a plane, other rows, other disparities."""
+    rng = np.random.default_rng(8)
+    small = rng.integers(20, 230, (112, 160, 3)).astype(np.uint8)
+    scene = cv2.GaussianBlur(cv2.resize(small, (640, 448), interpolation=cv2.INTER_CUBIC), (0, 0), 1)
+    for shift_px, down_px in ((40, 0.0), (8, 6.0)):
+        M = np.array([[1, 0.01, -shift_px], [0, 1.01, down_px]], np.float64)
+        yield cv2.warpAffine(scene, M, (576, 448), borderMode=cv2.BORDER_REFLECT)
+
+
+def focus(number: int, side: str, picture: Picture) -> Picture:
+    return enlarged(picture, 1.03) if side == "right" and number >= 7 else picture
+
+
+def stabilized(number: int, side: str, picture: Picture) -> Picture:
+    x_px, y_px = np.random.default_rng(number).normal(0, 3, 2)
+    return enlarged(picture, 1.0, x_px, y_px) if side == "right" else picture
+
+
+def opposite_shutters(number: int, side: str, picture: Picture) -> Picture:
+    if side == "left":
+        return picture
+    y, x = np.indices(picture.shape[:2], np.float32)
+    x += 2.6 * (y / len(y) - 0.5)
+    return cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("alter", "named"),
+    [
+        (focus, [f"from {NAMES[7]} on the right images are 3.1% larger", "focus or zoom"]),
+        (stabilized, ["change from frame to frame", "stabilization"]),
+        (opposite_shutters, ["read rows in opposite directions"]),
+    ],
+)
+def test_run_and_check_name_what_changes_and_end_with_3(
+    alter: Alter, named: list[str], cli, tmp_path: Path
+) -> None:
+    left, right = altered(tmp_path, alter)
+    words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
+    out = tmp_path / "out"
+    for command in (
+        ["check", *words],
+        ["run", *words, f"--out={out}"],
+        ["run", *words, f"--out={out}"],  # of an earlier run's frames
+        ["run", *words, f"--out={tmp_path / 'refined'}", "--refine"],
+    ):
+        code, printed, said = cli(*command)
+        assert code == 3, command
+        assert all(text in printed + said for text in named), printed + said
+        assert "ranges are off by" not in printed + said
+
+
+@pytest.mark.slow
+def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
+    other = dict(zip(("left", "right"), foreign(), strict=True))
+    left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
+    words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
+    code, _, said = cli("run", *words, "--out", tmp_path / "out")
+    assert code == 3
+    assert [name for name in NAMES if f"failed: {name}" in said] == [NAMES[6]]
+    assert "what follows" not in said
+    assert not (tmp_path / "out" / "range" / f"{NAMES[6]}.tiff").exists()
+    code, printed, _ = cli("check", *words)
+    assert code == 3 and f"{NAMES[6]}: rows fit another rig" in printed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("swapped", [range(8, 12), range(2)])
+def test_exchanged_pairs_are_named_once(swapped: range, tmp_path: Path) -> None:
+    own = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
+    pairs = [
+        Pair(pair.name, pair.right, pair.left) if i in swapped else pair
+        for i, pair in enumerate(own)
+    ]
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    found = find_change(rectification, pairs, InputConfig())
+    first, last = pairs[swapped[0]].name, pairs[swapped[-1]].name
+    assert f"from {first} to {last}: left and right are exchanged" in found.line
+    assert found.odd == {pairs[i].name for i in swapped} and found.is_rigid
+
+
+@pytest.mark.slow
+def test_an_odd_pair_between_those_that_are_compared_is_found_by_its_numbers(
+    tmp_path: Path,
+) -> None:
+    other = dict(zip(("left", "right"), foreign(), strict=True))
+    left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    pairs = pairs_of(left, right, InputConfig()).pairs
+    usual = {"coverage": 0.9, "median_range_m": 2.0}
+    facts = [usual] * 6 + [{"coverage": 0.5, "median_range_m": 1.2}] + [usual] * 5
+    assert odd_among(rectification, pairs, InputConfig(), facts).odd == {NAMES[6]}
+    assert not odd_among(rectification, pairs, InputConfig(), [usual] * 12).odd
+    facts[3] = {"coverage": 0.4}  # of the dive's rig, whatever its numbers
+    assert odd_among(rectification, pairs, InputConfig(), facts).odd == {NAMES[6]}
+    assert odd_among(rectification, pairs[:0], InputConfig(), []).odd == frozenset()
+
+
+@pytest.mark.slow
+def test_the_sample_dive_is_of_one_rig() -> None:
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    pairs = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
+    assert find_change(rectification, pairs, InputConfig()).line == ""
