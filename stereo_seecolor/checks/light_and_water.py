@@ -131,7 +131,8 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     if given and np.nanmedian(rates[:, 0] / rates[:, 1]) < LEAST_RED_TO_GREEN:
         return (
             f"{said}: red less than green, as in brown water alone: if it was not brown, the maps "
-            "hold near and far exchanged, as disparities and inverse depth do",
+            "hold near and far exchanged, as disparities and inverse depth do, or the images red "
+            "and blue (input.channels=bgr)",
         )
     cause = (
         "the unit of the maps (input.range_units_per_m)"
@@ -140,13 +141,19 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     )
     if red + np.median([_red_std(water) for water in different]) < LEAST_RED:
         return (
-            f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red: ranges are probably too "
-            f"long: see {cause}",
+            f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red, {LEAST_RED / red:.1f} "
+            f"times as much: ranges are too long by that or more ({cause}), or the images' values "
+            "are not the light that they are taken for (color.input_encoding, another tone "
+            "curve): colors alone do not tell which: measure a known length",
         )
     lamps = np.median([min(water.fall_off / LAMPS_FALL_OFF, 1.0) for water in different])
-    if np.nanmedian(rates[:, 0] - rates[:, 1]) > MOST_RED_OVER_GREEN * (1.0 + lamps):
+    apart = float(np.nanmedian(rates[:, 0] - rates[:, 1])) / (MOST_RED_OVER_GREEN * (1.0 + lamps))
+    if apart > 1:
         return (
-            f"{said}: further apart than in any water: ranges are probably too short: see {cause}",
+            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short by that "
+            f"or more ({cause}), or the images' values are not the light that they are taken for "
+            "(color.input_encoding: linear light read as encoded looks like that): colors alone do "
+            "not tell which: measure a known length",
         )
     return ()
 

@@ -24,6 +24,7 @@ from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.formats.kitti import for_channels
+from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.rig import RangeLimits, range_limits
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads, neighbors
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
@@ -240,6 +241,10 @@ def tested_calibration(
             else find_motion(rectification, neighbors(pairing.pairs, config.input))
         )
         rows = replace(rows, mistake=mistake.line if mistake else "", motion=motion)
+        if not (mistake or rows.swapped or rows.refusal):
+            change = find_change(rectification, pairing.pairs, config.input)
+            odd, other = (change.line, "") if change.is_rigid else ("", change.line)
+            rows = replace(rows, odd=odd, change=other)
     limits = _range_limits(rectification, images, config)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))

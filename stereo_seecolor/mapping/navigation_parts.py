@@ -22,7 +22,7 @@ TIMES = 6.0
 is off by less: errors of a fix, the same in all directions, reach 4 times that once in a
 thousand."""
 OF_MOTION = 0.5
-"""And by so much of what the pictures show: navigation that is as good as that is no wrong order."""
+"""And by so much of what the pictures show: navigation as good as that is no wrong order."""
 MOST_OF = 0.7
 """Of a frame's relative poses that contradict, within a part; among others than the part's, less
 than the rest may."""
@@ -42,6 +42,9 @@ def wrong_parts(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex)
         return []
     ends = np.array([[edge.i, edge.j] for edge in edges])
     frames = np.unique(ends)
+    times_s = index.timestamps_s[frames]
+    if np.isfinite(times_s).all():  # names may run otherwise
+        frames = frames[np.argsort(times_s, kind="stable")]
     fraction = np.array([bad[(ends == frame).any(axis=1)].mean() for frame in frames])
     parts: list[list[int]] = []
     for frame, of_it in zip(frames.tolist(), fraction, strict=True):

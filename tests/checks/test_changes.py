@@ -1,4 +1,7 @@
-"""Dives of which one rig did not take all pairs: `run` and `check` say the same, with exit code 3."""
+"""Dives of which one rig did not take all pairs: dive commands and `check` say the same.
+
+Both end with exit code 3.
+"""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -41,10 +44,12 @@ def enlarged(picture: Picture, factor: float, x_px: float = 0.0, y_px: float = 0
 
 
 def foreign() -> Iterator[Picture]:
-    """Two views of a drawn scene by another rig: blobs on a plane, other rows, other disparities."""
+    """Two views of a drawn scene by another rig: blobs on a plane, other rows and disparities."""
     rng = np.random.default_rng(8)
     small = rng.integers(20, 230, (112, 160, 3)).astype(np.uint8)
-    scene = cv2.GaussianBlur(cv2.resize(small, (640, 448), interpolation=cv2.INTER_CUBIC), (0, 0), 1)
+    scene = cv2.GaussianBlur(
+        cv2.resize(small, (640, 448), interpolation=cv2.INTER_CUBIC), (0, 0), 1
+    )
     for shift_px, down_px in ((40, 0.0), (8, 6.0)):
         M = np.array([[1, 0.01, -shift_px], [0, 1.01, down_px]], np.float64)
         yield cv2.warpAffine(scene, M, (576, 448), borderMode=cv2.BORDER_REFLECT)
@@ -69,25 +74,20 @@ def opposite_shutters(number: int, side: str, picture: Picture) -> Picture:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("alter", "named"),
+    ("alter", "refine", "named"),
     [
-        (focus, [f"from {NAMES[7]} on the right images are 3.1% larger", "focus or zoom"]),
-        (stabilized, ["change from frame to frame", "stabilization"]),
-        (opposite_shutters, ["read rows in opposite directions"]),
+        (focus, ["--refine"], [f"from {NAMES[7]} on the right images are 3.1% larger", "focus"]),
+        (stabilized, [], ["change from frame to frame", "stabilization"]),
+        (opposite_shutters, [], ["read rows in opposite directions"]),
     ],
 )
-def test_run_and_check_name_what_changes_and_end_with_3(
-    alter: Alter, named: list[str], cli, tmp_path: Path
+def test_dive_commands_and_check_name_what_changes_and_end_with_3(
+    alter: Alter, refine: list[str], named: list[str], cli, tmp_path: Path
 ) -> None:
     left, right = altered(tmp_path, alter)
     words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
-    out = tmp_path / "out"
-    for command in (
-        ["check", *words],
-        ["run", *words, f"--out={out}"],
-        ["run", *words, f"--out={out}"],  # of an earlier run's frames
-        ["run", *words, f"--out={tmp_path / 'refined'}", "--refine"],
-    ):
+    made = ["range", *words, f"--out={tmp_path / 'out'}", *refine]
+    for command in (["check", *words], made, made):  # the second time of frames that are there
         code, printed, said = cli(*command)
         assert code == 3, command
         assert all(text in printed + said for text in named), printed + said
@@ -99,7 +99,7 @@ def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
     other = dict(zip(("left", "right"), foreign(), strict=True))
     left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
     words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
-    code, _, said = cli("run", *words, "--out", tmp_path / "out")
+    code, _, said = cli("range", *words, "--out", tmp_path / "out")
     assert code == 3
     assert [name for name in NAMES if f"failed: {name}" in said] == [NAMES[6]]
     assert "what follows" not in said
