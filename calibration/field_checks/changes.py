@@ -24,6 +24,8 @@ LEAST_PX = 0.5
 real survey with a drifted rig, whose lens model leaves more in one scene than in another."""
 RANGE_ERROR = 0.02
 """Of the median disparity: a change that moves it by less makes no range wrong by more than 2 %."""
+DEVIATIONS = 5.0
+"""Standard errors by which pairs must differ: those of neighboring points are alike."""
 LEAST_POINTS = 50
 """Of a pair: fewer do not reach the corners of the image, where roll and scale show."""
 LEAST_PAIRS = 4
@@ -44,12 +46,14 @@ class PairRows:
     """The rows of one pair.
 
     motion_px: (3,) what the offset, the roll and the vertical scale that explain them move rows by,
-    pixels, root mean square over the image, with their signs. scale: of the right image's rows over
+    pixels, root mean square over the image, with their signs; std_px: the standard error of all
+    three, more where points are few or lie in one corner. scale: of the right image's rows over
     the left one's. rest_px: median that these leave; parallax_px: the same beside a term in
     disparity, as between two moments. disparity_px: median.
     """
 
     motion_px: Array
+    std_px: float
     scale: float
     rest_px: float
     parallax_px: float
@@ -74,9 +78,12 @@ def pair_rows(found: Matches, pair: RectifiedPair) -> PairRows | None:
     (offset, scale, roll), rest = explain(rows, left)
     terms = np.column_stack([np.ones(len(left)), left, disparity - np.median(disparity)])
     _, between = robust_fit(terms, rows)
-    width, height = pair.image_size
+    to_px = np.array([1, *np.array(pair.image_size) / np.sqrt(12)])
+    design = np.column_stack([np.ones(len(left)), left]) / to_px
+    noise_px = 1.4826 * float(np.median(np.abs(rest)))
     return PairRows(
-        np.array([offset, roll * width / np.sqrt(12), scale * height / np.sqrt(12)]),
+        np.array([offset, roll, scale]) * to_px,
+        noise_px * float(np.sqrt(np.trace(np.linalg.pinv(design.T @ design)))),
         1 + float(scale),
         float(np.median(np.abs(rest))),
         float(np.median(np.abs(between))),
@@ -92,7 +99,11 @@ def differ(one: PairRows, other: PairRows) -> bool:
     """
     least_px = min(abs(one.disparity_px), abs(other.disparity_px))
     apart_px = float(np.linalg.norm(one.motion_px - other.motion_px))
-    noise_px = CLEARLY * max(one.rest_px, other.rest_px)
+    noise_px = max(
+        CLEARLY * one.rest_px,
+        CLEARLY * other.rest_px,
+        DEVIATIONS * float(np.hypot(one.std_px, other.std_px)),
+    )
     return one.is_behind != other.is_behind or apart_px > max(
         LEAST_PX, noise_px, RANGE_ERROR * least_px
     )

@@ -89,7 +89,7 @@ NOTHING = Fit(np.inf, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A usual mistake. what: was done. cure: what to do. rig: the calibration without it.
+    """A usual mistake. what: was done. fix: what to do. rig: the calibration without it.
 
     left_flip, right_flip: which axes of a side's images run the other way, x and y: both where they
     were turned by 180 degrees.

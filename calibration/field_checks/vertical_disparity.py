@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration.errors import counted
 from calibration.field_checks.enlargement import NOT_ENLARGED, Enlargement
 from calibration.field_checks.matches import (
+    KEYSTONE_LIMITS,
     NO_KEYSTONE,
     QUICK,
     Images,
@@ -290,7 +291,7 @@ class RowCheck:
                 if self.row_error_px > LIMITS.acceptable_px and drifted
                 else []
             )
-            advice += [self.keystone.line] if self.keystone.is_found else []
+            advice += [self._keystone_line] if self.keystone.is_found else []
         advice += [self.motion.advice] if self.motion.is_found else []
         advice += [self.odd] if self.odd else []
         return tuple(advice)
@@ -315,6 +316,24 @@ class RowCheck:
             *self.advice,
             f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)",
         ]
+
+    @property
+    def _keystone_line(self) -> str:
+        """What the keystone is, without its error of ranges where the motion, which measures it,
+        contradicts that.
+        """
+        rows, motion = self.keystone, self.motion
+        apart = abs(rows.range_error - motion.range_error)
+        std = math.hypot(rows.range_std, motion.range_std)
+        known = motion.is_known and not motion.is_misfit
+        if rows.is_lens or not known or apart <= KEYSTONE_LIMITS.deviations * std:
+            return rows.line
+        return (
+            f"a keystone in the rows, as after a yaw of {math.degrees(rows.yaw_rad):+.2f} degrees "
+            f"of the right camera: ranges would be off by {rows.range_error:+.0%}, and the motion "
+            f"between pairs shows {motion.range_error:+.0%} +- {motion.range_std:.0%}: a principal "
+            "point or a lens is wrong instead: calibrate again"
+        )
 
     def _explanation(self) -> str:
         cause = (

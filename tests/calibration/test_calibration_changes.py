@@ -105,3 +105,12 @@ def test_motion_over_relief_tells_which_side_was_enlarged(side: str) -> None:
     few = replace(couple, first=couple.first[:3], second=couple.second[:3])
     assert enlarged_side([few], GEOMETRY, right / left) == ""
     assert enlarged_side([], GEOMETRY, right / left) == ""
+
+
+def test_few_points_in_one_corner_do_not_make_an_odd_pair() -> None:
+    """Of a dark frame, say: the roll and the scale of the whole image are not known from them."""
+    rng, pairs = np.random.default_rng(1), [rows(i) for i in range(11)]
+    for seed in range(20):
+        left = np.random.default_rng(seed).uniform([20, 20], [90, 70], (60, 2))
+        right = left - [25, 0] + rng.normal(0, 0.25, (60, 2))
+        assert changes_of([*pairs, pair_rows(Matches(left, right), GEOMETRY)]).kind == ""

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from calibration import Rectification, RectifiedPair
+from calibration.checks import RowCheck
+from calibration.field_checks.matches import Keystone
 from calibration.field_checks.motion import Motion, SeenTwice, find_motion, motion_of
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.checks.changes import DiveChange
@@ -212,3 +214,17 @@ def test_what_is_not_understood_gets_no_number() -> None:
     assert found.is_misfit and found.rest_px > 1.3 * found.own_px
     assert not found.is_found and not found.is_known and not found.is_right
     assert "how wrong ranges are is not known" in found.line
+
+
+@pytest.mark.parametrize(("range_error", "contradicts"), [(0.10, False), (0.75, True)])
+def test_an_error_by_rows_that_the_motion_contradicts_is_not_stated(
+    range_error: float, contradicts: bool
+) -> None:
+    keystone = Keystone(0.0035, 0.0015, 0.09, 0.04, 0.05, 0.09)
+    motion = Motion(5, 500, 3.0, 0.7, range_error=range_error, range_std=0.05)
+    rows = RowCheck(
+        3, 500, 0.1, 0.0, 1.0, 0.0, 0.1, 0.0, 1.0, 0.1, keystone=keystone, motion=motion
+    )
+    assert not rows.acceptable
+    assert ("ranges may be off by +9" in rows.advice[0]) != contradicts
+    assert ("the motion between pairs shows +75%" in rows.advice[0]) == contradicts
