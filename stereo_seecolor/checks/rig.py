@@ -64,9 +64,9 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
             said = (*(f"range: in pair {pair.name}, {limit.note}" for limit in limits), *said)
             if not any(look.keystone for _, look in looks):
                 return _motion_check(pipeline, pairs).after(said)
-    rows = _rows_check(pipeline, pairs)
-    # no one number describes pairs that differ
-    return rows.after(said) if change.is_rigid else RigCheck(said, is_wrong=True)
+    if not change.is_rigid:  # no one number describes pairs that differ
+        return RigCheck(said, is_wrong=True)
+    return _rows_check(pipeline, pairs).after(said)
 
 
 def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:

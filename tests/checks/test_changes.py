@@ -74,20 +74,20 @@ def opposite_shutters(number: int, side: str, picture: Picture) -> Picture:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("alter", "refine", "named"),
+    ("alter", "runs", "named"),
     [
-        (focus, ["--refine"], [f"from {NAMES[7]} on the right images are 3.1% larger", "focus"]),
-        (stabilized, [], ["change from frame to frame", "stabilization"]),
-        (opposite_shutters, [], ["read rows in opposite directions"]),
+        (focus, [["--refine"]], [f"from {NAMES[7]} on the right images are 3.1% larger", "focus"]),
+        (stabilized, [[]], ["change from frame to frame", "stabilization"]),
+        (opposite_shutters, [[], []], ["read rows in opposite directions"]),
     ],
 )
 def test_dive_commands_and_check_name_what_changes_and_end_with_3(
-    alter: Alter, refine: list[str], named: list[str], cli, tmp_path: Path
+    alter: Alter, runs: list[list[str]], named: list[str], cli, tmp_path: Path
 ) -> None:
     left, right = altered(tmp_path, alter)
     words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
-    made = ["range", *words, f"--out={tmp_path / 'out'}", *refine]
-    for command in (["check", *words], made, made):  # the second time of frames that are there
+    made = [["range", *words, f"--out={tmp_path / 'out'}", *more] for more in runs]
+    for command in (["check", *words], *made):  # the second time of frames that are there
         code, printed, said = cli(*command)
         assert code == 3, command
         assert all(text in printed + said for text in named), printed + said
