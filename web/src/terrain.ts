@@ -76,6 +76,11 @@ export class Ground {
     return line;
   }
 
+  /** How far another spot lies off the plane of the ground at one, in height. */
+  off({ point_m: a, slope: [east, north] }: Spot, { point_m: b }: Spot): number {
+    return Math.abs(b[2] - a[2] - east * (b[0] - a[0]) - north * (b[1] - a[1]));
+  }
+
   private isOnGround({ point_m: [x, y, z] }: Spot): boolean {
     const ground = this.pick(x, y, null, 0);
     return ground !== null && Math.abs(ground.point_m[2] - z) <= this.gap_m;

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,11 @@ class Spot(PickedPoint):
     """A point of the map, x east, y north, z up. slope: rise to the east and to the north."""
 
     slope: tuple[float, float]
+
+    def off_m(self, other: Self) -> float:
+        """How far another point lies off the plane of the ground here, in height."""
+        rise_m = np.array(self.slope) @ (other.point_m - self.point_m)[:2]
+        return float(abs(other.point_m[2] - self.point_m[2] - rise_m))
 
 
 @dataclass(frozen=True, eq=False)
