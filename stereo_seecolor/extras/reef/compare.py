@@ -22,11 +22,14 @@ from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.mapping.raster.products import known_area_m2
+from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.layout import refuse_own_place
 
 SECOND_TRACK = "second_track.tum"
+CLICK_PX = 0.5
+"""Of the mosaic: how well a person hits the corner of an outline there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +99,15 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
+    run = open_run(out)
     measured = measure_outlines(
-        outlines, mesh, terrain, errors, typical_std_m(open_run(out)) if outlines else 0.0
+        outlines,
+        mesh,
+        terrain,
+        errors,
+        typical_std_m(run) if outlines else 0.0,
+        CLICK_PX * site.posed.map.cell_m["mosaic_m"],
+        calibration_std(run).total,
     )
     colonies = tuple(colony for colony in measured if colony is not None)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
