@@ -61,7 +61,7 @@ SMOOTH_M = 0.01
 
 
 def dive(folder: Path, seed: int) -> Path:
-    """A drawn dive, its run, and the runs of its even and odd pairs, made where they are missing."""
+    """A drawn dive, its run, and the runs of its even and odd pairs; made where missing."""
     drawn = folder / f"dive_{seed}"
     synthesize(SurveySpec(pairs=12, lines=2, image_size=(640, 512), seed=seed), drawn)
     names = sorted(path.name for path in (drawn / "left").iterdir())
@@ -205,7 +205,7 @@ def circles(terrain: Terrain, rng: np.random.Generator, count: int) -> list[Outl
         if window.all():
             x, y = grid.centers(slice(row, row + 1), slice(column, column + 1))
             ring = radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            found.append(Outline(f"{len(found)}", "", (ring + (x[0, 0], y[0, 0]),)))
+            found.append(Outline(f"{len(found)}", "", ((*ring, x[0, 0], y[0, 0]),)))
     return found
 
 

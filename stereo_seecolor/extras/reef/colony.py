@@ -123,7 +123,9 @@ def measure_outlines(
         rim = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
         unseen = np.array([0.0, _unseen_volume_l(terrain, masks[i], windows[i])])
         height_m, volume_l = np.linalg.norm([error, rim, unseen], axis=0)
-        volume_l = float("nan") if refused else np.hypot(volume_l, min(under, value[1]) / np.sqrt(3))
+        volume_l = (
+            float("nan") if refused else np.hypot(volume_l, min(under, value[1]) / np.sqrt(3))
+        )
         stds = (*area_stds, relative * mesh_m2, height_m, volume_l)
         powers = (2, 2, 2, 2, 1, 3)
         shared = (
@@ -131,7 +133,7 @@ def measure_outlines(
             for power, each in zip(powers, astuple(measured)[:-1], strict=True)
         )
         totals = [float(np.hypot(*each)) for each in zip(stds, shared, strict=True)]
-        own = ColonySize(*totals, float(relative * measured.rugosity))
+        own = ColonySize(*[*totals, float(relative * measured.rugosity)])
         counted = float((1 / holders[masks[i]]).mean())
         colonies[i] = Colony(
             outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted

@@ -137,7 +137,7 @@ def surface_area(surface: FrameSurface, picks: Sequence[Pick]) -> tuple[Measured
 
     It is the mean area that a pixel sees, at nodes inside the outline, times the outline's area in
     pixels. The area that a pixel sees is depth^3 |k| / focal^2, where 1 / depth = k . (x / z, y /
-    z, 1) is the fitted plane; what errors of the plane's slopes add to it, on average, is taken off.
+    z, 1) is the fitted plane; what errors of the plane's slopes add on average is taken off.
     """
     outline = np.array([(pick.x_px, pick.y_px) for pick in picks])
     nodes = _nodes(surface, outline)

@@ -81,9 +81,7 @@ class FrameSurface:
     std_blocks_m: Map
     block_px: int = 4
 
-    def pick(
-        self, x_px: float, y_px: float, click_px: float = LIMITS.click_std_px
-    ) -> Pick | None:
+    def pick(self, x_px: float, y_px: float, click_px: float = LIMITS.click_std_px) -> Pick | None:
         """The surface at a place of the image that was hit to within ``click_px``; None where
         nothing was measured around it.
 

@@ -173,8 +173,8 @@ SETTINGS = ErrorSettings()
 class TerrainErrors:
     """Standard errors of a terrain.
 
-    std_m: (H, W) standard error of each height by its views, NaN where no frame's range was left. noise_m: the
-    part of it by the errors of ranges, without what views differ by at edges, which roughens a
+    std_m: (H, W) standard error of each height by its views, NaN where no frame's range was left.
+    noise_m: the part of it by the errors of ranges, without what views differ by at edges, which roughens a
     surface. views: (H, W) frames behind each cell.
     correlation_m: distance over which errors of neighboring cells are correlated.
     """
@@ -183,7 +183,6 @@ class TerrainErrors:
     noise_m: Array
     views: NDArray[np.int32]
     correlation_m: float
-
 
 
 def terrain_errors(
