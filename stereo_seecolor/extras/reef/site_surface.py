@@ -174,9 +174,9 @@ class TerrainErrors:
     """Standard errors of a terrain.
 
     std_m: (H, W) standard error of each height by its views, NaN where no frame's range was left.
-    noise_m: the part of it by the errors of ranges, without what views differ by at edges, which roughens a
-    surface. views: (H, W) frames behind each cell.
-    correlation_m: distance over which errors of neighboring cells are correlated.
+    noise_m: the part of it by the errors of ranges, without what views differ by at edges, which
+    roughens a surface. views: (H, W) frames behind each cell. correlation_m: distance over which
+    errors of neighboring cells are correlated.
     """
 
     std_m: Array
