@@ -314,7 +314,8 @@ class RowCheck:
                 else [self.motion.line]
             ),
             *self.advice,
-            f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)",
+            f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)"
+            + self._mended,
         ]
 
     @property
@@ -333,6 +334,17 @@ class RowCheck:
             f"of the right camera: ranges would be off by {rows.range_error:+.0%}, and the motion "
             f"between pairs shows {motion.range_error:+.0%} +- {motion.range_std:.0%}: a principal "
             "point or a lens is wrong instead: calibrate again"
+        )
+
+    @property
+    def _mended(self) -> str:
+        """That refining mends the rows, where it does, and does not only hide another cause."""
+        refines = self.has_moved and self.unexplained_px <= LIMITS.acceptable_px
+        if self.acceptable or not refines or self._or_cut_out:
+            return ""
+        return (
+            f"; refined on the dive, it would leave about {self.unexplained_px:.2f} px: "
+            "stereo-seecolor run --refine, or check --refine FILE"
         )
 
     def _explanation(self) -> str:

@@ -76,6 +76,11 @@ def inspection_text(found: "Inspection") -> str:
             else ""
         )
         output.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
+    if found.calibration and not found.calibration.rig.states_errors:
+        output.append(
+            "the images cannot show whether the scale of this calibration is right: "
+            "docs/what-it-cannot-know.md"
+        )
     return lines(
         *output, *(f"note: {problem}" for problem in found.problems), "", found.run_command
     )

@@ -173,6 +173,7 @@ class RigFacts:
     port: "flat", "dome" or "none". working_range_m: range at which a flat port's model is exact,
     else None.
     port_error: (range in meters, relative range error that a flat port leaves there).
+    states_errors: the calibration states how well it knows focal length and baseline.
     """
 
     camera_model: str
@@ -185,6 +186,7 @@ class RigFacts:
     port: str = "none"
     working_range_m: float | None = None
     port_error: tuple[tuple[float, float], ...] = ()
+    states_errors: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,6 +302,7 @@ def rig_facts(rig: StereoRig) -> RigFacts:
         port="none" if rig.port is None else "flat" if isinstance(rig.port, FlatPort) else "dome",
         working_range_m=rig.port.working_range_m if isinstance(rig.port, FlatPort) else None,
         port_error=_port_errors(rig),
+        states_errors=rig.errors is not None,
     )
 
 

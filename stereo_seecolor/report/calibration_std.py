@@ -93,6 +93,15 @@ class MeasureLimits:
     # relative step in depth between object and background; slopes are steadier
     layer_gap: float = 0.02
     layer_gap_stds: float = 6.0  # no step is smaller than the noise
+    # what the error of a pixel's range and the misfit of the plane around add to the standard error
+    # of a point, and that adds to the one of its slope, a pixel (picking.py): as
+    # benchmarks/standard_errors.py finds them on drawn reefs
+    of_range: float = 0.4
+    of_misfit: float = 0.4
+    slope_of_misfit: float = 0.125
+    # the part of an area by errors of slopes, which is taken off it, is known to this
+    of_slopes: float = 0.35
+    of_step: float = 0.12  # of the steps along a line, in its standard error
     click_std_px: float = 0.5  # how well a person hits a point
     # of a length, relative, where nothing else is known: what docs/calibration.md calls good
     calibration_std: float = 0.005

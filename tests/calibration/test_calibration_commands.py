@@ -256,6 +256,8 @@ def test_check_refines_a_rig_that_has_moved(
     )
     assert code == 0
     assert "NOT acceptable" in printed and "refined.yaml: the refined calibration" in printed
+    (verdict,) = (line for line in printed.splitlines() if "NOT acceptable" in line)
+    assert "run --refine" in verdict
     code, printed, _ = cli("check", *folders, "--calib", tmp_path / "refined.yaml", "--json")
     assert code == 0
     assert '"refined": null' in printed

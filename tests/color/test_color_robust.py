@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.fitting.robust_solver import NOISE
+from stereo_seecolor.color.fitting.robust_solver import NOISE, minimize
 from stereo_seecolor.color.fitting.scene_colors import sea_floor, whole_prior
 from stereo_seecolor.color.fitting.water_prior import (
+    LARGEST_LOG_NEAR,
     RATE_OF_CHANGE,
     WATER,
     drawn_camera,
@@ -29,6 +30,7 @@ from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.extras.evaluation.measures import score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
+from stereo_seecolor.water.physics import optical_depth
 
 SHAPE = (160, 240)
 CONFIG = ColorConfig()
@@ -76,6 +78,14 @@ def reef(rng: np.random.Generator, cast: tuple[float, float, float] = (1, 1, 1))
     return np.clip(np.kron(materials[blocks], np.ones((8, 8, 1))) * light * cast, 0, 1)
 
 
+def test_the_fitted_attenuation_is_monotonic_in_range() -> None:
+    """At the largest near over far that the fit takes, and no more beyond it."""
+    z = np.linspace(0.1, 40, 400)
+    for log_near, falls in ((LARGEST_LOG_NEAR, True), (LARGEST_LOG_NEAR + 0.1, False)):
+        depth = optical_depth(z, 0.2 * np.expm1(log_near), RATE_OF_CHANGE, 0.2, 0.0)
+        assert bool((np.diff(depth) >= -1e-12).all()) == falls
+
+
 def slope(near_m: float = 1.0, far_m: float = 4.0) -> np.ndarray:
     return np.broadcast_to(
         np.linspace(near_m, far_m, SHAPE[0], dtype=np.float32)[:, None], SHAPE
@@ -104,6 +114,20 @@ def errors_deg(
     )
     score = score_truth(encode_srgb(light), encode_srgb(truth))
     return score.angle_deg, score.angle_after_gains_deg
+
+
+def test_light_that_would_grow_with_range_is_not_fitted() -> None:
+    """Even where the prior asks for it."""
+    rng, range_m = np.random.default_rng(2), slope()
+    seen = quantiles_by_range(
+        measure(seen_through(BLUE, reef(rng), range_m, rng), range_m), CONFIG.input_encoding
+    )
+    problem, start = robust._begin(seen, CONFIG.robust)
+    mean, precision = problem.mean.copy(), problem.precision.copy()
+    mean[3:6] = LARGEST_LOG_NEAR + 2
+    precision[3:6, 3:6] += 1e6 * np.eye(3)
+    (found,), _, _ = minimize([problem._replace(mean=mean, precision=precision)], [start])
+    assert found[3:6] == pytest.approx(LARGEST_LOG_NEAR)
 
 
 def test_green_loses_no_more_against_blue_than_in_any_sea() -> None:

@@ -56,6 +56,20 @@ def test_a_dive_is_found_out(make_dive) -> None:
 
 
 @pytest.mark.slow
+def test_what_images_cannot_show_is_named_where_the_calibration_does_not_state_it(
+    make_dive, cli
+) -> None:
+    dive = make_dive(2)
+    _, printed = cli("inspect", str(dive.root))
+    assert "docs/what-it-cannot-know.md" in printed
+    calib = next(dive.root.rglob("*.yaml"))
+    stated = "errors:\n  focal: 0.001\n  baseline: 0.002\n  stated_by: a board\n"
+    calib.write_text(calib.read_text(encoding="utf-8") + stated, encoding="utf-8")
+    _, printed = cli("inspect", str(dive.root))
+    assert "what-it-cannot-know" not in printed
+
+
+@pytest.mark.slow
 def test_images_that_are_damaged_or_of_another_size_are_named_and_the_others_tested(
     make_dive,
 ) -> None:

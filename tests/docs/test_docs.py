@@ -14,6 +14,7 @@ from calibration_boards import photograph_board
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.config.file import RENAMED, known_keys
+from stereo_seecolor.report.texts import texts
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -222,6 +223,21 @@ def test_settings_that_texts_name_are_there() -> None:
         for name in re.findall(rf"(?:`|--set )((?:{sections})\.[a-z_0-9.]+)", text):
             known = any(key == name or key.startswith(f"{name.rstrip('.')}.") for key in keys)
             assert known or name in old, f"{page.name}: {name}"
+
+
+def test_settings_options_and_commands_that_the_page_names_are_there() -> None:
+    """What a text of the page advises can be typed."""
+    commands = (DOCS / "commands.md").read_text(encoding="utf-8")
+    sections = {key.partition(".")[0] for key in known_keys() if "." in key}
+    sections |= {name.partition(".")[0] for name in RENAMED} | {"measuring"}
+    for key, text in texts().items():
+        plain = re.sub(r"{\w+}", "", text)
+        for name in re.findall(rf"\b(?:{'|'.join(sections)})\.[a-z_0-9.]*[a-z_0-9]", plain):
+            assert name in known_keys() or (ROOT / "docs" / name).exists(), f"{key}: {name}"
+        for option in re.findall(r"--[a-z][a-z-]+", plain):
+            assert f"`{option}" in commands, f"{key}: {option}"
+        for command in re.findall(r"stereo-seecolor ([a-z][a-z-]+)(?= OUT| --)", plain):
+            assert f"## `{command}`" in commands, f"{key}: {command}"
 
 
 def test_options_that_texts_name_are_there() -> None:

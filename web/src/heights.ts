@@ -7,6 +7,7 @@ import { script, seecolor } from "./scripts";
 
 const TILE_PX = 512;
 const MOST_KEPT = 64;
+const MARGIN_CELLS = 10; // of what errors of heights are found from
 
 interface Packed {
   height: number;
@@ -48,7 +49,7 @@ export class Heights {
   /** Load all that lies around spots, so that ``at`` knows it. */
   async load(spots: number[][]): Promise<void> {
     const cells = spots.map(([x, y]) => this.cell(x, y));
-    const bounds = (axis: number) => [Math.min(...cells.map((each) => each[axis])) - 2, Math.max(...cells.map((each) => each[axis])) + 2].map((each) => Math.floor(each / TILE_PX));
+    const bounds = (axis: number) => [Math.min(...cells.map((each) => each[axis])) - MARGIN_CELLS, Math.max(...cells.map((each) => each[axis])) + MARGIN_CELLS].map((each) => Math.floor(each / TILE_PX));
     const [[left, right], [top, bottom]] = [bounds(0), bounds(1)];
     const wanted: Promise<void>[] = [];
     for (let row = top; row <= bottom; row++) {

@@ -4,7 +4,7 @@ import { button, Choice, DoublePress, element } from "./elements";
 import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
-import { planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
+import { lengthAlong, planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
 import type { Kind, Measure } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { crossesItself, type Flat, type Vector } from "./outlines";
@@ -194,7 +194,7 @@ export class MapMeasuring {
     if (kind === "point") return [{ value: spots[0].point_m[2] + this.dive.offset_m[2], std: Math.sqrt(spots[0].covariance[8]), power: 0 }, null, 1];
     if (kind === "area") return [planarArea(spots), ...(this.ground.area(spots) ?? ([null, 1] as [null, number]))];
     const line = this.ground.along(spots);
-    return [straightLength(spots), line && straightLength(line), 1];
+    return [straightLength(spots), line && lengthAlong(line, (a, b) => this.ground.off(a, b)), 1];
   }
 
   private where(point_m: number[]): string {

@@ -8,7 +8,12 @@ const HALF_WINDOW_PX = 3;
 const LEAST_PIXELS = 10;
 const LAYER_GAP = 0.02;
 const LAYER_GAP_STDS = 6;
-const CLICK_STD_PX = 0.5;
+export const CLICK_STD_PX = 0.5; // how well a person hits a point
+const OF_RANGE = 0.4;
+const OF_MISFIT = 0.4;
+const SLOPE_OF_MISFIT = 0.125;
+const OF_SLOPES = 0.35;
+const OF_STEP = 0.12;
 const LEAST_STEP_PX = 8;
 const STEP_PX = 8;
 const STEP = 0.1;
@@ -22,12 +27,14 @@ export interface Placed {
   covariance: number[];
 }
 
-/** A point of a frame's surface. slope: change of 1 / depth a pixel. */
+/** A point of a frame's surface. slope: change of 1 / depth a pixel; slope_std: its standard error. pixel_std_m: of a range of one pixel. */
 export interface Pick extends Placed {
   x_px: number;
   y_px: number;
   range_std_m: number;
+  pixel_std_m: number;
   slope: [number, number];
+  slope_std: number;
 }
 
 export interface Measured {
@@ -51,14 +58,44 @@ const quadratic = (m: number[], v: Vector) =>
 /** Standard error by everything together. calibration_std: of a length, relative. */
 export const totalStd = ({ value, std, power }: Measured, calibration_std: number) => Math.hypot(std, power * calibration_std * value);
 
-/** The surface at a place of the image; null where nothing was measured around it. */
-export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): Pick | null {
+/** The surface at a place of the image that was hit to within click_px; null where nothing was measured around it. */
+export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number, click_px = CLICK_STD_PX): Pick | null {
   const found = around(ranges, g, x_px, y_px, HALF_WINDOW_PX);
   if (!found) return null;
   const layer = nearestLayer(found.inverse, found.relativeStd);
   const cells = layer.map((i): Vector => [found.dx[i], found.dy[i], found.inverse[i]]);
   const plane = planeThrough(cells, LEAST_PIXELS, (n) => LEAST_SPAN * n ** 3);
-  return plane[0] > 0 ? pointOf(g, x_px, y_px, plane, found.relativeStd) : null;
+  if (!(plane[0] > 0)) return null;
+  const far = misfit(ranges, g, x_px, y_px, plane);
+  const std = Math.hypot(OF_RANGE * found.relativeStd, OF_MISFIT * far) * leverage(cells);
+  const ray: Vector = [(x_px - g.cx_left_px) / g.focal_px, (y_px - g.cy_px) / g.focal_px, 1];
+  const depth = 1 / plane[0];
+  const point_m = times(ray, depth);
+  const along = times(point_m, std);
+  const byX = minus([depth / g.focal_px, 0, 0], times(ray, depth ** 2 * plane[1]));
+  const byY = minus([0, depth / g.focal_px, 0], times(ray, depth ** 2 * plane[2]));
+  const [a, b, c] = [outer(along, along), outer(byX, byX), outer(byY, byY)];
+  const covariance = a.map((value, i) => value + click_px ** 2 * (b[i] + c[i]));
+  const range_m = norm(point_m);
+  const errors = { range_std_m: std * range_m, pixel_std_m: found.relativeStd * range_m, slope_std: SLOPE_OF_MISFIT * far * plane[0] };
+  return { x_px, y_px, point_m, covariance, slope: [plane[1], plane[2]], ...errors };
+}
+
+/** Root mean square of what 1 / depth within STEP_PX departs from a plane, as a fraction of it; another layer counts as the beginning of a step. */
+function misfit(ranges: Ranges, g: Geometry, x_px: number, y_px: number, [value, bx, by]: Vector): number {
+  const found = around(ranges, g, x_px, y_px, STEP_PX);
+  if (!found) return 0;
+  const most = 2 * Math.max(LAYER_GAP, LAYER_GAP_STDS * found.relativeStd);
+  return Math.sqrt(mean(found.inverse.map((each, i) => Math.min(Math.abs(each - value - bx * found.dx[i] - by * found.dy[i]) / value, most) ** 2)));
+}
+
+/** How many times as large the standard error of a plane's value at (0, 0) is as with a full window. */
+function leverage(cells: Vector[]): number {
+  const full = (2 * HALF_WINDOW_PX + 1) ** 2;
+  const [n, sx, sy, sxx, sxy, syy] = cells.reduce(([n, a, b, c, d, e], [x, y]) => [n + 1, a + x, b + y, c + x * x, d + x * y, e + y * y], [0, 0, 0, 0, 0, 0]);
+  const minor = sxx * syy - sxy * sxy;
+  const det = n * minor - sx * (sx * syy - sxy * sy) + sy * (sx * sxy - sxx * sy);
+  return n < LEAST_PIXELS || !(det > LEAST_SPAN * n ** 3) ? Math.sqrt(full / n) : Math.sqrt(Math.max((full * minor) / det, 1));
 }
 
 /** Offsets from a place, 1 / depth, and the relative standard error of a range, of the known pixels around it. */
@@ -100,18 +137,6 @@ function nearestLayer(inverse: number[], relativeStd: number): number[] {
   return layers.find((layer) => layer.length >= LEAST_PIXELS) ?? layers.reduce((a, b) => (b.length > a.length ? b : a));
 }
 
-function pointOf(g: Geometry, x_px: number, y_px: number, [value, bx, by]: Vector, relativeStd: number): Pick {
-  const depth = 1 / value;
-  const ray: Vector = [(x_px - g.cx_left_px) / g.focal_px, (y_px - g.cy_px) / g.focal_px, 1];
-  const point_m = times(ray, depth);
-  const along = times(point_m, relativeStd);
-  const byX = minus([depth / g.focal_px, 0, 0], times(ray, depth ** 2 * bx));
-  const byY = minus([0, depth / g.focal_px, 0], times(ray, depth ** 2 * by));
-  const [a, b, c] = [outer(along, along), outer(byX, byX), outer(byY, byY)];
-  const covariance = a.map((value, i) => value + CLICK_STD_PX ** 2 * (b[i] + c[i]));
-  return { x_px, y_px, point_m, covariance, range_std_m: relativeStd * norm(point_m), slope: [bx, by] };
-}
-
 /** The distance along the ray, with the error of the click. */
 export function rangeOf(picked: Pick): Measured {
   const value = norm(picked.point_m);
@@ -129,16 +154,29 @@ export function straightLength(picks: Placed[]): Measured {
   return { value, std: Math.sqrt(variance), power: 1 };
 }
 
+/** Length of a line of points on a surface; parts that cross a step carry a part of it in the standard error. off: how far a point lies off the plane of the surface at another. */
+export function lengthAlong<P extends Placed>(line: P[], off: (a: P, b: P) => number): Measured {
+  const straight = straightLength(line);
+  const steps = line.slice(1).map((b, i) => Math.min(off(line[i], b), off(b, line[i])));
+  return { ...straight, std: Math.hypot(straight.std, OF_STEP * Math.hypot(...steps)) };
+}
+
+/** How far another point of a frame lies off the plane of the surface at one, in depth. */
+export function offInFrame(a: Pick, b: Pick): number {
+  const depth = b.point_m[2];
+  return Math.abs(1 / depth - 1 / a.point_m[2] - a.slope[0] * (b.x_px - a.x_px) - a.slope[1] * (b.y_px - a.y_px)) * depth ** 2;
+}
+
 /** Points of the surface along the lines between picked ones. */
 export function alongSurface(ranges: Ranges, g: Geometry, picks: Pick[]): Pick[] {
   const line = [picks[0]];
   for (let k = 1; k < picks.length; k++) {
     const [a, b] = [picks[k - 1], picks[k]];
     const pixel_m = Math.max(Math.min(a.point_m[2], b.point_m[2]) / g.focal_px, 1e-9);
-    const step = Math.max(LEAST_STEP_PX, (STEP_STDS * Math.max(a.range_std_m, b.range_std_m)) / pixel_m);
+    const step = Math.max(LEAST_STEP_PX, (STEP_STDS * Math.max(a.pixel_std_m, b.pixel_std_m)) / pixel_m);
     const count = Math.max(1, Math.floor(Math.hypot(b.x_px - a.x_px, b.y_px - a.y_px) / step));
     for (let i = 1; i < count; i++) {
-      const between = pick(ranges, g, a.x_px + ((b.x_px - a.x_px) * i) / count, a.y_px + ((b.y_px - a.y_px) * i) / count);
+      const between = pick(ranges, g, a.x_px + ((b.x_px - a.x_px) * i) / count, a.y_px + ((b.y_px - a.y_px) * i) / count, 0);
       if (between) line.push(between);
     }
     line.push(b);
@@ -182,14 +220,16 @@ export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measur
   const outline = picks.map((each): Flat => [each.x_px, each.y_px]);
   const [xs, ys] = [0, 1].map((axis) => outline.map((place) => place[axis]));
   const first = (values: number[]) => Math.ceil(Math.min(...values) / AREA_STEP_PX) * AREA_STEP_PX;
-  let [total, relative] = [0, 0];
+  let [total, relative, added] = [0, 0, 0];
   for (let y = first(ys); y <= Math.max(...ys); y += AREA_STEP_PX) {
     for (let x = first(xs); x <= Math.max(...xs); x += AREA_STEP_PX) {
       if (!inside(outline, x, y)) continue;
       total += 1;
       const found = pick(ranges, g, x, y);
       if (!found) continue;
-      areas.push(pixelArea(found, g));
+      const [area, bySlope] = pixelArea(found, g);
+      areas.push(area);
+      added += bySlope;
       relative += found.range_std_m / norm(found.point_m);
     }
   }
@@ -198,7 +238,8 @@ export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measur
   const value = mean(areas) * polygonArea(outline);
   const planar = planarArea(picks);
   const byRange = (2 * relative) / known / Math.sqrt(Math.max(1, (known * AREA_STEP_PX ** 2) / (2 * HALF_WINDOW_PX + 1) ** 2));
-  const std = value * Math.hypot(planar.std / planar.value, byRange, unseenStd(areas, known / total));
+  const bySlopes = (OF_SLOPES * added) / known / mean(areas);
+  const std = value * Math.hypot(planar.std / planar.value, byRange, bySlopes, unseenStd(areas, known / total));
   return [{ value, std, power: 2 }, known / total];
 }
 
@@ -221,9 +262,16 @@ export function nearer(ranges: Ranges, g: Geometry, picked: Pick): number | null
   return near.length >= LEAST_PIXELS ? 1 / (near.length % 2 ? near[half] : (near[half - 1] + near[half]) / 2) : null;
 }
 
-function pixelArea(found: Pick, g: Geometry): number {
+/** The area that a pixel sees, and what errors of the slopes had added to it, to second order. */
+function pixelArea(found: Pick, g: Geometry): [number, number] {
   const depth = found.point_m[2];
   const [bx, by] = found.slope;
-  const atCenter = 1 / depth - bx * (found.x_px - g.cx_left_px) - by * (found.y_px - g.cy_px);
-  return (depth ** 3 * Math.hypot(bx * g.focal_px, by * g.focal_px, atCenter)) / g.focal_px ** 2;
+  const [x, y] = [found.x_px - g.cx_left_px, found.y_px - g.cy_px];
+  const k: Vector = [bx * g.focal_px, by * g.focal_px, 1 / depth - bx * x - by * y];
+  const size = norm(k);
+  const bySlope: Vector[] = [[g.focal_px, 0, -x], [0, g.focal_px, -y]];
+  const curvature = bySlope.reduce((sum, each) => sum + dot(each, each) - (dot(each, k) / size) ** 2, 0);
+  const added = (0.5 * found.slope_std ** 2 * curvature) / size;
+  const scale = depth ** 3 / g.focal_px ** 2;
+  return [scale * (size - added), scale * added];
 }

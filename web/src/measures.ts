@@ -1,6 +1,7 @@
 // What was measured, kept in the browser: with undo, and written out for other programs.
 
 import type { Dive } from "./dive";
+import { CLICK_STD_PX } from "./measure";
 
 export type Kind = "point" | "length" | "area";
 
@@ -26,7 +27,7 @@ export interface Measure {
 }
 
 const MOST_UNDONE = 100;
-const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "click_m", "note"];
+const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "click_px", "click_m", "note"];
 
 export class Measures {
   private all: Measure[] = [];
@@ -100,7 +101,7 @@ export class Measures {
         ...(each.frame ? each.places[i].map((pixels) => pixels.toFixed(2)) : ["", ""]),
         ...this.world(each, point).map((meters) => meters.toFixed(5)),
         ...[each.value, each.std, each.surface, each.surface_std].map((value) => (value === null ? "" : value.toPrecision(6))),
-        ...[each.clicks_m?.[i].toFixed(5) ?? "", each.note ?? ""],
+        ...[each.frame ? CLICK_STD_PX : "", each.clicks_m?.[i].toFixed(5) ?? "", each.note ?? ""],
       ]),
     );
     return [COLUMNS, ...rows].map((row) => row.map(quoted).join(",") + "\r\n").join("");

@@ -2,7 +2,7 @@
 
 import type { Dive, Text } from "./dive";
 import { button, Choice, DoublePress, element } from "./elements";
-import { alongSurface, nearer, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
+import { alongSurface, lengthAlong, nearer, offInFrame, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
 import type { Kind, Measure, Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { crossesItself } from "./outlines";
@@ -262,7 +262,7 @@ export class Measuring {
     if (kind === "area" && crossesItself(places)) return null;
     const straight = kind === "point" ? rangeOf(picks[0]) : kind === "length" ? straightLength(picks) : planarArea(picks);
     const [surface, known] =
-      kind === "point" ? [null, 1] : kind === "length" ? [straightLength(alongSurface(data, geometry, picks)), 1] : surfaceArea(data, geometry, picks);
+      kind === "point" ? [null, 1] : kind === "length" ? [lengthAlong(alongSurface(data, geometry, picks), offInFrame), 1] : surfaceArea(data, geometry, picks);
     const points = picks.map((each) => each.point_m);
     const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
     return { frame: this.frame, kind, label, places, points, known, ...both };

@@ -11,6 +11,8 @@ const STEP_CELLS = 2;
 const STEP_STDS = 6;
 const NOISE = 0.25;
 const STEEPEST = 0.5;
+const REACH_CELLS = 8;
+const OF_DEPARTURE = 0.5;
 const LEAST_SPAN = 1e-3; // of the squared mean size of the cells' offsets
 
 /** A point of the map with its covariance; slope: rise to the east and to the north. */
@@ -54,9 +56,18 @@ export class Ground {
   }
 
   private spot(point_m: Vector, [east, north]: [number, number], click_m: number): Spot {
-    const [a, b, c] = [click_m ** 2, this.std_m ** 2, click_m ** 2];
+    const [a, b, c] = [click_m ** 2, this.heightStd(point_m[0], point_m[1]) ** 2, click_m ** 2];
     const covariance = [a, 0, a * east, 0, c, c * north, a * east, c * north, b + a * east ** 2 + c * north ** 2];
     return { point_m, covariance, slope: [east, north] };
+  }
+
+  /** The standard error of a height: of ranges, and a part of what the ground around departs from a plane, as at rims. */
+  private heightStd(x_m: number, y_m: number): number {
+    const [column, row] = this.heights.cell(x_m, y_m);
+    const cells = this.around(Math.floor(column + 0.5), Math.floor(row + 0.5), x_m, y_m, REACH_CELLS);
+    const [height, east, north] = planeThrough(cells, 1, () => 0);
+    const departs = cells.length ? Math.sqrt(mean(cells.map(([x, y, z]) => (z - height - east * x - north * y) ** 2))) : 0;
+    return Math.hypot(this.std_m, OF_DEPARTURE * departs);
   }
 
   /** Points of the ground along the lines between spots; null where a spot does not lie on the ground as it is seen from above. */
@@ -74,6 +85,11 @@ export class Ground {
       line.push(spots[k]);
     }
     return line;
+  }
+
+  /** How far another spot lies off the plane of the ground at one, in height. */
+  off({ point_m: a, slope: [east, north] }: Spot, { point_m: b }: Spot): number {
+    return Math.abs(b[2] - a[2] - east * (b[0] - a[0]) - north * (b[1] - a[1]));
   }
 
   private isOnGround({ point_m: [x, y, z] }: Spot): boolean {
@@ -108,11 +124,11 @@ export class Ground {
     return Math.hypot(1, east, north);
   }
 
-  /** The known ones of 3x3 cells: offsets from a place, and heights. */
-  private around(column: number, row: number, x_m: number, y_m: number): Vector[] {
+  /** The known ones of 3x3 cells, or of more: offsets from a place, and heights. */
+  private around(column: number, row: number, x_m: number, y_m: number, reach = 1): Vector[] {
     const cells: Vector[] = [];
-    for (let r = row - 1; r <= row + 1; r++) {
-      for (let c = column - 1; c <= column + 1; c++) {
+    for (let r = row - reach; r <= row + reach; r++) {
+      for (let c = column - reach; c <= column + reach; c++) {
         const height = this.heights.at(c, r);
         const [x, y] = this.heights.center(c, r);
         if (!Number.isNaN(height)) cells.push([x - x_m, y - y_m, height]);

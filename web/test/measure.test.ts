@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Geometry } from "../src/dive";
-import { nearer, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, unseenStd, type Pick, type Placed } from "../src/measure";
+import { lengthAlong, nearer, offInFrame, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, unseenStd, type Pick, type Placed } from "../src/measure";
 import { crossesItself, inside, planeThrough, polygonArea, type Flat, type Vector } from "../src/outlines";
 import type { Ranges } from "../src/ranges";
 
@@ -82,14 +82,26 @@ test("heights of a profile are above the line from its first to its last point",
   assert.deepEqual(heights, [0, 0.5, 0]);
 });
 
-test("a click on a tilted plane hits it, and its range has the pixel's own error", () => {
+test("a click on a tilted plane hits it, and on a level one its range is surer than that of a pixel", () => {
   const ranges = seen((x) => 1 / (0.5 + 0.001 * (x - 80)));
   const found = picked(ranges, 100, 64);
   near(found.point_m[2], 1 / 0.52, 1e-5);
   near(found.slope[0], 0.001, 1e-6);
   const level = rangeOf(picked(seen(() => 2), 80, 64));
   near(level.value, 2, 1e-5);
-  near(level.std, STD_M, 1e-6);
+  near(level.std, 0.4 * STD_M, 1e-6);
+});
+
+test("what the surface departs from a plane is in the error of a point, and a step in that of a length", () => {
+  const wavy = picked(seen((x) => 2 + 0.02 * Math.sin(x)), 80, 64);
+  assert.ok(wavy.range_std_m > 3 * picked(seen(() => 2), 80, 64).range_std_m);
+  const ends = (depth_m: (x: number) => number) => {
+    const ranges = seen(depth_m);
+    return [picked(ranges, 40, 64), picked(ranges, 120, 64)];
+  };
+  const std = (line: Pick[]) => lengthAlong(line, offInFrame).std;
+  near(std(ends(() => 2)), straightLength(ends(() => 2)).std, 1e-6);
+  near(std(ends((x) => (x < 80 ? 2 : 2.5))), 0.12 * 0.5, 0.02);
 });
 
 test("nothing is measured where no range is known", () => {

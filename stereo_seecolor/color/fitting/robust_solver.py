@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from stereo_seecolor.color.device import one_thread
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
+from stereo_seecolor.color.fitting.water_prior import LARGEST_LOG_NEAR, RATE_OF_CHANGE, WATER
 from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Array = NDArray[np.float64]
@@ -235,7 +235,7 @@ def minimize(
         ]
     )
     with one_thread():
-        batch, x = Batch.of(problems), torch.from_numpy(padded)
+        batch, x = Batch.of(problems), _monotonic(torch.from_numpy(padded))
         going = torch.ones(len(x), dtype=torch.bool)
         damping = x.new_full((len(x),), STEPS.first_damping)
         now = batch.normal(x)
@@ -246,9 +246,10 @@ def minimize(
                 known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
             )
             move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
-            trial = here.normal(at - move, known.weights)
+            moved = _monotonic(at - move)
+            trial = here.normal(moved, known.weights)
             better = trial.cost_before < known.cost
-            x[going] = torch.where(better[:, None], at - move, at)
+            x[going] = torch.where(better[:, None], moved, at)
             damping[going] = torch.where(
                 better,
                 (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
@@ -270,6 +271,11 @@ def minimize(
         [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)],
         now.cost.numpy(),
     )
+
+
+def _monotonic(x: Tensor) -> Tensor:
+    """Parameters whose attenuation is monotonic in range."""
+    return torch.cat([x[:, :3], x[:, 3:6].clamp(max=LARGEST_LOG_NEAR), x[:, 6:]], dim=1)
 
 
 def _solved(matrix: Tensor, vector: Tensor) -> Tensor:

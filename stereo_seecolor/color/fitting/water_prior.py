@@ -25,7 +25,12 @@ _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid co
 WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
 RATE_OF_CHANGE = 0.25
-"""1/m: near becomes far over 4 m. Light stays monotone while near is below 8 times far."""
+"""1/m: near becomes far over 4 m."""
+LARGEST_LOG_NEAR = float(np.log1p(np.exp(2.0)))
+"""Of log(near / far): up to near = (1 + e^2) far, 8.4 times far, less light arrives from farther
+away. The optical depth z (far + (near - far) exp(-z RATE_OF_CHANGE)) grows by far + (near - far)
+(1 - u) exp(-u) a meter, u = z RATE_OF_CHANGE, which is least at u = 2.
+"""
 
 
 @dataclass(frozen=True)

@@ -177,7 +177,10 @@ def metrics_text(result: "SiteMetrics") -> str:
     """
     head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
     parts = [
-        lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"),
+        lines(
+            f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm (median, more "
+            "at rims)"
+        ),
         _structure(result),
     ]
     if result.colonies:

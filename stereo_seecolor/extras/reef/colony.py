@@ -3,7 +3,7 @@ and volume above the ground around it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import cv2
 import numpy as np
@@ -22,6 +22,8 @@ Mask = NDArray[np.bool_]
 RIM_CELLS = 2
 """The ground around an outline: the cells up to this far outside."""
 FEWEST_RIM_CELLS = 6
+SIDES_SEEN = 0.5
+"""Part of its sides in the mesh from which a colony is taken to reach down to the ground."""
 SECTORS = 8
 """Of the ground around an outline, left out in turn: how much the volume hangs on where the ground
 was taken.
@@ -35,7 +37,9 @@ class ColonySize:
     planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
     surface_m2: of planes through 3x3 cells, as the page and ``measure`` state it. mesh_m2: of the
     mesh, noise and overhangs included. height_m, volume_l: above the plane through the rim,
-    without what noise adds. rugosity: surface over planar area.
+    without what noise adds; where sides were not seen, what is under an overhang counts, and may
+    be empty: the standard error holds it, and a volume that is not positive is NaN. rugosity:
+    surface over planar area.
     """
 
     planar_m2: float
@@ -72,9 +76,13 @@ def measure_outlines(
     terrain: Terrain,
     errors: TerrainErrors,
     height_std_m: float,
+    click_m: float = 0.0,
+    calibration: float = 0.0,
 ) -> list[Colony | None]:
-    """Measure each outline; None where nothing of it was seen. height_std_m: of a height, as the
-    page has it.
+    """Measure each outline; None where nothing of it was seen.
+
+    height_std_m: of a height, click_m: of a corner, calibration: of a length, relative; as the page
+    has them.
     """
     masks = [outline.mask(terrain.grid) for outline in outlines]
     seen = [i for i, mask in enumerate(masks) if (mask & terrain.known).any()]
@@ -100,23 +108,32 @@ def measure_outlines(
     for i, value, error in zip(seen, values, errs, strict=True):
         known = masks[i] & terrain.known
         fraction = float(known.sum() / masks[i].sum())
-        areas, relative = _areas(outlines[i], ground, masks[i], fraction)
+        areas, area_stds, relative = _areas(outlines[i], ground, masks[i], fraction, click_m)
         mesh_m2 = mesh_area_m2(mesh, terrain, masks[i]) / fraction
+        under = overhang_l(mesh, terrain, masks[i], ground.gap_m)
+        refused = under > 0 and not value[1] > 0
         measured = ColonySize(
-            *areas, mesh_m2, float(value[0]), float(value[1]), areas[2] / areas[0]
+            *areas,
+            mesh_m2,
+            float(value[0]),
+            float("nan") if refused else float(value[1]),
+            areas[2] / areas[0],
         )
         views = float(errors.views[known].mean())
         rim = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
         unseen = np.array([0.0, _unseen_volume_l(terrain, masks[i], windows[i])])
         height_m, volume_l = np.linalg.norm([error, rim, unseen], axis=0)
-        of_surface = (
-            relative * areas[2],
-            relative * mesh_m2,
-            height_m,
-            volume_l,
-            relative * measured.rugosity,
+        volume_l = (
+            float("nan") if refused else np.hypot(volume_l, min(under, value[1]) / np.sqrt(3))
         )
-        own = ColonySize(0.0, 0.0, *(float(each) for each in of_surface))
+        stds = (*area_stds, relative * mesh_m2, height_m, volume_l)
+        powers = (2, 2, 2, 2, 1, 3)
+        shared = (
+            power * calibration * each
+            for power, each in zip(powers, astuple(measured)[:-1], strict=True)
+        )
+        totals = [float(np.hypot(*each)) for each in zip(stds, shared, strict=True)]
+        own = ColonySize(*[*totals, float(relative * measured.rugosity)])
         counted = float((1 / holders[masks[i]]).mean())
         colonies[i] = Colony(
             outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted
@@ -137,30 +154,40 @@ def _without_noise(
 
 
 def _areas(
-    outline: Outline, ground: Ground, inside: Mask, known: float
-) -> tuple[tuple[float, float, float], float]:
-    """Planar, tilted and surface area of an outline, square meters; and the relative standard error
-    of the last.
+    outline: Outline, ground: Ground, inside: Mask, known: float, click_m: float
+) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
+    """Planar, tilted and surface area of an outline, square meters, and their standard errors; and
+    that of the steepness, relative.
 
     A ring within a ring is taken off. Corners that are not known have no part in the tilted area.
     """
-    planar_m2 = tilted_m2 = 0.0
+    planar_m2 = tilted_m2 = planar_variance = tilted_variance = 0.0
     for number, ring in enumerate(outline.rings):
         others = [other for k, other in enumerate(outline.rings) if k != number]
         sign = -1 if sum(within(other, *ring[0]) for other in others) % 2 else 1
         spots = [
             spot
-            for spot in (ground.pick(float(x), float(y), None, 0.0) for x, y in _open(ring))
+            for spot in (ground.pick(float(x), float(y), None, click_m) for x, y in _open(ring))
             if spot is not None
         ]
         planar_m2 += sign * polygon_area(ring)
-        tilted_m2 += sign * planar_area(spots).value if len(spots) > 2 else 0.0
+        corners = _open(ring)
+        planar_variance += (click_m / 2) ** 2 * float(
+            ((np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)) ** 2).sum()
+        )
+        if len(spots) > 2:
+            tilted = planar_area(spots)
+            tilted_m2 += sign * tilted.value
+            tilted_variance += tilted.std**2
     rows, columns = np.nonzero(inside)
     steepness = ground.steepness(zip(columns.tolist(), rows.tolist(), strict=True))
     surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
-    return (planar_m2, tilted_m2, surface_m2), ground.steepness_std(
-        steepness, known
-    ) if steepness.size else float("nan")
+    relative = ground.steepness_std(steepness, known) if steepness.size else float("nan")
+    tilted_std = float(np.sqrt(tilted_variance))
+    by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else 0.0
+    surface_std = surface_m2 * float(np.hypot(relative, by_outline))
+    stds = float(np.sqrt(planar_variance)), tilted_std, surface_std
+    return (planar_m2, tilted_m2, surface_m2), stds, relative
 
 
 def _open(ring: Array) -> Array:
@@ -183,6 +210,34 @@ def _unseen_volume_l(terrain: Terrain, inside: Mask, window: tuple[slice, slice]
         * float((inside & ~terrain.known).sum())
         * terrain.grid.cell_m**2
     )
+
+
+def overhang_l(mesh: SiteMesh, terrain: Terrain, mask: Mask, gap_m: float) -> float:
+    """Liters below the top of an outline that may be empty, since its sides were not seen; 0 where
+    they were, or where it has none.
+
+    Sides are steps to the cells around. Seen ones are in the mesh, over the cells beside them.
+    """
+    heights = terrain.height_m
+    expected_m2, high = 0.0, np.zeros(mask.shape, bool)
+    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        beside = np.roll(heights, shift, axis)
+        step_m = np.where(mask & ~np.roll(mask, shift, axis), heights - beside, 0)
+        side = np.nan_to_num(step_m) > gap_m
+        high |= side
+        expected_m2 += float(step_m[side].sum()) * terrain.grid.cell_m
+    if not high.any():
+        return 0.0
+    near = cv2.dilate(high.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    level_m2 = float((near & terrain.known).sum()) * terrain.grid.cell_m**2
+    seen_m2 = mesh_area_m2(mesh, terrain, near) - level_m2
+    if seen_m2 > SIDES_SEEN * expected_m2:
+        return 0.0
+    window = _window(mask)
+    rim = _rim(heights[window], mask[window])
+    ground_m = float(np.median(heights[window][rim])) if rim.any() else float("nan")
+    above = heights[mask] - ground_m
+    return 1000 * float(np.maximum(np.nan_to_num(above), 0).sum()) * terrain.grid.cell_m**2
 
 
 def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:

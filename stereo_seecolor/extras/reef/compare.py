@@ -4,6 +4,9 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.colony import measure_outlines
@@ -17,12 +20,16 @@ from stereo_seecolor.extras.reef.structure import structure
 from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.mapping.raster.products import known_area_m2
-from stereo_seecolor.report.range_code import height_std_m
+from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.range_code import height_std_m as typical_std_m
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.layout import refuse_own_place
 
 SECOND_TRACK = "second_track.tum"
+CLICK_PX = 0.5
+"""Of the mosaic: how well a person hits the corner of an outline there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +99,15 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
+    run = open_run(out)
     measured = measure_outlines(
-        outlines, mesh, terrain, errors, height_std_m(open_run(out)) if outlines else 0.0
+        outlines,
+        mesh,
+        terrain,
+        errors,
+        typical_std_m(run) if outlines else 0.0,
+        CLICK_PX * site.posed.map.cell_m["mosaic_m"],
+        calibration_std(run).total,
     )
     colonies = tuple(colony for colony in measured if colony is not None)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
@@ -108,10 +122,16 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
         ),
         cell_m=terrain.grid.cell_m,
         area_m2=seen_m2,
-        height_std_m=errors.median_m,
+        height_std_m=_median(height_stds(terrain.height_m, errors.std_m)),
     )
     if folder is None:
         return result
     with new_folder(folder) as building:
         write_tables(building, tables(result))
     return replace(result, files=tuple(sorted(files_below(folder))))
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """Of the known ones; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

@@ -1,12 +1,13 @@
 """Measures from picked points: length along a line, area inside it, and height profile."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick, PickedPoint
 from stereo_seecolor.report.calibration_std import LIMITS
 
@@ -56,6 +57,19 @@ def straight_length(picks: Sequence[PickedPoint]) -> Measured:
     return Measured(length_m, float(np.sqrt(variance)), 1)
 
 
+def length_along(line: Sequence[PickedPoint]) -> Measured:
+    """Length of a line of points on a surface, each joined to the next.
+
+    Where the surface at neither of two points leads to the other, the part between them crosses a
+    step, whose sides are not seen: its standard error carries a part of the step.
+    """
+    straight = straight_length(line)
+    steps_m = [min(a.off_m(b), b.off_m(a)) for a, b in pairwise(line)]
+    return replace(
+        straight, std=float(np.hypot(straight.std, LIMITS.of_step * np.linalg.norm(steps_m)))
+    )
+
+
 def along_surface(surface: FrameSurface, picks: Sequence[Pick]) -> list[Pick]:
     """Points of the surface along the lines between picked ones, far enough apart that noise does
     not lengthen the way.
@@ -68,14 +82,14 @@ def along_surface(surface: FrameSurface, picks: Sequence[Pick]) -> list[Pick]:
                 a.x_px + (b.x_px - a.x_px) * i / count,
                 a.y_px + (b.y_px - a.y_px) * i / count,
             )
-            if (pick := surface.pick(x_px, y_px)) is not None:
+            if (pick := surface.pick(x_px, y_px, 0.0)) is not None:
                 line.append(pick)
         line.append(b)
     return line
 
 
 def _step_px(surface: FrameSurface, a: Pick, b: Pick) -> float:
-    noise_m = max(a.range_std_m, b.range_std_m)
+    noise_m = max(a.pixel_std_m, b.pixel_std_m)
     pixel_m = max(min(a.point_m[2], b.point_m[2]) / surface.geometry.focal_px, 1e-9)
     return max(float(LIMITS.least_step_px), LIMITS.step_stds * noise_m / float(pixel_m))
 
@@ -123,7 +137,7 @@ def surface_area(surface: FrameSurface, picks: Sequence[Pick]) -> tuple[Measured
 
     It is the mean area that a pixel sees, at nodes inside the outline, times the outline's area in
     pixels. The area that a pixel sees is depth^3 |k| / focal^2, where 1 / depth = k . (x / z, y /
-    z, 1) is the fitted plane.
+    z, 1) is the fitted plane; what errors of the plane's slopes add on average is taken off.
     """
     outline = np.array([(pick.x_px, pick.y_px) for pick in picks])
     nodes = _nodes(surface, outline)
@@ -169,7 +183,7 @@ class _Nodes:
     """areas_m2: (n,) what a pixel sees, at nodes inside an outline that are known. known: fraction
     of the nodes that are.
 
-    relative_std: of their mean, by the errors of ranges.
+    relative_std: of their mean, by the errors of ranges and slopes.
     """
 
     areas_m2: Array
@@ -178,31 +192,41 @@ class _Nodes:
 
 
 def _nodes(surface: FrameSurface, outline: Array) -> _Nodes:
-    g, step = surface.geometry, LIMITS.area_step_px
+    step = LIMITS.area_step_px
     low, high = np.ceil(outline.min(axis=0) / step) * step, outline.max(axis=0)
     total, relative = 0, 0.0
-    areas_m2: list[float] = []
+    areas: list[tuple[float, float]] = []
     for y_px in np.arange(low[1], high[1] + 1e-9, step):
         for x_px in np.arange(low[0], high[0] + 1e-9, step):
             if inside(outline, x_px, y_px):
                 total += 1
                 pick = surface.pick(x_px, y_px)
                 if pick is not None:
-                    areas_m2.append(_pixel_area_m2(pick, g.focal_px, g.cx_left_px, g.cy_px))
+                    areas.append(_pixel_area_m2(pick, surface.geometry))
                     relative += pick.range_std_m / pick.range_m
-    known = len(areas_m2)
+    if not areas:
+        return _Nodes(np.zeros(0), 0.0, float("nan"))
+    area_m2, added_m2 = np.array(areas).T
+    known = len(areas)
     independent = max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2)
-    by_range = 2 * relative / max(known, 1) / np.sqrt(independent)
-    return _Nodes(np.array(areas_m2), known / max(total, 1), float(by_range))
+    by_range = 2 * relative / known / np.sqrt(independent)
+    by_slopes = LIMITS.of_slopes * added_m2.mean() / area_m2.mean()
+    return _Nodes(area_m2, known / total, float(np.hypot(by_range, by_slopes)))
 
 
-def _pixel_area_m2(pick: Pick, focal_px: float, cx_px: float, cy_px: float) -> float:
-    depth_m = float(pick.point_m[2])
-    at_center = (
-        1 / depth_m - pick.slope[0] * (pick.x_px - cx_px) - pick.slope[1] * (pick.y_px - cy_px)
-    )
-    k = np.array([pick.slope[0] * focal_px, pick.slope[1] * focal_px, at_center])
-    return float(depth_m**3 * np.linalg.norm(k) / focal_px**2)
+def _pixel_area_m2(pick: Pick, geometry: RectifiedPair) -> tuple[float, float]:
+    """The area that a pixel sees, and what errors of the slopes had added to it, to second order:
+    half their variance times the second derivatives of |k| by them.
+    """
+    focal_px, depth_m = geometry.focal_px, float(pick.point_m[2])
+    x_px, y_px = pick.x_px - geometry.cx_left_px, pick.y_px - geometry.cy_px
+    by_slope = np.array([[focal_px, 0], [0, focal_px], [-x_px, -y_px]])
+    k = by_slope @ pick.slope + (0, 0, 1 / depth_m)
+    size = np.linalg.norm(k)
+    curvature = (by_slope**2).sum() - ((by_slope.T @ k / size) ** 2).sum()
+    added = 0.5 * pick.slope_std**2 * curvature / size
+    scale = depth_m**3 / focal_px**2
+    return float(scale * (size - added)), float(scale * added)
 
 
 def polygon_area(outline: Array) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     unseen_std,
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
+from stereo_seecolor.mapping.raster.noise import OF_DEPARTURE, REACH_CELLS, departure
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -46,6 +48,11 @@ class Spot(PickedPoint):
     """A point of the map, x east, y north, z up. slope: rise to the east and to the north."""
 
     slope: tuple[float, float]
+
+    def off_m(self, other: Self) -> float:
+        """How far another point lies off the plane of the ground here, in height."""
+        rise_m = np.array(self.slope) @ (other.point_m - self.point_m)[:2]
+        return float(abs(other.point_m[2] - self.point_m[2] - rise_m))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +120,21 @@ class Ground:
     ) -> Spot:
         moved = np.array([(1.0, 0.0, slope[0]), (0.0, 1.0, slope[1])])
         covariance = click_m**2 * moved.T @ moved
-        covariance[2, 2] += self.std_m**2
+        covariance[2, 2] += self.height_std_m(*point_m[:2]) ** 2
         return Spot(np.array(point_m), covariance, slope)
+
+    def height_std_m(self, x_m: float, y_m: float) -> float:
+        """The standard error of a height: of ranges, and more at rims (mapping/raster/noise.py)."""
+        column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
+        around = np.full((2 * REACH_CELLS + 1,) * 2, np.nan)
+        top, left = row - REACH_CELLS, column - REACH_CELLS
+        own = self.heights_m[max(top, 0) : max(row + REACH_CELLS + 1, 0)][
+            :, max(left, 0) : max(column + REACH_CELLS + 1, 0)
+        ]
+        top, left = max(-top, 0), max(-left, 0)
+        around[top : top + own.shape[0], left : left + own.shape[1]] = own
+        departs_m = departure(around)[REACH_CELLS, REACH_CELLS]
+        return float(np.hypot(self.std_m, OF_DEPARTURE * departs_m))
 
     def along(self, spots: Sequence[Spot]) -> list[Spot] | None:
         """Points of the ground along the lines between spots; None where a spot does not lie on it,

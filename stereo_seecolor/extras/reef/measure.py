@@ -17,6 +17,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
     crosses_itself,
     known_area,
+    length_along,
     planar_area,
     range_of,
     straight_length,
@@ -36,10 +37,6 @@ Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
 COLUMNS = ("measure", "frame", "kind", "label")
 FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
-CLICK_CELLS = 0.25
-"""Standard error of a click on the map where the table has none, in terrain cells: half a pixel of
-the mosaic, which is half a cell.
-"""
 
 
 @dataclass(frozen=True)
@@ -48,8 +45,8 @@ class Wanted:
 
     measure: its name in the table. frame: "" for the map. places: (x, y) in pixels of the frame's
     rectified left image.
-    spots: (x_m, y_m, z_m, click_m) on the map: position and standard error of the click; height and
-    click NaN where not given.
+    spots: (x_m, y_m, z_m, click_m) on the map: position and standard error of the click; height NaN
+    where not given. clicks_px: standard error of each of the places, 0 of exact ones.
     """
 
     measure: str
@@ -58,6 +55,7 @@ class Wanted:
     label: str
     places: tuple[tuple[float, float], ...]
     spots: tuple[tuple[float, float, float, float], ...] = ()
+    clicks_px: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,8 +93,9 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     x_px, y_px; a row for each place.
 
     Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the
-    terrain. Rows with the same measure belong together, in their order. The page writes such
-    tables, and gives the same numbers.
+    terrain. Rows with the same measure belong together, in their order. click_px and click_m, if
+    there, are standard errors of how well a place was hit; without them places are exact. The page
+    writes such tables, and gives the same numbers.
     Raises InputError if the table cannot be used, or the run has no calibration, not the frame, or
     no map.
     """
@@ -163,11 +162,10 @@ def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measu
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     spots: list[Spot] = []
     for x_m, y_m, z_m, click_m in wanted.spots:
-        click_std_m = CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m
-        spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_std_m)
+        spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_m)
         if spot is None:
             part = (
-                ground.known_area([each[:2] for each in wanted.spots], click_std_m)
+                ground.known_area([each[:2] for each in wanted.spots], click_m)
                 if wanted.kind == "area"
                 else None
             )
@@ -197,7 +195,7 @@ def _on_ground(
     if kind == "area":
         return ground.area(spots) or (None, None)
     line = ground.along(spots)
-    return (straight_length(line) if line else None), None
+    return (length_along(line) if line else None), None
 
 
 def _partly_known(
@@ -225,8 +223,9 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
     """
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     picks: list[Pick] = []
-    for number, (x_px, y_px) in enumerate(wanted.places, 1):
-        pick = surface.pick(x_px, y_px)
+    clicks_px = wanted.clicks_px or (0.0,) * len(wanted.places)
+    for number, (place, click_px) in enumerate(zip(wanted.places, clicks_px, strict=True), 1):
+        pick = surface.pick(*place, click_px)
         if pick is None:
             part = known_area(surface, wanted.places) if wanted.kind == "area" else None
             return _partly_known(about, part, number, calibration)
@@ -252,7 +251,7 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
     if wanted.kind == "length":
         straight, on_surface = (
             straight_length(picks),
-            straight_length(along_surface(surface, picks)),
+            length_along(along_surface(surface, picks)),
         )
     else:
         straight, (on_surface, known) = planar_area(picks), surface_area(surface, picks)
@@ -295,7 +294,10 @@ def read_wanted(path: Path) -> list[Wanted]:
 
 def _joined(earlier: Wanted, later: Wanted) -> Wanted:
     return replace(
-        earlier, places=(*earlier.places, *later.places), spots=(*earlier.spots, *later.spots)
+        earlier,
+        places=(*earlier.places, *later.places),
+        spots=(*earlier.spots, *later.spots),
+        clicks_px=(*earlier.clicks_px, *later.clicks_px),
     )
 
 
@@ -314,13 +316,12 @@ def _wanted(row: dict[str, str], where: str) -> Wanted:
             kind,
             row["label"] or "",
             (_numbers_measure(row, FRAME_COLUMNS, where),),
+            clicks_px=(_click(row, "click_px", where),),
         )
     x_m, y_m = _numbers_measure(row, MAP_COLUMNS, where)
-    z_m, click_m = (
-        math.nan if (row.get(name) or "nan").lower() == "nan" else _number(row[name], name, where)
-        for name in ("z_m", "click_m")
-    )
-    spot = x_m, y_m, z_m, click_m
+    given = (row.get("z_m") or "nan").lower() != "nan"
+    z_m = _number(row["z_m"], "z_m", where) if given else math.nan
+    spot = x_m, y_m, z_m, _click(row, "click_m", where)
     return Wanted(row["measure"], frame, kind, row["label"] or "", (), (spot,))
 
 
@@ -329,6 +330,15 @@ def _numbers_measure(
 ) -> tuple[float, float]:
     x, y = (_number(row.get(name), name, where) for name in names)
     return x, y
+
+
+def _click(row: dict[str, str], name: str, where: str) -> float:
+    """The standard error of a click, 0 where the table has none."""
+    given = row.get(name) or "nan"
+    value = 0.0 if given.lower() == "nan" else _number(given, name, where)
+    if value < 0:
+        raise InputError(f"{where}: {name} is {given!r}: give a standard error, 0 or more")
+    return value
 
 
 def _number(text: str | None, name: str, where: str) -> float:

@@ -88,7 +88,8 @@ class SiteMetrics:
 
     structure: at each scale. colonies: each outline that was seen. cover: by label. unseen:
     outlines of which nothing was seen.
-    height_std_m: median standard error of the terrain. files: what was written.
+    height_std_m: median standard error of a height of the terrain; at rims it is larger. files:
+    what was written.
     """
 
     structure: tuple[StructureAtScale, ...]

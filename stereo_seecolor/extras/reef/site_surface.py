@@ -151,7 +151,8 @@ def terrain_of(mesh: SiteMesh, grid: Grid) -> Terrain:
 # Each frame's measured ranges are compared with the terrain along its own rays. A range error dr
 # moves the surface over a cell by dz = dr (r_z - p r_x - q r_y), r the ray and p, q the slopes.
 # Independent views weigh 1 / variance; where they differ by more than their standard errors say,
-# the mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40).
+# the mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40). At rims all views are wrong
+# alike, which height_stds of mapping/raster/noise.py adds.
 
 
 @dataclass(frozen=True)
@@ -172,21 +173,16 @@ SETTINGS = ErrorSettings()
 class TerrainErrors:
     """Standard errors of a terrain.
 
-    std_m: (H, W) standard error of each height, NaN where no frame's range was left. noise_m: the
-    part of it by the errors of ranges, without what views differ by at edges, which roughens a
-    surface. views: (H, W) frames behind each cell.
-    correlation_m: distance over which errors of neighboring cells are correlated.
+    std_m: (H, W) standard error of each height by its views, NaN where no frame's range was left.
+    noise_m: the part of it by the errors of ranges, without what views differ by at edges, which
+    roughens a surface. views: (H, W) frames behind each cell. correlation_m: distance over which
+    errors of neighboring cells are correlated.
     """
 
     std_m: Array
     noise_m: Array
     views: NDArray[np.int32]
     correlation_m: float
-
-    @property
-    def median_m(self) -> float:
-        """The median standard error of the cells that are known."""
-        return float(np.nanmedian(self.std_m)) if np.isfinite(self.std_m).any() else float("nan")
 
 
 def terrain_errors(

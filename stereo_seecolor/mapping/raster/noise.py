@@ -165,6 +165,57 @@ def averaged(heights: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
     return np.where(count >= 0.5 * cells**2, total / np.maximum(count, 1), np.nan)
 
 
+REACH_CELLS = 8
+"""Matching and voxels blend a rim with what lies within so many cells of it."""
+OF_DEPARTURE = 0.5
+"""What the departure of the ground around from a plane adds to the standard error of a height: as
+benchmarks/standard_errors.py finds it on drawn reefs.
+"""
+
+
+def height_stds(heights: Array, range_std_m: Array | float) -> Array:
+    """(H, W) standard errors of heights (H, W), NaN where unknown; those by ranges alone given.
+
+    At rims and under overhangs a height is off by much more than its ranges: by a part of what the
+    ground around departs from a plane.
+    """
+    std_m = np.hypot(range_std_m, OF_DEPARTURE * departure(heights))
+    return np.where(np.isfinite(heights), std_m, np.nan)
+
+
+def departure(heights: Array) -> Array:
+    """(H, W) root mean square of what the known heights within REACH_CELLS depart from a plane, 0
+    where there are none.
+    """
+    known = np.isfinite(heights)
+    level = float(np.median(heights[known])) if known.any() else 0.0
+    weight, z = known.astype(np.float64), np.where(known, heights - level, 0)
+    rise = np.arange(-REACH_CELLS, REACH_CELLS + 1, dtype=np.float64)
+    powers = [np.ones_like(rise), rise, rise**2]
+
+    def total(values: Array, x: int, y: int) -> Array:
+        """Sums of values x^x y^y over the window around each cell."""
+        return np.asarray(
+            cv2.sepFilter2D(
+                values, cv2.CV_64F, powers[x], powers[y], borderType=cv2.BORDER_CONSTANT
+            )
+        )
+
+    powers_of = ((0, 0), (1, 0), (0, 1))
+    A = np.stack(
+        [
+            np.stack([total(weight, x + u, y + v) for u, v in powers_of], axis=-1)
+            for x, y in powers_of
+        ],
+        axis=-2,
+    )
+    b = np.stack([total(z, x, y) for x, y in powers_of], axis=-1)
+    plane = np.linalg.solve(A + 1e-9 * np.eye(3), b[..., None])[..., 0]
+    squares = total(z**2, 0, 0) - (plane * b).sum(axis=-1)
+    mean = np.maximum(squares, 0) / np.maximum(A[..., 0, 0], 1)
+    return np.asarray(np.sqrt(mean))
+
+
 def smoothed(heights: Array, sigma: float) -> Array:
     """Heights (H, W) after a Gaussian of ``sigma`` cells; what is unknown stays so, and counts for
     nothing.

@@ -18,6 +18,7 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
+    length_along,
     planar_area,
     profile,
     range_of,
@@ -96,7 +97,8 @@ def test_the_error_of_a_length_is_that_of_range_and_click() -> None:
     surface = plane(std_m=0.01)
     flat = straight_length(picked(surface, (100, 120), (220, 120)))
     by_click = LIMITS.click_std_px * np.sqrt(2) * 2 / 400
-    assert flat.std == pytest.approx(np.hypot(by_click, np.sqrt(2) * 0.01 * 60 / 400), rel=0.03)
+    by_range = np.sqrt(2) * LIMITS.of_range * 0.01 * 60 / 400
+    assert flat.std == pytest.approx(np.hypot(by_click, by_range), rel=0.03)
     assert flat.total_std(0.01) == pytest.approx(np.hypot(flat.std, 0.01 * flat.value))
     area = planar_area(picked(surface, (100, 120), (220, 120), (220, 200)))
     assert area.total_std(0.01) == pytest.approx(np.hypot(area.std, 0.02 * area.value))
@@ -145,6 +147,37 @@ def test_what_was_not_measured_has_no_range() -> None:
     area, known = surface_area(surface, corners)
     assert 0.5 < known < 0.8
     assert area.value == pytest.approx(planar_area(corners).value, rel=0.1)
+
+
+def test_what_crosses_a_step_carries_it() -> None:
+    """A wall that jumps by 0.3 m, away from both ends."""
+    depth_m = np.where(np.arange(320) < 160, 2.0, 2.3)[None, :] * np.ones((240, 1))
+    surface = plane()
+    stepped = FrameSurface(
+        GEOMETRY, (depth_m * GEOMETRY.ray_length).astype(np.float32), surface.std_blocks_m
+    )
+    ends = (100, 120), (220, 120)
+    level, over = (
+        length_along(along_surface(each, picked(each, *ends))) for each in (surface, stepped)
+    )
+    assert over.value > level.value + 0.2
+    assert over.std > 0.1 * 0.3 > 5 * level.std
+
+
+def test_the_noise_of_slopes_adds_nothing_to_an_area() -> None:
+    """A level wall with the noise of matching, alike over 2 pixels."""
+    rng, areas = np.random.default_rng(5), []
+    for _ in range(6):
+        noise = cv2.GaussianBlur(rng.standard_normal((240, 320)), (0, 0), 2.0)
+        range_m = 2 * GEOMETRY.ray_length * (1 + 0.003 * noise / noise.std())
+        surface = FrameSurface(
+            GEOMETRY, range_m.astype(np.float32), np.full((60, 80), 0.006, np.float32)
+        )
+        corners = picked(surface, (100, 90), (180, 90), (180, 160), (100, 160))
+        area, _ = surface_area(surface, corners)
+        areas.append((area.value, area.std))
+    values, stds = np.array(areas).T
+    assert values.mean() == pytest.approx(80 * 70 * (2 / 400) ** 2, abs=stds.mean())
 
 
 # The terrain of a map

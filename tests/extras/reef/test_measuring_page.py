@@ -8,19 +8,26 @@ import numpy as np
 import pytest
 
 from calibration import RectifiedPair
-from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself, surface_area
+from stereo_seecolor.extras.reef.lengths_and_areas import (
+    along_surface,
+    crosses_itself,
+    length_along,
+    surface_area,
+)
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.picking import FrameSurface
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 PLACES = [(30.0, 20.0), (120.0, 24.0), (110.0, 100.0), (36.0, 96.0)]
 CROSSED = [PLACES[0], PLACES[2], PLACES[1], PLACES[3]]
+LONG = [(20.0, 30.0), (30.0, 110.0)]
+"""From before something near to behind it."""
 BESIDE = (51.5, 64.0)
 """A place of the bottom two pixels beside something near."""
 CORNERS = [(0.12, 0.92), (0.85, 0.9), (0.8, 0.2), (0.15, 0.1)]
 PROGRAM = """
 import { readFileSync } from "node:fs";
-import { nearer, pick, surfaceArea } from "./src/measure";
+import { alongSurface, lengthAlong, nearer, offInFrame, pick, surfaceArea } from "./src/measure";
 import { crossesItself } from "./src/outlines";
 import { Ground } from "./src/terrain";
 const given = JSON.parse(readFileSync(0, "utf8"));
@@ -41,7 +48,9 @@ console.log(JSON.stringify({
   step: nearer(ranges, given.pair, at(given.beside)),
   plain: nearer(ranges, given.pair, at(given.places[0])),
   crossed: [given.places, given.crossed].map((each) => crossesItself(each)),
+  length: lengthAlong(alongSurface(ranges, given.pair, [given.long[0], given.long[1]].map(at)), offInFrame),
   map: ground.area(spots),
+  map_length: lengthAlong(ground.along(spots.slice(0, 2)), (a, b) => ground.off(a, b)),
 }));
 """  # noqa: E501
 
@@ -102,6 +111,7 @@ def page(web: Path) -> dict:
         "places": PLACES,
         "crossed": CROSSED,
         "beside": BESIDE,
+        "long": LONG,
     }
     text = json.dumps({**given, "corners": CORNERS}).replace("NaN", "null")
     run = subprocess.run(
@@ -127,6 +137,22 @@ def test_an_area_in_a_frame_is_the_same(page: dict) -> None:
         },
         known,
     ]
+
+
+def test_lengths_along_the_surface_are_the_same(page: dict) -> None:
+    surface, ground = seen(), reef()
+    found = length_along(
+        along_surface(surface, [pick for place in LONG if (pick := surface.pick(*place))])
+    )
+    spots = [spot for corner in CORNERS if (spot := ground.pick(*corner, None, 0.002))]
+    line = ground.along(spots[:2])
+    assert line is not None
+    for name, length in (("length", found), ("map_length", length_along(line))):
+        assert page[name] == {
+            "value": pytest.approx(length.value, rel=1e-6),
+            "std": pytest.approx(length.std, rel=1e-5),
+            "power": 1,
+        }
 
 
 def test_an_area_on_the_map_is_the_same(page: dict) -> None:

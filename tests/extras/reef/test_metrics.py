@@ -21,6 +21,8 @@ from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.reef.colony import Colony, ColonySize, measure_outlines
 from stereo_seecolor.extras.reef.compare import metrics
+from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
+from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline, read_outlines
 from stereo_seecolor.extras.reef.site_surface import (
@@ -177,6 +179,50 @@ def test_a_volume_stands_above_ground_that_slopes() -> None:
 
 
 @pytest.mark.slow
+def drum(x: Array, y: Array) -> Array:
+    return np.where(np.hypot(x, y) < 0.15, 0.2, 0.0)
+
+
+def test_the_volume_of_a_table_may_be_empty_below_where_its_sides_were_not_seen() -> None:
+    """A drum whose sides are in the mesh, and one without."""
+    closed = mesh_of(drum)
+    heights = closed.points_m[:, 2][closed.triangles]
+    level = np.ptp(heights, axis=1) < 0.1
+    found = []
+    for mesh in (closed, replace(closed, triangles=closed.triangles[level])):
+        terrain, errors = site(mesh, std_m=0.001)
+        (colony,) = measure_outlines([circle(0.155)], mesh, terrain, errors, 0.001)
+        assert colony
+        found.append((colony.measured.volume_l, colony.standard_error.volume_l))
+    (full_l, std_l), (table_l, table_std_l) = found
+    assert std_l < 0.1 * full_l and full_l == pytest.approx(1000 * np.pi * 0.15**2 * 0.2, rel=0.1)
+    assert table_std_l == pytest.approx(table_l / np.sqrt(3), rel=0.2)
+
+
+def test_areas_of_an_outline_have_the_errors_of_its_corners_and_of_the_calibration() -> None:
+    """As the page and ``measure`` state them of the same outline."""
+    mesh = mesh_of(lambda x, y: 0.3 * x)
+    terrain, errors = site(mesh, std_m=0.002)
+    square = Outline("a", "", (np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]),))
+    (colony,) = measure_outlines([square], mesh, terrain, errors, 0.002, 0.003, 0.005)
+    assert colony
+    grid = terrain.grid
+    ground = Ground(
+        terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, 0.002
+    )
+    spots = [spot for x, y in square.rings[0] if (spot := ground.pick(x, y, None, 0.003))]
+    flat, on_ground = planar_area(spots), ground.area(spots)
+    assert on_ground is not None
+    assert colony.measured.tilted_m2 == pytest.approx(flat.value)
+    assert colony.standard_error.tilted_m2 == pytest.approx(flat.total_std(0.005))
+    assert colony.measured.surface_m2 == pytest.approx(on_ground[0].value)
+    assert colony.standard_error.surface_m2 == pytest.approx(
+        on_ground[0].total_std(0.005), rel=0.02
+    )
+    by_clicks = 0.003 / 2 * np.sqrt(4 * 2 * 0.2**2)
+    assert colony.standard_error.planar_m2 == pytest.approx(np.hypot(by_clicks, 0.01 * 0.04))
+
+
 def test_the_mesh_counts_what_overhangs() -> None:
     ground = mesh_of(lambda x, y: 0 * x)
     table = ground.moved(np.block([[np.eye(3), np.array([[0], [0], [0.2]])], [np.zeros(3), 1]]))

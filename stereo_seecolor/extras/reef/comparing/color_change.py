@@ -14,6 +14,7 @@ from stereo_seecolor.extras.reef.comparing.difference import Difference
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances
 from stereo_seecolor.extras.reef.site_surface import Terrain
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.mapping.raster.noise import REACH_CELLS
 from stereo_seecolor.robust_statistics import TUKEY, biweight
 
 Float = NDArray[np.float32]
@@ -134,6 +135,10 @@ class PatchSettings:
 PATCHES_SETTINGS = PatchSettings()
 
 
+EDGE = np.ones((DIFFERENCE.wide_cells, DIFFERENCE.wide_cells), np.uint8)
+"""How far the edge of a patch is uncertain: half of the wide window to either side."""
+
+
 @dataclass(frozen=True)
 class ChangedPatch:
     """A patch of changed ground.
@@ -199,12 +204,24 @@ def _inside(narrow: Array, wide: Array) -> Mask:
 def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float]:
     """Liters and their standard error: of errors that the patch's cells share, and of the
     registration's, which all share.
+
+    A patch is found where errors are largest. Those of cells that are known worse than most, as at
+    a rim that matching blends, are one error within REACH_CELLS, which the average of the site
+    does not show.
     """
     known = mask & np.isfinite(found.dz_m)
     alike = found.alike(max(int(known.sum()), 1))
-    variance = (
-        alike * float((found.std_m[known] ** 2).sum()) + float(found.shared_std_m[known].sum()) ** 2
-    )
+    std_m = np.where(known, found.std_m, 0.0)
+    typical_m = np.median(found.std_m[np.isfinite(found.std_m)])
+    rims_m = np.where(std_m > typical_m, std_m, 0.0)
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH_CELLS + 1,) * 2)
+    together = cv2.filter2D(rims_m, -1, disk.astype(np.float64), borderType=cv2.BORDER_CONSTANT)
+    variance = max(alike * float((std_m**2).sum()), float((rims_m * together).sum()))
+    variance += float(found.shared_std_m[known].sum()) ** 2
+    # what lies just outside may be its tail
+    beside = np.isfinite(found.dz_m) & ~mask & (cv2.dilate(mask.astype(np.uint8), EDGE) > 0)
+    by_chance = found.alike(max(int(beside.sum()), 1)) * float((found.std_m[beside] ** 2).sum())
+    variance += max(float(found.dz_m[beside].sum()) ** 2 - by_chance, 0.0)
     return 1000 * cell_m**2 * float(found.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
 
 

@@ -1,0 +1,29 @@
+"""A small form of benchmarks/standard_errors.py, on three frames of the sample dive."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereo_seecolor.commands.run import range_maps
+
+ROOT = Path(__file__).resolve().parents[3]
+REEF = ROOT / "data_samples/reef"
+BENCHMARK = runpy.run_path(str(ROOT / "benchmarks/standard_errors.py"))
+
+
+@pytest.mark.slow
+def test_lengths_and_areas_lie_within_their_standard_errors(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for path in sorted((REEF / side).iterdir())[::5]:
+            (tmp_path / side / path.name).symlink_to(path)
+    range_maps(tmp_path / "left", tmp_path / "right", REEF / "cam.yaml", tmp_path / "out")
+    both = BENCHMARK["surfaces"](REEF, tmp_path / "out")
+    for part in (BENCHMARK["lengths"](both, 150, 1), BENCHMARK["areas"](both, 40, 1)):
+        for name, scores in part.items():
+            z = np.array(scores)
+            assert np.mean(np.abs(z) <= 2) >= 0.9, name
+            assert abs(z.mean()) < 0.5 and np.abs(z).max() < 6, name
+            assert z.std() > 0.4, f"{name}: the stated error is much too large"
