@@ -151,7 +151,7 @@ def solve(
         _WindowSums.of(window, columns, of_frame, value)
         for window, value in zip(windows, values, strict=True)
     ]
-    reef = MeanReef.of(windows, parts, len(known.mean), outputs, prior.alike.windows)
+    reef = MeanReef.of(windows, parts, (len(known.mean), outputs), prior)
     found, matrix, squares, variance = _robust_fit(parts, known, reef, prior, outputs)
     number = int(columns.sum())
     coefficients = np.zeros((TERMS + 1, outputs))
@@ -230,12 +230,12 @@ class MeanReef:
         cls,
         windows: Sequence[Window],
         parts: "Sequence[_WindowSums]",
-        unknowns: int,
-        outputs: int,
-        repeats: float,
+        size_of: tuple[int, int],
+        prior: LightPrior,
     ) -> "MeanReef":
-        """The equations of all windows. repeats: windows in which a patch is found, on average."""
-        nuisance, size = REEF.range_degree + 1, REEF.range_degree + 1 + unknowns + outputs
+        """The equations of all windows. size_of: numbers of unknowns and of outputs."""
+        (unknowns, outputs), nuisance = size_of, REEF.range_degree + 1
+        size = nuisance + unknowns + outputs
         sums, lights, cells = np.zeros((size, size)), [], []
         for window, part in zip(windows, parts, strict=True):
             row = np.zeros((len(part.first), size))
@@ -248,7 +248,8 @@ class MeanReef:
             sums += row.T @ row
             lights.append(row[:, [*range(nuisance), *range(nuisance + unknowns, size)]])
             cells.append(_cells(window.terms[part.first]))
-        variance = _variance_of_mean(lights, cells, nuisance) * repeats
+        variance = _variance_of_mean(lights, cells, nuisance) * prior.alike.windows
+        variance *= prior.about.mean_reef**2
         inner, cross = sums[:nuisance, :nuisance], sums[:nuisance, nuisance:]
         regular = 1e-9 * np.trace(inner) * np.eye(nuisance)
         rest = sums[nuisance:, nuisance:] - cross.T @ np.linalg.solve(inner + regular, cross)
