@@ -79,16 +79,35 @@ def test_both_depths_show_the_same():
     assert np.abs(shallow.image - deep.image / 257).max() < 0.7
 
 
+def spread_of(image):
+    """Median luminance, and that of the brightest twentieth."""
+    return np.quantile(linear(image) @ LUMINANCE, [0.5, 0.95])
+
+
 @pytest.mark.parametrize("wanted", [0.05, 0.1, 0.18])
 @pytest.mark.parametrize("median", [0.08, 0.2, 0.4])
-def test_scenes_are_shown_at_one_median_luminance(median, wanted):
+def test_scenes_are_shown_at_about_one_median_luminance(median, wanted):
     image, range_m = scene(median)
     found = Corrector(ColorConfig(median_luminance=wanted)).apply(image, range_m, CLEAR)
-    shown = np.median(linear(found.image) @ LUMINANCE)
-    assert shown == pytest.approx(wanted, rel=0.02 if wanted < 0.18 else 0.12), (
-        "at mid-gray some pixels are compressed"
-    )
+    bright = 2.5 * np.divide(*spread_of(image))  # by the brightest twentieth, at most 1.2 times
+    shown, _ = spread_of(found.image)
+    assert shown == pytest.approx(
+        wanted * np.clip(bright, 1 / 1.2, 1.2), rel=0.03 if wanted < 0.18 else 0.12
+    ), "at mid-gray some pixels are compressed"
     assert found.clipped_fraction <= 0.0005
+
+
+def test_bright_parts_of_two_scenes_are_shown_alike():
+    """As sand in two pictures, of which one holds more dark corals."""
+    rng = np.random.default_rng(3)
+    shown, range_m = [], np.full((90, 120), 2.0, np.float32)
+    for spread in (0.5, 0.62):
+        light = 0.1 * np.exp(spread * rng.standard_normal((90, 120, 1))) * np.ones(3)
+        config = ColorConfig(median_luminance=0.05)
+        shown.append(Corrector(config).apply(encoded(light), range_m, CLEAR).image)
+    (median, bright), (other_median, other_bright) = map(spread_of, shown)
+    assert abs(np.log(bright / other_bright)) < 0.03
+    assert np.log(median / other_median) > 0.1
 
 
 def test_exposure_goes_at_most_five_times_beyond_where_the_brightest_clips():
