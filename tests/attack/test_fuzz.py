@@ -290,7 +290,7 @@ def meshes(folder: Path) -> list[Path]:
 
 
 def rasters(folder: Path) -> list[Path]:
-    rasterio = pytest.importorskip("rasterio")
+    import rasterio
     for name, more in (("a.tif", {}), ("b.tif", {"compress": "deflate", "predictor": 3})):
         with rasterio.open(
             folder / name, "w", driver="GTiff", width=64, height=64, count=1, dtype="float32",

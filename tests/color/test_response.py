@@ -1,13 +1,20 @@
 """The response of drawn and of real cameras: linear or encoded, with or without a pedestal."""
 
+import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 from cameras import Camera, drawn_light
 
-from stereo_seecolor.checks.camera_response import settle_response
+from stereo_seecolor.checks.camera_response import (
+    COLOR_SPACE,
+    EXIF_IFD,
+    SRGB,
+    settle_response,
+)
 from stereo_seecolor.color.response.measure import MeasuredResponse, measure_response
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.config import ColorConfig, InputConfig, RunConfig
@@ -117,6 +124,24 @@ def test_the_settings_of_a_run_hold_what_was_measured(tmp_path: Path) -> None:
     assert notes[0].startswith("response: linear light") and "pedestal" in notes[0]
     given = RunConfig.model_validate({"color": {"input_encoding": "srgb"}})
     assert settle_response(given, pairs) == (given, ())
+
+
+def test_a_png_that_states_a_gamma_of_1_is_linear_where_noise_says_nothing(tmp_path: Path) -> None:
+    chunk = b"gAMA" + (100_000).to_bytes(4, "big")
+    chunk = (4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    png = cv2.imencode(".png", np.full((60, 80, 3), 90, np.uint8))[1].tobytes()
+    path = tmp_path / "a.png"
+    path.write_bytes(png[:33] + chunk + png[33:])  # behind the header
+    config, _ = settle_response(RunConfig(), [Pair("a", path, path)])
+    assert config.color.input_encoding == "linear"
+
+
+def test_a_photograph_whose_exif_states_srgb_is_encoded(tmp_path: Path) -> None:
+    exif = PIL.Image.Exif()
+    exif.get_ifd(EXIF_IFD)[COLOR_SPACE] = SRGB
+    path = tmp_path / "a.jpg"
+    PIL.Image.new("RGB", (80, 60), (90, 90, 90)).save(path, exif=exif)
+    assert settle_response(RunConfig(), [Pair("a", path, path)])[1] == ()
 
 
 def test_sides_that_were_saved_in_different_ways_are_named(tmp_path: Path) -> None:

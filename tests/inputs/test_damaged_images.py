@@ -3,11 +3,9 @@ named.
 """
 
 import io
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import PIL.Image
 import pytest
@@ -17,7 +15,6 @@ from stereo_seecolor.checks.image_files import form_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.decoding import seam_row
 from stereo_seecolor.inputs.images import FrameReader, decode_image
 from stereo_seecolor.inputs.pairing import Pair
@@ -191,22 +188,3 @@ def test_forms_of_files_that_cost_colors_are_named(tmp_path: Path) -> None:
     gray = io.BytesIO()
     PIL.Image.fromarray(rgb[..., 1]).convert("P").save(gray, "PNG")
     assert "palette" not in notes(tmp_path, "c.png", gray.getvalue())
-
-
-def test_linear_light_in_8_bits_is_named(tmp_path: Path) -> None:
-    rgb = read_pixels(LEFTS[0])[..., ::-1] // 2
-    linear = np.round(255 * decode_srgb(rgb / 255.0)).astype(np.uint8)
-    linear[:40, :40] = 255  # something bright in a dark scene
-    assert "if it holds linear light: --set color.input_encoding=linear" in notes(
-        tmp_path, "a.tif", pages(linear)
-    )
-    declared = cv2.imencode(".png", rgb)[1].tobytes()
-    chunk = b"gAMA" + (100_000).to_bytes(4, "big")
-    declared = (
-        declared[:33]
-        + (4).to_bytes(4, "big")
-        + chunk
-        + zlib.crc32(chunk).to_bytes(4, "big")
-        + declared[33:]
-    )
-    assert "says that it holds linear light (gAMA 1)" in notes(tmp_path, "a.png", declared)
