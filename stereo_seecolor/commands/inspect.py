@@ -14,6 +14,7 @@ from calibration.errors import counted
 from calibration.formats import load_rig
 from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
+from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
 from stereo_seecolor.commands.inspect_rig import (
@@ -216,6 +217,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     """
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
+    config, response = settle_response(config, pairing.pairs)
     sample, unlike = alike(evenly_spaced(pairing.pairs, SAMPLE_PAIRS), config)
     left, right = image_facts(sample[0].left), image_facts(sample[0].right)
     _refuse_range_maps(sides, left, right)
@@ -228,6 +230,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     problems = (
         *problems_of_images(sides, pairing, _doubtful(sides, tested)),
         *notes,
+        *response,
         *unlike,
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested),

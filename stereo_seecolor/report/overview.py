@@ -268,6 +268,19 @@ def _methods_of_water(facts: DiveFacts) -> list[str]:
         sentences += _methods_of_white(facts)
     if facts.typical("light_gain") is not None:
         sentences.append(phrase("methods.light"))
+    return [*_methods_of_response(facts), *sentences]
+
+
+def _methods_of_response(facts: DiveFacts) -> list[str]:
+    """How values of the files were read as light; nothing where they were taken as they are."""
+    color = facts.run.config.color
+    if color.encoding == "as-is":
+        return []
+    sentences = [phrase(f"methods.response.{color.encoding}")]
+    if any(color.pedestal):
+        parts = zip(CHANNELS, color.pedestal, strict=True)
+        percent = {channel: f"{100 * value:.1f}" for channel, value in parts}
+        sentences.append(phrase("methods.pedestal", **percent))
     return sentences
 
 

@@ -291,6 +291,7 @@ def meshes(folder: Path) -> list[Path]:
 
 def rasters(folder: Path) -> list[Path]:
     import rasterio
+
     for name, more in (("a.tif", {}), ("b.tif", {"compress": "deflate", "predictor": 3})):
         with rasterio.open(
             folder / name, "w", driver="GTiff", width=64, height=64, count=1, dtype="float32",
