@@ -3,7 +3,8 @@
 import type { Place } from "./about";
 import { decoded } from "./codes";
 import { inflated } from "./ranges";
-import { script, seecolor } from "./scripts";
+import { script } from "./scripts";
+import { seecolor } from "./shared";
 
 const TILE_PX = 512;
 const MOST_KEPT = 64;

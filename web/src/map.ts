@@ -9,7 +9,7 @@ import { MapMeasuring, type Clicked } from "./mapmeasuring";
 import { Mosaic, type Flat } from "./mosaic";
 import { HEIGHT_COLORS, scaleBar } from "./scale";
 import { Scene } from "./scene";
-import { seecolor } from "./scripts";
+import { seecolor } from "./shared";
 import { isVisible, sightings, type Sighting } from "./seen";
 import { drawSquares, span } from "./squares";
 

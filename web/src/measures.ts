@@ -32,6 +32,7 @@ const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", 
 export class Measures {
   private all: Measure[] = [];
   private readonly earlier: string[] = [];
+  private typed = ""; // the field of the last change, where that was typed
 
   constructor(
     private readonly dive: Dive,
@@ -68,16 +69,23 @@ export class Measures {
     this.change(this.all.filter((each) => each.id !== id));
   }
 
-  clear(): void {
-    this.change([]);
+  /** Keep what is typed, letter by letter; undo takes back all that was typed into a field in one go. */
+  write(id: number, key: "label" | "note", typed: string): void {
+    const field = `${id} ${key}`;
+    const to = this.all.map((each) => (each.id === id ? { ...each, [key]: typed } : each));
+    if (field === this.typed) this.set(to);
+    else this.change(to);
+    this.typed = field;
   }
 
   undo(): void {
+    this.typed = "";
     const before = this.earlier.pop();
     if (before !== undefined) this.set(JSON.parse(before) as Measure[]);
   }
 
   private change(to: Measure[]): void {
+    this.typed = "";
     this.earlier.push(JSON.stringify(this.all));
     if (this.earlier.length > MOST_UNDONE) this.earlier.shift();
     this.set(to);

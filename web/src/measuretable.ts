@@ -8,10 +8,17 @@ import { Measures, save, type Kind, type Measure } from "./measures";
 
 const SAID_BELOW = 0.95; // of an outline in which the surface is known
 
+/** A row of the table, which stays in the page as long as its measure: what is typed or pressed in it is not lost when another changes. */
+interface Row {
+  root: HTMLTableRowElement;
+  show: (measure: Measure) => void;
+}
+
 export class MeasureTable {
   readonly root = element("div", { class: "measure-table" });
   readonly measures: Measures;
   private readonly list = element("tbody");
+  private readonly rows = new Map<number, Row>();
   private readonly sums = element("tbody");
   private readonly summed: HTMLElement;
   private readonly watchers: (() => void)[] = [];
@@ -44,11 +51,27 @@ export class MeasureTable {
   }
 
   private draw(): void {
-    this.list.replaceChildren(...this.measures.list.map((each) => this.row(each)));
+    this.drawRows();
     const labels = [...new Set(this.measures.list.map((each) => each.label))].filter(Boolean).sort();
     this.summed.hidden = !labels.length;
     this.sums.replaceChildren(...labels.map((label) => this.sum(label)));
     for (const changed of this.watchers) changed();
+  }
+
+  private drawRows(): void {
+    const listed = new Set(this.measures.list.map((each) => each.id));
+    for (const [id, row] of this.rows) {
+      if (listed.has(id)) continue;
+      row.root.remove();
+      this.rows.delete(id);
+    }
+    this.measures.list.forEach((each, place) => {
+      const row = this.rows.get(each.id) ?? this.row(each.id);
+      this.rows.set(each.id, row);
+      const there = this.list.children[place] ?? null;
+      if (there !== row.root) this.list.insertBefore(row.root, there);
+      row.show(each);
+    });
   }
 
   /** How often a label was given, and what its areas on the map cover: of what was seen, and of all that is outlined. */
@@ -63,28 +86,32 @@ export class MeasureTable {
     return element("tr", {}, ...[...cells, undo].map((cell) => element("td", {}, cell)));
   }
 
-  private row(each: Measure): HTMLElement {
-    const where = element("button", { type: "button", class: "plain" }, each.frame || this.text("tab.map"));
-    where.addEventListener("click", () => (each.frame ? this.look(each.frame) : (location.hash = "#map")));
-    const cells: (string | Node)[] = [
-      this.field(each, "label"),
-      `${each.id} ${this.text(`measure.${each.kind}`)}`,
-      shown(each.value, each.std, each.kind),
-      each.surface === null ? "" : shown(each.surface, each.surface_std ?? NaN, each.kind) + this.partly(each),
-      where,
-      this.field(each, "note"),
-      button("×", () => this.measures.remove(each.id), { "aria-label": this.text("measure.remove", { id: each.id }) }),
-    ];
-    return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
+  private row(id: number): Row {
+    const where = element("button", { type: "button", class: "plain" });
+    let frame = "";
+    where.addEventListener("click", () => (frame ? this.look(frame) : (location.hash = "#map")));
+    const [label, note] = [this.field(id, "label"), this.field(id, "note")];
+    const [kind, value, surface] = [0, 1, 2].map(() => element("td"));
+    const remove = button("×", () => this.measures.remove(id), { "aria-label": this.text("measure.remove", { id }) });
+    const cell = (shown: Node) => element("td", {}, shown);
+    const show = (each: Measure) => {
+      frame = each.frame;
+      kind.textContent = `${id} ${this.text(`measure.${each.kind}`)}`;
+      value.textContent = shown(each.value, each.std, each.kind);
+      surface.textContent = each.surface === null ? "" : shown(each.surface, each.surface_std ?? NaN, each.kind) + this.partly(each);
+      where.textContent = frame || this.text("tab.map");
+      for (const [field, text] of [[label, each.label], [note, each.note ?? ""]] as const) if (field.value !== text) field.value = text;
+    };
+    return { root: element("tr", {}, cell(label), kind, value, surface, cell(where), cell(note), cell(remove)), show };
   }
 
   private partly({ known = 1 }: Measure): string {
     return known < SAID_BELOW ? `, ${this.text("measure.partly", { percent: Math.round(100 * known) })}` : "";
   }
 
-  private field(each: Measure, key: "label" | "note"): HTMLElement {
-    const made = element("input", { type: "text", class: key, value: each[key] ?? "", "aria-label": this.text(`measure.${key}_of`, { id: each.id }), list: key === "label" ? "labels" : null });
-    made.addEventListener("change", () => this.measures.put({ ...each, [key]: made.value }));
+  private field(id: number, key: "label" | "note"): HTMLInputElement {
+    const made = element("input", { type: "text", class: key, "aria-label": this.text(`measure.${key}_of`, { id }), list: key === "label" ? "labels" : null });
+    made.addEventListener("input", () => this.measures.write(id, key, made.value));
     return made;
   }
 }

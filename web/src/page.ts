@@ -5,7 +5,8 @@ import { Frames } from "./frames";
 import { MeasureTable } from "./measuretable";
 import { drawPlots } from "./plots";
 import { ranges, receive } from "./ranges";
-import { script, seecolor } from "./scripts";
+import { script } from "./scripts";
+import { seecolor } from "./shared";
 import { accessible } from "./slider";
 
 function start(dive: Dive): void {

@@ -2,7 +2,8 @@
 
 import { BufferAttribute, BufferGeometry } from "three";
 import { inflated } from "./ranges";
-import { script, seecolor } from "./scripts";
+import { script } from "./scripts";
+import { seecolor } from "./shared";
 
 interface Packed {
   vertices: number;

@@ -2,7 +2,7 @@
 
 import type { Dive } from "./dive";
 import { has } from "./dive";
-import { seecolor } from "./scripts";
+import { seecolor } from "./shared";
 
 const MOST = 12;
 const AGREEMENT = 0.05;

@@ -42,6 +42,21 @@ test("every step can be taken back", () => {
   assert.equal(before.length, 0);
 });
 
+test("what is typed is kept letter by letter, and taken back in one go", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  const id = measures.put({ ...LENGTH, label: "" });
+  for (const typed of ["P", "Po", "Porites"]) measures.write(id, "label", typed);
+  for (const typed of ["b", "bleached"]) measures.write(id, "note", typed);
+  assert.deepEqual(new Measures(DIVE, () => undefined).list, [{ ...LENGTH, id, label: "Porites", note: "bleached" }]);
+  measures.undo();
+  assert.deepEqual([measures.list[0].label, measures.list[0].note], ["Porites", undefined]);
+  measures.undo();
+  assert.equal(measures.list[0].label, "");
+  measures.write(id, "label", "A");
+  measures.undo();
+  assert.equal(measures.list[0].label, "");
+});
+
 test("a table has a row for each point, in the map's world or the frame's camera", () => {
   const measures = new Measures(DIVE, () => undefined);
   measures.put(LENGTH);
