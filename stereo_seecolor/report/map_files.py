@@ -24,7 +24,7 @@ from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN, Stamp
 
-FORMAT = "5"
+FORMAT = "6"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.mapping.surface.small_holes import closed
 from stereo_seecolor.report.range_code import deflated, text
 
 Place = tuple[int, int]
@@ -72,6 +73,12 @@ class Piece:
             means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles
         )
 
+    def without_small_holes(self, cell_m: float) -> "Piece":
+        """The piece with holes closed that are no larger than a cell: coarser levels would show
+        them larger.
+        """
+        return Piece(self.points_m, self.colors, closed(self.points_m, self.triangles, cell_m))
+
     def in_strips(self, strip_m: float) -> "Piece":
         """The piece with triangles ordered by strips across the map, and vertices in the order in
         which triangles use them.
@@ -89,14 +96,16 @@ class Piece:
         """The piece as the page reads it: differences of positions between vertices, in steps;
         indices relative to the newest.
         """
-        low = self.points_m.min(axis=0).astype(np.float64)
-        positions = np.rint((self.points_m - low) / step_m).astype(np.int64)
+        # steps of one grid for all tiles: what two of them share stays in one place, without cracks
+        steps = np.rint(self.points_m.astype(np.float64) / step_m).astype(np.int64)
+        low = steps.min(axis=0)
+        positions = steps - low
         indices = self.triangles.ravel()
         newest = np.maximum.accumulate(np.concatenate([[-1], indices[:-1]]))
         return {
             "vertices": len(self.points_m),
             "triangles": len(self.triangles),
-            "low_m": [round(float(value), 5) for value in low],
+            "low_m": [float(value) for value in low * step_m],
             "step_m": step_m,
             "positions": text(
                 deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), repeats=True)
@@ -163,8 +172,9 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
     fine cells as the one before.
 
     A tile of a level covers four of the level before, and holds about as many triangles as each of
-    those.
+    those. Holes no larger than a cell of a level are closed in it.
     """
+    mesh = mesh.without_small_holes(voxel_m)
     low, high = mesh.middles_m.min(axis=0), mesh.middles_m.max(axis=0)
     tiles, side_m = len(mesh.triangles) / SIZES.tile_triangles, float((high - low).max()) + voxel_m
     edge_m = (
@@ -179,7 +189,7 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
         if len(made) <= 1 and len(mesh.triangles) <= SIZES.first_triangles:
             return
         cell_m, edge_m, before = 2 * cell_m, 2 * edge_m, len(mesh.triangles)
-        mesh = mesh.clustered(cell_m, low)
+        mesh = mesh.clustered(cell_m, low).without_small_holes(cell_m)
         if not 0 < len(mesh.triangles) < before:
             return
 

@@ -16,6 +16,7 @@ from mapping_scene import CONFIG, PAIR, flat_frames, write_map
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.mapping.surface.small_holes import boundary, closed
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece
 from stereo_seecolor.report.map_mesh import levels as mesh_levels
@@ -126,6 +127,65 @@ def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(
     assert sum(len(tile.triangles) for tile in coarser[-1][1].values()) <= 300
     for (_, fine), (_, coarse) in zip([finest, *coarser], coarser, strict=False):
         assert {(column // 2, row // 2) for column, row in fine} >= coarse.keys()
+
+
+@pytest.mark.slow
+def test_no_level_has_a_gap_that_the_whole_mesh_has_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tiles of each level, as the page unpacks them, fit without cracks: all edges of an odd number
+    of triangles are of the mesh's own boundary, moved by no more than its cells.
+    """
+    monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(300, 800))
+    mesh = hills()
+    away = np.hypot(*(mesh.points_m[mesh.triangles].mean(axis=1)[:, :2] - (5.3, -2.7)).T)
+    mesh = replace(mesh, triangles=mesh.triangles[away > 0.1])  # a gap of 20 cm
+    rim = mesh.points_m[np.stack(boundary(mesh.triangles))].reshape(-1, 3)
+    for cell_m, tiles in mesh_levels(mesh, 0.01):
+        step_m = cell_m / 16
+        shown = [unpacked(tile.in_strips(cell_m).packed(step_m)) for tile in tiles.values()]
+        points = np.concatenate([tile.points_m for tile in shown])
+        counts = np.cumsum([0] + [len(tile.points_m) for tile in shown])
+        triangles = np.concatenate(
+            [tile.triangles + first for tile, first in zip(shown, counts, strict=False)]
+        )
+        _, same = np.unique(np.rint(points / step_m).astype(int), axis=0, return_inverse=True)
+        place = np.zeros((same.max() + 1, 3))
+        place[same.ravel()] = points
+        edges = place[np.stack(boundary(same.ravel()[triangles]))].reshape(-1, 3)
+        assert len(edges) > 50 / (cell_m / 0.01)
+        gaps = np.linalg.norm(edges[:, None] - rim, axis=2).min(axis=1)
+        assert gaps.max() < 2 * cell_m
+        inner = np.hypot(*(edges[:, :2] - (5.3, -2.7)).T) < 0.2
+        assert inner.any() == (
+            cell_m < 0.1
+        )  # the gap is there, as long as it is larger than a cell
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_holes_of_a_cell_are_closed_and_larger_ones_stay(count: int) -> None:
+    """Faces of the closed holes look as those around them."""
+    mesh = hills()
+    middles = mesh.middles_m
+    few = np.argsort(np.hypot(*(middles - (5.105, -2.895)).T))[: count - 2]
+    many = np.hypot(*(middles - (5.4, -2.6)).T) < 0.03
+    kept = ~many
+    kept[few] = False
+    open_mesh = replace(mesh, triangles=mesh.triangles[kept])
+    filled = open_mesh.without_small_holes(0.01)
+    assert len(filled.triangles) == kept.sum() + count - 2
+    a, b, c = (filled.points_m[corner] for corner in filled.triangles.T)
+    assert np.sign(np.cross(b - a, c - a)[:, 2]).min() == 1
+    left = np.stack(boundary(filled.triangles))
+    assert set(np.unique(left)) == set(
+        np.unique(np.stack(boundary(mesh.triangles[~many])))
+    )  # of the rim and the large hole
+
+
+def test_a_closed_surface_and_one_of_no_triangles_stay_as_they_are() -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    np.testing.assert_array_equal(closed(corners, faces, 1), faces)
+    assert len(closed(corners, faces[:3], 1)) == 4
+    assert closed(corners, faces[:0], 1).shape == (0, 3)
 
 
 def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
