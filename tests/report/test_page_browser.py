@@ -779,6 +779,186 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
     assert sum(row.endswith(",Sand") for row in rows) == 4
 
 
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_labels_that_are_typed_one_after_the_other_all_stay(
+    new_context: Callable[..., BrowserContext], mapped: Path, width: int, height: int
+) -> None:
+    """By mouse from field to field, by Tab, and without leaving the last field."""
+    page = new_context(width, height).new_page()
+    page.goto(f"{(mapped / 'index.html').as_uri()}#map")
+    page.get_by_role("button", name="Mosaic", exact=True).click()
+    until_drawn(page)
+    stop_clock(page)
+    page.get_by_role("button", name="Point", exact=True).click()
+    for number, x in enumerate((0.4, 0.5, 0.6), start=1):
+        box = box_of(page.locator(".map-stage"))
+        page.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
+        expect(page.locator("#map .measures tbody tr")).to_have_count(number)
+    for number in (1, 2, 3):
+        box = box_of(page.get_by_label(f"Label of measure {number}", exact=True))
+        page.mouse.click(box["x"] + 10, box["y"] + box["height"] / 2)
+        page.keyboard.type(f"Sand {number}")
+    assert [each["label"] for each in stored(page)] == ["Sand 1", "Sand 2", "Sand 3"]
+    box = box_of(page.locator("#map .measures input.note").first)
+    page.mouse.click(box["x"] + 10, box["y"] + box["height"] / 2)
+    for name in ("first", "second", "third"):
+        page.keyboard.type(name)
+        for _ in range(4):  # the button that deletes, the next label, its frame, its note
+            page.keyboard.press("Tab")
+    assert [each.get("note") for each in stored(page)] == ["first", "second", "third"]
+    page.reload()
+    assert [each["label"] for each in stored(page)] == ["Sand 1", "Sand 2", "Sand 3"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_button_beside_a_field_is_pressed_by_the_click_that_leaves_the_field(
+    on_map: Page,
+) -> None:
+    on_map.get_by_role("button", name="Mosaic", exact=True).click()
+    until_drawn(on_map)
+    stop_clock(on_map)
+    on_map.get_by_role("button", name="Point", exact=True).click()
+    for number, x in enumerate((0.4, 0.6), start=1):
+        box = box_of(on_map.locator(".map-stage"))
+        on_map.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
+        expect(on_map.locator("#map .measures tbody tr")).to_have_count(number)
+    on_map.get_by_label("Label of measure 1", exact=True).click()
+    on_map.keyboard.type("Rock")
+    on_map.get_by_role("button", name="Delete measure 2").click()
+    expect(on_map.locator("#map .measures tbody tr")).to_have_count(1)
+    on_map.get_by_label("Label of measure 1", exact=True).click()
+    on_map.keyboard.type("s")
+    on_map.get_by_role("button", name="Take back the last measure labelled Rocks").click()
+    expect(on_map.locator("#map .measures tbody tr")).to_have_count(0)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_the_map_is_in_sight_while_its_points_are_labelled(
+    new_context: Callable[..., BrowserContext], mapped: Path, width: int, height: int
+) -> None:
+    page = new_context(width, height).new_page()
+    page.goto(f"{(mapped / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    page.get_by_label("How many points").fill("5")
+    page.get_by_role("button", name="Random points").click()
+    for done, by_mouse in enumerate((False, False, True, False)):
+        expect(page.locator(".cover output")).to_have_text(f"{done} of 5 labelled")
+        everything_in_sight(page, height)
+        if by_mouse:
+            page.get_by_role("button", name="This point is Sand").click()
+        else:
+            page.keyboard.type("Sand")
+            page.keyboard.press("Enter")
+        if by_mouse:
+            page.get_by_label("Label of this point").click()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def everything_in_sight(page: Page, height: int) -> None:
+    """The whole map, its marked point and the field for its label are between the header and the
+    lower edge, and the point is on the map.
+    """
+    header = page.locator(".top").bounding_box()
+    assert header
+    mark = page.locator(".map-marks .point")
+
+    def settled() -> bool:
+        boxes = [
+            page.locator(each).bounding_box()
+            for each in (".map-stage", ".map-marks .point", ".cover-bar input")
+        ]
+        if not all(boxes):
+            return False
+        stage, point, _ = boxes
+        assert stage and point
+        return stage["y"] < point["y"] < stage["y"] + stage["height"] and all(
+            header["y"] + header["height"] <= each["y"] <= height - each["height"]
+            for each in boxes
+            if each
+        )
+
+    expect(mark).to_have_count(1)
+    until(page, settled)
+
+
+def test_points_that_others_replace_come_back(on_map: Page) -> None:
+    on_map.get_by_label("How many points").fill("10")
+    on_map.get_by_role("button", name="Random points").click()
+    expect(on_map.locator(".cover output")).to_have_text("0 of 10 labelled")
+    on_map.keyboard.type("Sand")
+    on_map.keyboard.press("Enter")
+    on_map.get_by_label("How many points").fill("12")
+    on_map.get_by_role("button", name="Random points").click()
+    expect(on_map.locator(".cover output")).to_have_text("0 of 12 labelled")
+    on_map.get_by_role("button", name="Take back the last label").click()
+    expect(on_map.locator(".cover output")).to_have_text("1 of 10 labelled")
+
+
+@pytest.mark.parametrize("view", ["In three dimensions", "Mosaic", "Terrain"])
+def test_the_page_stands_still_when_the_map_is_tapped(
+    new_context: Callable[..., BrowserContext], mapped: Path, view: str
+) -> None:
+    page = new_context(390, 844, has_touch=True, is_mobile=True).new_page()
+    page.goto(f"{(mapped / 'index.html').as_uri()}#map")
+    page.get_by_role("button", name=view, exact=True).click()
+    page.locator(".map-stage canvas").first.wait_for()
+    at_rest(page)
+    page.evaluate("scrollTo(0, 0)")
+    box = page.locator(".map-stage").bounding_box()
+    assert box
+    page.touchscreen.tap(195, box["y"] + box["height"] / 2)
+    page.locator(".found h2").wait_for()
+    assert page.locator(".map-stage").bounding_box() == box
+
+
+def test_the_frame_stands_still_when_it_is_tapped(
+    new_context: Callable[..., BrowserContext], out: Path
+) -> None:
+    page = new_context(390, 640, has_touch=True, is_mobile=True).new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#frames/0000")
+    measuring(page)
+    page.evaluate("scrollTo(0, 0)")
+    box = page.locator(".overlay").bounding_box()
+    assert box and box["y"] + 20 < 640 < box["y"] + box["height"]
+    page.touchscreen.tap(195, box["y"] + 10)
+    expect(page.locator(".overlay .dot")).to_have_count(1)
+    assert page.locator(".overlay").bounding_box() == box
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_the_map_is_turned_where_it_is_after_a_zoom(
+    new_context: Callable[..., BrowserContext], mapped: Path, width: int, height: int
+) -> None:
+    """The reef in the middle of the view stays there."""
+    page = new_context(width, height).new_page()
+    page.goto(f"{(mapped / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    at_rest(page)
+    box = box_of(page.locator(".map-stage"))
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(middle[0] + 20, middle[1] + 30)
+    for _ in range(10):
+        page.mouse.wheel(0, -300)
+        page.wait_for_timeout(50)
+    at_rest(page)
+    page.mouse.click(*middle)
+    before = spot_of(page)
+    page.mouse.move(*middle)
+    page.mouse.down(button="right")
+    page.mouse.move(middle[0] + 90, middle[1] - 40, steps=5)
+    page.mouse.up(button="right")
+    at_rest(page)
+    page.mouse.click(*middle)
+    assert np.linalg.norm(spot_of(page) - before) < 0.03
+
+
+def spot_of(page: Page) -> np.ndarray:
+    """The clicked spot of the map, meters, once its frames are found."""
+    page.wait_for_timeout(1000)
+    text = page.locator(".found h2").inner_text()
+    return np.array(re.findall(r"-?[0-9.]+", text)[-3:], float)
+
+
 def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) -> None:
     on_map.get_by_role("button", name="Mosaic", exact=True).click()
     until_drawn(on_map)

@@ -1,7 +1,7 @@
 // Cover by random points on the map: each is labelled, and counts give fractions of what was seen with binomial intervals.
 
 import type { Dive, Text } from "./dive";
-import { button, element, readable, select } from "./elements";
+import { button, element, readable, redraw, select } from "./elements";
 import type { Heights } from "./heights";
 import { labelList, LABELS } from "./labels";
 import { quoted, save } from "./measures";
@@ -25,10 +25,14 @@ export function wilson(count: number, of: number): [number, number] {
 
 export class Cover {
   readonly root = element("div", { class: "cover" });
+  /** What labels a point: it stands at the map, so that both are in sight. */
+  readonly bar = element("div", { class: "cover cover-bar" });
+  private readonly again = element("div", { class: "again" });
   private readonly rows = element("tbody");
   private readonly said = element("output", { class: "readout" });
   private readonly label: HTMLInputElement;
   private points: Point[] = [];
+  private earlier: Point[][] = []; // points that others have replaced
 
   constructor(
     private readonly dive: Dive,
@@ -43,6 +47,7 @@ export class Cover {
     }
     const count = element("input", { type: "number", min: 10, max: MOST_POINTS, value: 100, "aria-label": text("cover.count") });
     this.label = element("input", { type: "text", list: "cover-labels", "aria-label": text("cover.label"), placeholder: text("cover.label") });
+    this.label.addEventListener("focus", () => this.current && this.changed(this.current));
     this.label.addEventListener("keydown", (event) => event.key === "Enter" && this.give(this.label.value.trim()));
     const names = labelList("cover-labels", LABELS.CATAMI);
     const sets = Object.keys(LABELS).map((name): [string, string] => [name, name]);
@@ -51,9 +56,13 @@ export class Cover {
     this.root.append(
       element("h2", {}, text("cover.title")),
       element("p", { class: "hint" }, text("cover.hint")),
-      element("div", { class: "toolbar" }, count, button(text("cover.throw"), () => void this.scatter(Number(count.value))), set, this.label, names, button(text("measure.undo"), () => this.back(), { "aria-label": text("cover.back") }), this.said),
+      element("div", { class: "toolbar" }, count, button(text("cover.throw"), () => void this.scatter(Number(count.value))), set),
       element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...heads)), this.rows)),
       element("div", { class: "toolbar" }, button(text("cover.csv"), () => save("cover_points.csv", this.csv()))),
+    );
+    this.bar.append(
+      element("div", { class: "toolbar" }, this.label, names, button(text("measure.undo"), () => this.back(), { "aria-label": text("cover.back") }), this.said),
+      this.again,
     );
     this.draw(false);
   }
@@ -78,8 +87,10 @@ export class Cover {
       await this.heights.load([spot_m]);
       if (!Number.isNaN(this.heights.at(...cell))) points.push({ spot_m, label: "" });
     }
+    if (this.points.length) this.earlier.push(this.points);
     this.points = points;
     this.draw(true);
+    this.label.focus({ preventScroll: true });
   }
 
   private give(label: string): void {
@@ -93,6 +104,7 @@ export class Cover {
   private back(): void {
     const last = this.points.filter((each) => each.label).pop();
     if (last) last.label = "";
+    else this.points = this.earlier.pop() ?? this.points;
     this.draw(true);
   }
 
@@ -104,11 +116,13 @@ export class Cover {
     this.rows.replaceChildren(
       ...[...counts].sort((a, b) => b[1] - a[1]).map(([label, count]) => {
         const [low, high] = wilson(count, given.length);
-        const again = button(label, () => this.give(label), { "aria-label": this.text("cover.again", { label }) });
-        const cells = [again, `${count}`, `${percent(count / given.length)} %`, this.text("cover.interval", { low: percent(low), high: percent(high) })];
+        const cells = [label, `${count}`, `${percent(count / given.length)} %`, this.text("cover.interval", { low: percent(low), high: percent(high) })];
         return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
       }),
     );
+    const labels = [...counts.keys()].sort();
+    redraw(this.again, labels.map((label) => button(label, () => this.give(label), { "aria-label": this.text("cover.again", { label }) })));
+    this.bar.hidden = !this.points.length;
     this.said.textContent = this.points.length ? this.text("cover.done", { done: given.length, total: this.points.length }) : "";
     if (!moved) return;
     this.changed(this.current);

@@ -23,6 +23,14 @@ export function button(label: string, action: () => void, attributes: Record<str
   return made;
 }
 
+/** Put other children into a place; the focus stays on the button of the same name. */
+export function redraw(place: HTMLElement, children: HTMLElement[]): void {
+  const focused = place.contains(document.activeElement) ? document.activeElement?.getAttribute("aria-label") : null;
+  place.replaceChildren(...children);
+  const again = [...place.querySelectorAll("button")].find((each) => focused && each.getAttribute("aria-label") === focused);
+  again?.focus({ preventScroll: true });
+}
+
 /** One of several choices, as buttons of which one is pressed. */
 export class Choice {
   readonly root: HTMLDivElement;

@@ -28,6 +28,7 @@ type Tools = Record<"scene" | "flat" | "shade" | "colors", HTMLElement[]>;
 
 class MapView {
   private readonly stage = element("div", { class: "map-stage" });
+  private readonly work = element("div", { class: "map-work" }, this.stage);
   private readonly flat = element("div", { class: "map-flat" });
   private readonly squares = element("canvas", { class: "map-squares", "aria-hidden": "true" });
   private readonly legend = element("div", { class: "legend" });
@@ -55,13 +56,14 @@ class MapView {
   ) {
     this.measuring = about.terrain && seecolor.table ? new MapMeasuring(about, dive, text, seecolor.table, this.eye()) : null;
     this.cover = this.measuring ? new Cover(dive, text, this.measuring.ground.heights, (spot_m) => this.showPoint(spot_m)) : null;
+    if (this.cover) this.work.append(this.cover.bar);
     this.tools = this.madeTools();
     const views = this.views();
     const choice = (this.choice = new Choice(text("map.view"), views, (view) => this.show(view as View)));
     section.replaceChildren(
       element("div", { class: "toolbar" }, choice.root, ...this.tools.colors, ...this.tools.scene, ...this.tools.shade, ...this.tools.flat),
       ...(this.measuring ? [element("div", { class: "toolbar" }, this.measuring.tool)] : []),
-      this.stage,
+      this.work,
       this.legend,
       element("p", { class: "hint" }, text("map.hint")),
       ...(this.measuring ? [this.measuring.root] : []),
@@ -122,12 +124,13 @@ class MapView {
     return this.text(name === "aspect_deg" && !this.dive.north ? "metric.aspect_local" : `metric.${name}`);
   }
 
-  /** A random point, in the middle of the map from above. */
+  /** A random point, in the middle of the map from above, which is in sight as a whole. */
   private showPoint(spot_m: [number, number] | null): void {
     if (this.isSolid) this.choice.show("mosaic");
     if (this.isSolid) this.show("mosaic");
     if (spot_m) this.mosaic?.center(...spot_m);
     this.drawOver();
+    this.work.scrollIntoView({ block: "nearest" });
   }
 
   /** The view that is shown, as measuring needs it. */

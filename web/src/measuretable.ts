@@ -1,7 +1,7 @@
 // All measures of the dive as a table, with labels, notes and files to save: one, shown wherever measuring goes on.
 
 import type { Dive, Text } from "./dive";
-import { button, element, readable, withError } from "./elements";
+import { button, element, readable, redraw, withError } from "./elements";
 import { labelList, LABELS } from "./labels";
 import { polygonArea } from "./outlines";
 import { Measures, save, type Kind, type Measure } from "./measures";
@@ -54,7 +54,7 @@ export class MeasureTable {
     this.drawRows();
     const labels = [...new Set(this.measures.list.map((each) => each.label))].filter(Boolean).sort();
     this.summed.hidden = !labels.length;
-    this.sums.replaceChildren(...labels.map((label) => this.sum(label)));
+    redraw(this.sums, labels.map((label) => this.sum(label)));
     for (const changed of this.watchers) changed();
   }
 

@@ -103,7 +103,7 @@ export class Measuring {
   }
 
   private down(event: PointerEvent): void {
-    this.overlay.focus();
+    this.overlay.focus({ preventScroll: true });
     this.overlay.setPointerCapture(event.pointerId);
     this.touching.set(event.pointerId, [event.clientX, event.clientY]);
     const place = this.place(event);

@@ -38,6 +38,8 @@ export class Mosaic {
       crossOriginPolicy: false,
       preserveViewport: true,
     });
+    // else the viewer takes the focus at a click, and the page jumps to it
+    root.addEventListener("pointerdown", () => this.viewer.canvas.focus({ preventScroll: true }), { capture: true });
     this.viewer.addHandler("canvas-click", (event) => {
       const hit = this.hit(event.position);
       if (event.quick && hit) clicked(hit);

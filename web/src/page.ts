@@ -47,6 +47,8 @@ function start(dive: Dive): void {
     open[shown.id]?.(unescaped(rest));
   };
   addEventListener("hashchange", route);
+  const header = document.querySelector(".top") as HTMLElement;
+  new ResizeObserver(() => document.documentElement.style.setProperty("--top", `${header.offsetHeight}px`)).observe(header);
   document.querySelectorAll<HTMLElement>("img-comparison-slider").forEach(accessible);
   for (const copier of document.querySelectorAll<HTMLButtonElement>("button.copy")) {
     copier.addEventListener("click", () => void copy(copier, text("overview.copied")));

@@ -33,6 +33,7 @@ const COARSEST_PX = 12;
 const SLOW_MS = 70;
 const QUICK_MS = 30;
 const STILL_MS = 400;
+const AIM_MS = 150; // between two looks for the reef: one takes some ms on a large map
 const MOST_COARSER = 2; // at once: one slow picture may have had another cause
 
 /** A spot of the mesh under the pointer. cell_m: how fine the mesh is there. pixel_m: how large a pixel of the screen. */
@@ -66,6 +67,7 @@ export class Scene {
   private moving = false;
   private fitted = false;
   private atHome = true;
+  private aimed_ms = -Infinity;
 
   constructor(
     private readonly about: About,
@@ -211,11 +213,41 @@ export class Scene {
 
   private listen(): void {
     let down = new Vector2();
+    this.root.addEventListener("pointerdown", () => this.aim(null), { capture: true });
+    this.root.addEventListener("wheel", (event) => this.aim(event), { capture: true, passive: true });
     for (const touched of ["pointerdown", "wheel", "keydown"]) this.root.addEventListener(touched, () => (this.atHome = false));
     this.root.addEventListener("pointerdown", (event) => (down = new Vector2(event.clientX, event.clientY)));
     this.root.addEventListener("click", (event) => {
       if (down.distanceTo(new Vector2(event.clientX, event.clientY)) < STILL_PX) this.pick(event);
     });
+  }
+
+  /**
+   * Let the controls turn around the reef in the middle of the view, and zoom by its distance or that of the reef under a pointer.
+   * They keep a height of the whole map instead: near the reef the view would be thrown off it. The view stays as it is.
+   */
+  private aim(pointer: MouseEvent | null): void {
+    const now_ms = performance.now();
+    if (pointer && now_ms - this.aimed_ms < AIM_MS) return;
+    this.aimed_ms = now_ms;
+    const box = this.root.getBoundingClientRect();
+    const middle = this.at(box.left + box.width / 2, box.top + box.height / 2);
+    const hit = (pointer && this.at(pointer.clientX, pointer.clientY)) ?? middle;
+    const spot = hit ? vector(hit.spot_m) : this.nearMiddle();
+    if (!spot) return;
+    const { position } = this.camera;
+    const ahead = this.camera.getWorldDirection(new Vector3());
+    this.controls.target.copy(position).addScaledVector(ahead, Math.max(spot.sub(position).dot(ahead), this.camera.near));
+  }
+
+  /** Where the reef is not in the middle of the view: the loaded vertex nearest to that on the screen. */
+  private nearMiddle(): Vector3 | undefined {
+    const far = (point: Vector3) => {
+      const { x, y, z } = point.clone().project(this.camera);
+      return z < 1 ? Math.hypot(x * this.camera.aspect, y) : Infinity;
+    };
+    const all = this.detail.sample().map((point): [number, Vector3] => [far(point), point]);
+    return all.length ? all.reduce((best, each) => (each[0] < best[0] ? each : best))[1] : undefined;
   }
 
   private pick(event: MouseEvent): void {
