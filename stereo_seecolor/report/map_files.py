@@ -112,6 +112,7 @@ class _MapFiles:
             "id": key[:16],
             "pieces": {},
             "offset_m": self.made.offset_m,
+            "range_scale": self.made.range_scale,
             "preview": f"{MAP}/orthomosaic_preview.png",
         }
         about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])

@@ -36,6 +36,7 @@ from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
@@ -760,7 +761,7 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
     """The interval of 4 of 5 is Wilson's, from his paper's formula worked by hand."""
     on_map.get_by_label("How many points").fill("12")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output")).to_have_text("0 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labelled")
     expect(on_map.locator(".map-marks .point")).to_have_count(1)
     label = on_map.get_by_label("Label of this point")
     for name in ("Sand", "Sand", "Rock", "Sand", "Sponge"):
@@ -768,7 +769,7 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
         label.press("Enter")
     on_map.get_by_role("button", name="Take back the last label").click()
     on_map.get_by_role("button", name="This point is Sand").click()
-    expect(on_map.locator(".cover output")).to_have_text("5 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("5 of 12 labelled")
     first = on_map.locator(".cover tbody tr").first.locator("td")
     assert first.all_inner_texts() == ["Sand", "4", "80 %", "37.6 to 96.4 %"]
     with on_map.expect_download() as saved:
@@ -842,7 +843,7 @@ def test_the_map_is_in_sight_while_its_points_are_labelled(
     page.get_by_label("How many points").fill("5")
     page.get_by_role("button", name="Random points").click()
     for done, by_mouse in enumerate((False, False, True, False)):
-        expect(page.locator(".cover output")).to_have_text(f"{done} of 5 labelled")
+        expect(page.locator(".cover output").first).to_have_text(f"{done} of 5 labelled")
         everything_in_sight(page, height)
         if by_mouse:
             page.get_by_role("button", name="This point is Sand").click()
@@ -884,14 +885,14 @@ def everything_in_sight(page: Page, height: int) -> None:
 def test_points_that_others_replace_come_back(on_map: Page) -> None:
     on_map.get_by_label("How many points").fill("10")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output")).to_have_text("0 of 10 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 10 labelled")
     on_map.keyboard.type("Sand")
     on_map.keyboard.press("Enter")
     on_map.get_by_label("How many points").fill("12")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output")).to_have_text("0 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labelled")
     on_map.get_by_role("button", name="Take back the last label").click()
-    expect(on_map.locator(".cover output")).to_have_text("1 of 10 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("1 of 10 labelled")
 
 
 @pytest.mark.parametrize("view", ["In three dimensions", "Mosaic", "Terrain"])
@@ -957,6 +958,50 @@ def spot_of(page: Page) -> np.ndarray:
     page.wait_for_timeout(1000)
     text = page.locator(".found h2").inner_text()
     return np.array(re.findall(r"-?[0-9.]+", text)[-3:], float)
+
+
+def test_points_go_to_coralnet_and_come_back_with_labels(
+    on_map: Page, mapped: Path, tmp_path: Path
+) -> None:
+    """The table has the form that CoralNet exports; ``metrics`` counts the same labels."""
+    on_map.get_by_label("How many points").fill("12")
+    on_map.get_by_role("button", name="Random points").click()
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labelled")
+    with on_map.expect_download() as saved:
+        on_map.get_by_role("button", name="Save points for CoralNet").click()
+    saved.value.save_as(tmp_path / "points.csv")
+    with (tmp_path / "points.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [*rows[0]] == ["Name", "Row", "Column", "Label"] and len(rows) == 12
+    assert {row["Name"] for row in rows} == {"0_0.png"}
+    for number, row in enumerate(rows):
+        row["Label"] = "Porites, massive" if number < 9 else "CCA"
+    rows.append({"Name": "f1.png", "Row": "20", "Column": "30", "Label": "CCA"})
+    with (tmp_path / "annotations.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0]])
+        writer.writeheader()
+        writer.writerows(rows)
+    on_map.get_by_label("Load CoralNet's annotations").set_input_files(tmp_path / "annotations.csv")
+    expect(on_map.locator(".cover output").first).to_have_text("13 of 13 labelled")
+    first = on_map.locator(".cover tbody tr").first.locator("td")
+    found = metrics(mapped, points=tmp_path / "annotations.csv").point_cover
+    assert [(each.label, each.points) for each in found] == [("Porites, massive", 9), ("CCA", 4)]
+    low, high = (100 * value for value in (found[0].low, found[0].high))
+    assert first.all_inner_texts() == [
+        "Porites, massive",
+        "9",
+        f"{100 * 9 / 13:.3g} %",
+        f"{low:.3g} to {high:.3g} %",
+    ]
+    on_map.get_by_role("button", name="Take back the last label").click()
+    expect(on_map.locator(".cover output").first).to_have_text("12 of 13 labelled")
+    rows[3]["Name"] = "other.png"
+    with (tmp_path / "wrong.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0]])
+        writer.writeheader()
+        writer.writerows(rows)
+    on_map.get_by_label("Load CoralNet's annotations").set_input_files(tmp_path / "wrong.csv")
+    expect(on_map.locator(".cover output").last).to_contain_text("wrong.csv: line 5: other.png")
 
 
 def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) -> None:

@@ -36,4 +36,5 @@ export interface About {
   squares: Squares | null;
   preview: string;
   offset_m: number[];
+  range_scale: number; // of the frames' own ranges, to those of the map
 }

@@ -1,5 +1,7 @@
 // Cover by random points on the map: each is labelled, and counts give fractions of what was seen with binomial intervals.
 
+import type { About } from "./about";
+import { readPoints, writePoints, type LabelledSpot } from "./coralnet";
 import type { Dive, Text } from "./dive";
 import { button, element, readable, redraw, select } from "./elements";
 import type { Heights } from "./heights";
@@ -9,11 +11,6 @@ import { quoted, save } from "./measures";
 const MOST_POINTS = 2000;
 const TRIES = 200; // a point on a map of which a two hundredth is known
 const Z95 = 1.96;
-
-interface Point {
-  spot_m: [number, number];
-  label: string;
-}
 
 /** Wilson's interval of 95 % for a fraction (Wilson 1927, J. American Statistical Association 22). */
 export function wilson(count: number, of: number): [number, number] {
@@ -30,18 +27,20 @@ export class Cover {
   private readonly again = element("div", { class: "again" });
   private readonly rows = element("tbody");
   private readonly said = element("output", { class: "readout" });
+  private readonly problem = element("output", { class: "readout" });
   private readonly label: HTMLInputElement;
-  private points: Point[] = [];
-  private earlier: Point[][] = []; // points that others have replaced
+  private points: LabelledSpot[] = [];
+  private earlier: LabelledSpot[][] = []; // points that others have replaced
 
   constructor(
+    private readonly about: About,
     private readonly dive: Dive,
     private readonly text: Text,
     private readonly heights: Heights,
     private readonly changed: (spot_m: [number, number] | null) => void,
   ) {
     try {
-      this.points = JSON.parse(localStorage.getItem(this.key) ?? "[]") as Point[];
+      this.points = JSON.parse(localStorage.getItem(this.key) ?? "[]") as LabelledSpot[];
     } catch {
       this.points = []; // a browser that keeps nothing for files
     }
@@ -58,7 +57,8 @@ export class Cover {
       element("p", { class: "hint" }, text("cover.hint")),
       element("div", { class: "toolbar" }, count, button(text("cover.throw"), () => void this.scatter(Number(count.value))), set),
       element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...heads)), this.rows)),
-      element("div", { class: "toolbar" }, button(text("cover.csv"), () => save("cover_points.csv", this.csv()))),
+      element("div", { class: "toolbar" }, button(text("cover.csv"), () => save("cover_points.csv", this.csv())), ...(about.mosaic ? [button(text("cover.save_coralnet"), () => save("coralnet_points.csv", writePoints(this.points, about)))] : []), this.fileField()),
+      this.problem,
     );
     this.bar.append(
       element("div", { class: "toolbar" }, this.label, names, button(text("measure.undo"), () => this.back(), { "aria-label": text("cover.back") }), this.said),
@@ -79,7 +79,7 @@ export class Cover {
   /** Points that are evenly distributed over what the map shows. */
   private async scatter(count: number): Promise<void> {
     const { width, height } = this.heights.place;
-    const points: Point[] = [];
+    const points: LabelledSpot[] = [];
     const wanted = Math.min(Math.max(Math.round(count) || 0, 1), MOST_POINTS);
     for (let tries = 0; points.length < wanted && tries < TRIES * wanted; tries++) {
       const cell: [number, number] = [Math.floor(Math.random() * width), Math.floor(Math.random() * height)];
@@ -87,10 +87,42 @@ export class Cover {
       await this.heights.load([spot_m]);
       if (!Number.isNaN(this.heights.at(...cell))) points.push({ spot_m, label: "" });
     }
+    this.replace(points);
+    this.label.focus({ preventScroll: true });
+  }
+
+  /** Other points; undo brings the earlier ones back. */
+  private replace(points: LabelledSpot[]): void {
     if (this.points.length) this.earlier.push(this.points);
     this.points = points;
     this.draw(true);
-    this.label.focus({ preventScroll: true });
+  }
+
+  private fileField(): HTMLElement {
+    const file = element("input", { type: "file", accept: ".csv,text/csv" });
+    file.addEventListener("change", () => {
+      if (file.files?.[0]) void this.load(file.files[0]);
+      file.value = ""; // the same file can be chosen again
+    });
+    return element("label", { class: "field" }, element("span", {}, this.text("cover.load_coralnet")), file);
+  }
+
+  /** The points of CoralNet's table that lie where the map shows the bottom. */
+  private async load(file: File): Promise<void> {
+    try {
+      const all = await readPoints(await file.text(), this.dive, this.about);
+      const known: LabelledSpot[] = [];
+      for (const each of all) {
+        if (each.spot_m.some(Number.isNaN)) continue;
+        await this.heights.load([each.spot_m]);
+        const [x, y] = this.heights.cell(...each.spot_m).map(Math.round);
+        if (!Number.isNaN(this.heights.at(x, y))) known.push(each);
+      }
+      this.problem.textContent = this.text("cover.loaded", { count: known.length, total: all.length });
+      if (known.length) this.replace(known);
+    } catch (error) {
+      this.problem.textContent = `${file.name}: ${(error as Error).message}`;
+    }
   }
 
   private give(label: string): void {

@@ -55,7 +55,7 @@ class MapView {
     private readonly look: (name: string) => void,
   ) {
     this.measuring = about.terrain && seecolor.table ? new MapMeasuring(about, dive, text, seecolor.table, this.eye()) : null;
-    this.cover = this.measuring ? new Cover(dive, text, this.measuring.ground.heights, (spot_m) => this.showPoint(spot_m)) : null;
+    this.cover = this.measuring ? new Cover(about, dive, text, this.measuring.ground.heights, (spot_m) => this.showPoint(spot_m)) : null;
     if (this.cover) this.work.append(this.cover.bar);
     this.tools = this.madeTools();
     const views = this.views();

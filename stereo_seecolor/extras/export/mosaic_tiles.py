@@ -55,7 +55,7 @@ def write(posed: PosedRun, folder: Path) -> None:
                 "seen_fraction",
             ]
         )
-        for row, column, window in _windows(mosaic.width, mosaic.height):
+        for row, column, window in windows(mosaic.width, mosaic.height):
             rgba = mosaic.read(window=rasterio.windows.Window(*window))
             seen = float((rgba[3] > 0).mean())
             if seen < LEAST_SEEN:
@@ -69,7 +69,7 @@ def write(posed: PosedRun, folder: Path) -> None:
             writer.writerow([name, *numbers, f"{west_m:.4f}", f"{north_m:.4f}", f"{seen:.3f}"])
 
 
-def _windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int, int]]]:
+def windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int, int]]]:
     """Row, column and (left, top, width, height) of tiles of equal size, as few as the limit
     allows.
     """

@@ -30,20 +30,29 @@ def metrics(
             "Outlines of colonies or bottom types: GeoJSON, or a TagLab project.",
         ),
     ] = None,
+    points: Annotated[
+        Path | None,
+        opt.option(
+            "--points",
+            "FILE",
+            "Labelled points: CoralNet's annotations (CSV) of exported tiles or of frames.",
+        ),
+    ] = None,
     folder: Annotated[
         Path | None, opt.option("--out", "FOLDER", "A new or empty folder for CSV tables.")
     ] = None,
     *,
     report: BareReport,
 ) -> None:
-    """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with
-    standard errors.
+    """Measure rugosity and structure of a fused run, and colonies and cover by polygons or points,
+    with standard errors.
     """
     from stereo_seecolor.extras.reef.compare import metrics as measure
 
     with report.working():
-        result = measure(out, polygons, folder)
-    code = EXIT_SOME_FAILED if result.unseen else EXIT_DONE
+        result = measure(out, polygons, folder, points)
+    no_point = result.unseen_points and not result.point_cover
+    code = EXIT_SOME_FAILED if result.unseen or no_point else EXIT_DONE
     report.end({"out": out, **vars(result)}, metrics_text(result), code)
 
 
@@ -185,6 +194,10 @@ def metrics_text(result: "SiteMetrics") -> str:
     ]
     if result.colonies:
         parts += [_outlines(result), _cover(result), lines(*_doubts(result))]
+    if result.point_cover:
+        parts.append(_point_cover(result))
+    if result.unseen_points:
+        parts.append(lines(f"points where the map shows nothing: {result.unseen_points}"))
     parts += [
         lines(*(f"not seen: {name}" for name in result.unseen)),
         lines(*(f"  {path}" for path in result.files)),
@@ -330,6 +343,14 @@ def _cover(result: "SiteMetrics") -> str:
         ),
         rows,
     )
+
+
+def _point_cover(result: "SiteMetrics") -> str:
+    rows = [
+        (each.label, f"{each.points}", f"{each.fraction:.1%}", f"{each.low:.1%} to {each.high:.1%}")
+        for each in result.point_cover
+    ]
+    return table(("label", "points", "of the points", "95 % interval"), rows)
 
 
 def markers_text(found: "FoundMarkers") -> str:

@@ -13,6 +13,7 @@ from stereo_seecolor.extras.reef.colony import measure_outlines
 from stereo_seecolor.extras.reef.comparing.change_files import write_change, write_change_page
 from stereo_seecolor.extras.reef.comparing.joint_track import JointTrack, joint_track
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compare_sites
+from stereo_seecolor.extras.reef.labelled_points import on_map, point_cover, read_points
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, cover, tables, write_tables
 from stereo_seecolor.extras.reef.outlines import read_outlines
 from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_errors, terrain_of
@@ -85,17 +86,24 @@ def _names(first: Path, second: Path) -> tuple[str, str]:
 # ``metrics``: reef structure of a fused run as ecologists publish it, with standard errors.
 
 
-def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None) -> SiteMetrics:
-    """Measure structure at several scales of the map in ``out``, and size and structure of each
-    outline of ``polygons``.
+def metrics(
+    out: Path,
+    polygons: Path | None = None,
+    folder: Path | None = None,
+    points: Path | None = None,
+) -> SiteMetrics:
+    """Measure structure at several scales of the map in ``out``, size and structure of each outline
+    of ``polygons``, and the cover by ``points``.
 
-    polygons: GeoJSON, or a project of TagLab. folder: new or empty, for the tables; None writes
-    none.
-    Raises InputError for a run without a map, or a polygon file that cannot be used; OutputError.
+    polygons: GeoJSON, or a project of TagLab. points: annotations of CoralNet (CSV).
+    folder: new or empty, for the tables; None writes none.
+    Raises InputError for a run without a map, or a file of polygons or points that cannot be used;
+    OutputError.
     """
     if folder:
         refuse_own_place(folder)
     site = open_site(out)
+    labelled = read_points(points, site.posed) if points else []
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
@@ -110,6 +118,7 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
         calibration_std(run).total,
     )
     colonies = tuple(colony for colony in measured if colony is not None)
+    seen = on_map(labelled, terrain.height_m, terrain.grid)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
     result = SiteMetrics(
         structure=tuple(structure(mesh, terrain, errors)),
@@ -123,6 +132,8 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
         cell_m=terrain.grid.cell_m,
         area_m2=seen_m2,
         height_std_m=_median(height_stds(terrain.height_m, errors.std_m)),
+        point_cover=tuple(point_cover(seen)),
+        unseen_points=len(labelled) - len(seen),
     )
     if folder is None:
         return result

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.extras.reef.colony import Colony
+from stereo_seecolor.extras.reef.labelled_points import PointCover
 from stereo_seecolor.extras.reef.structure import StructureAtScale
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.text_documents import csv_text
@@ -87,7 +88,8 @@ class SiteMetrics:
     """The metrics of a site.
 
     structure: at each scale. colonies: each outline that was seen. cover: by label. unseen:
-    outlines of which nothing was seen.
+    outlines of which nothing was seen. point_cover: by label, of points that somebody labelled;
+    unseen_points: how many of those lie where the map shows nothing.
     height_std_m: median standard error of a height of the terrain; at rims it is larger. files:
     what was written.
     """
@@ -99,6 +101,8 @@ class SiteMetrics:
     cell_m: float
     area_m2: float
     height_std_m: float
+    point_cover: tuple[PointCover, ...] = ()
+    unseen_points: int = 0
     files: tuple[Path, ...] = ()
 
 
@@ -109,6 +113,7 @@ def tables(result: SiteMetrics) -> dict[str, list[Row]]:
         "outlines": [_outline(each) for each in result.colonies],
     }
     found["cover"] = [asdict(each) for each in result.cover]
+    found["point_cover"] = [asdict(each) for each in result.point_cover]
     return {name: rows for name, rows in found.items() if rows}
 
 

@@ -25,10 +25,10 @@ def closed(
     the mesh was made from. No point is added; returns (T + added, 3) int64. A hole that touches
     another one at a point stays open.
     """
-    triangles = np.asarray(triangles, np.int64)
-    starts, ends = boundary(triangles)
+    mesh: NDArray[np.int64] = np.asarray(triangles, np.int64)
+    starts, ends = boundary(mesh)
     if not len(starts):
-        return triangles
+        return mesh
     points, edges = np.unique(np.stack([starts, ends]), return_inverse=True)
     start, end = edges.reshape(2, -1)
     once = np.bincount(start, minlength=len(points)) == 1
@@ -45,7 +45,7 @@ def closed(
     following = np.zeros(len(points), np.int64)
     following[start] = end
     first = np.unique(loop, return_index=True)[1][small]
-    corner, added = following[first], [triangles]
+    corner, added = following[first], [mesh]
     while len(first):  # a fan from the first point of each hole, facing as the surface around it
         after = following[corner]
         open_still = after != first

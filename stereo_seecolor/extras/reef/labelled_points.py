@@ -1,0 +1,151 @@
+"""Points of CoralNet on a map: its annotations (CSV) of exported tiles or of corrected frames, and
+the cover that they give.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.export.mosaic_tiles import windows
+from stereo_seecolor.files import text_documents
+from stereo_seecolor.files.rasters import open_raster
+from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.run_folder.finished_run import FinishedFrame
+from stereo_seecolor.run_folder.layout import MOSAIC
+from stereo_seecolor.run_folder.posed_run import PosedRun
+
+PLACE = ("Name", "Row", "Column")
+LABELS = ("Label", "Label code")
+"""Columns of CoralNet's annotations: as it exports them, and as it takes them."""
+Z95 = 1.959964
+"""Of the normal distribution: 95 % lie within."""
+
+
+@dataclass(frozen=True)
+class LabelledPoint:
+    """A point with its label. x_m, y_m: in the map's own coordinates; NaN where its frame has no
+    range there.
+    """
+
+    label: str
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True)
+class PointCover:
+    """The fraction of all labelled points that have a label, with its 95 % interval (Wilson)."""
+
+    label: str
+    points: int
+    fraction: float
+    low: float
+    high: float
+
+
+def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
+    """The labelled points of CoralNet's CSV; rows without a label are left out.
+
+    Name: a tile of ``export --to tiles``, or a corrected frame. Row, Column: its pixel, from 0.
+    Raises InputError if the table cannot be used, names another image, or a pixel beside it.
+    """
+    names = text_documents.header(path)
+    label = next((name for name in LABELS if name in names), LABELS[0])
+    images = _Images(posed)
+    found = []
+    for where, row in text_documents.rows(path, (*PLACE, label)):
+        if not row[label]:
+            continue
+        try:
+            pixel = int(row["Column"]), int(row["Row"])
+        except ValueError:
+            raise InputError(f"{where}: Row and Column are not whole numbers") from None
+        try:
+            found.append(LabelledPoint(row[label], *images.spot(row["Name"], pixel)))
+        except ValueError as error:
+            raise InputError(f"{where}: {row['Name']!r} {error}") from error
+    if not found:
+        raise InputError(f"{path}: holds no labelled point: export CoralNet's annotations as CSV")
+    return found
+
+
+class _Images:
+    """Where pixels of tiles and frames lie on a map."""
+
+    def __init__(self, posed: PosedRun) -> None:
+        self.posed = posed
+        self.frames = {frame.name: number for number, frame in enumerate(posed.frames)}
+        self.tiles: dict[str, tuple[int, int, int, int]] = {}
+        if (posed.map_folder / MOSAIC).is_file():
+            with open_raster(posed.map_folder / MOSAIC) as mosaic:
+                self.transform = mosaic.transform
+                self.tiles = {
+                    f"{row}_{column}": window
+                    for row, column, window in windows(mosaic.width, mosaic.height)
+                }
+        self.latest: tuple[FinishedFrame, NDArray[np.float32]] | None = None
+
+    def spot(self, name: str, pixel: tuple[int, int]) -> tuple[float, float]:
+        """x and y of a pixel in the map's own coordinates. Raises ValueError."""
+        stem = PurePath(name).stem
+        if stem in self.frames:
+            return self._in_frame(stem, pixel)
+        if stem not in self.tiles:
+            raise ValueError("is neither a frame of the map nor a tile of export --to tiles")
+        left, top, *size = self.tiles[stem]
+        _check_inside(pixel, size)
+        x, y = self.transform @ (left + pixel[0] + 0.5, top + pixel[1] + 0.5)
+        return float(x - self.posed.offset_m[0]), float(y - self.posed.offset_m[1])
+
+    def _in_frame(self, name: str, pixel: tuple[int, int]) -> tuple[float, float]:
+        geometry, number = self.posed.geometry, self.frames[name]
+        frame = self.posed.frames[number]
+        _check_inside(pixel, geometry.image_size)
+        if self.latest is None or self.latest[0] is not frame:  # tables are sorted by image
+            self.latest = frame, self.posed.measured_range_m(frame)
+        x = (pixel[0] - geometry.cx_left_px) / geometry.focal_px
+        y = (pixel[1] - geometry.cy_px) / geometry.focal_px
+        ray = np.array([x, y, 1]) / np.sqrt(x**2 + y**2 + 1)
+        T = self.posed.T_map_camera[number]
+        at = T[:3, :3] @ ray * float(self.latest[1][pixel[1], pixel[0]]) + T[:3, 3]
+        return float(at[0]), float(at[1])
+
+
+def _check_inside(pixel: tuple[int, int], size: Sequence[int]) -> None:
+    if not (0 <= pixel[0] < size[0] and 0 <= pixel[1] < size[1]):
+        raise ValueError(
+            f"has {size[0]} x {size[1]} pixels, not one in row {pixel[1]}, column {pixel[0]}"
+        )
+
+
+def on_map(
+    points: Sequence[LabelledPoint], height_m: NDArray[np.floating], grid: Grid
+) -> list[LabelledPoint]:
+    """The points at which the map shows the bottom."""
+    place = np.array([(each.x_m, each.y_m) for each in points]).reshape(-1, 2)
+    known = np.isfinite(place).all(axis=1)
+    cells = np.rint(np.where(known[:, None], grid.pixels(place), -1)).astype(np.int64)
+    rows, columns = height_m.shape
+    known &= ((cells >= 0) & (cells < (columns, rows))).all(axis=1)
+    known[known] = np.isfinite(height_m[cells[known, 1], cells[known, 0]])
+    return [each for each, seen in zip(points, known, strict=True) if seen]
+
+
+def point_cover(points: Sequence[LabelledPoint]) -> Iterator[PointCover]:
+    """A row for each label, the most frequent first; the page computes the same."""
+    of = len(points)
+    for label, count in Counter(each.label for each in points).most_common():
+        yield PointCover(label, count, count / of, *wilson(count, of))
+
+
+def wilson(count: int, of: int) -> tuple[float, float]:
+    """The 95 % interval of a fraction (Wilson 1927, J. American Statistical Association 22)."""
+    p, scale = count / of, 1 + Z95**2 / of
+    center = (p + Z95**2 / (2 * of)) / scale
+    half = Z95 * (p * (1 - p) / of + Z95**2 / (4 * of**2)) ** 0.5 / scale
+    return max(center - half, 0.0), min(center + half, 1.0)

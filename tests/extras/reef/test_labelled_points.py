@@ -1,0 +1,121 @@
+"""CoralNet's annotations on a map: pixels of tiles and frames at their places, and the cover of
+their labels.
+"""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from mapping_scene import flat_frames, write_map
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.export import mosaic_tiles
+from stereo_seecolor.extras.export.command import export
+from stereo_seecolor.extras.reef.cli import metrics_text
+from stereo_seecolor.extras.reef.compare import metrics
+from stereo_seecolor.extras.reef.labelled_points import LabelledPoint, on_map, read_points, wilson
+from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+
+HEAD = "Name,Row,Column,Label\n"
+
+
+@pytest.fixture(scope="module")
+def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map of a flat bottom; read only."""
+    return write_map(tmp_path_factory.mktemp("points") / "out", flat_frames(3), "prior")
+
+
+@pytest.fixture(scope="module")
+def posed(fused: Path) -> PosedRun:
+    return open_posed_run(fused)
+
+
+def test_a_pixel_of_a_tile_lies_where_the_tile_says(
+    fused: Path, posed: PosedRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mosaic_tiles, "MOST_PX", 31)
+    export(fused, "tiles", tmp_path / "to")
+    with (tmp_path / "to/tiles.csv").open() as file:
+        tiles = list(csv.DictReader(file))
+    rows = [f"{tile['name']},2,{number},T{number}\n" for number, tile in enumerate(tiles)]
+    (tmp_path / "annotations.csv").write_text(HEAD + "".join(rows))
+    found = read_points(tmp_path / "annotations.csv", posed)
+    assert len(found) == len(tiles) > 3
+    for number, (point, tile) in enumerate(zip(found, tiles, strict=True)):
+        meters = float(tile["meters_per_pixel"])
+        x_m = float(tile["west_m"]) + (number + 0.5) * meters
+        y_m = float(tile["north_m"]) - 2.5 * meters
+        np.testing.assert_allclose(
+            (point.x_m, point.y_m), (x_m, y_m) - posed.offset_m[:2], atol=1e-4
+        )
+
+
+def test_a_pixel_of_a_frame_lies_where_the_frame_saw_it(posed: PosedRun, tmp_path: Path) -> None:
+    """Below the camera in the middle, and as far from there as the focal length and the depth
+    tell.
+    """
+    geometry = posed.geometry
+    x, y = round(geometry.cx_left_px), round(geometry.cy_px)
+    file = tmp_path / "annotations.csv"
+    file.write_text(f"{HEAD}f1.png,{y},{x},below\nf1.png,{y},{x + 10},beside\nf1.png,{y},{x},\n")
+    below, beside = read_points(file, posed)
+    number = [frame.name for frame in posed.frames].index("f1")
+    depth_m = np.nanmedian(geometry.depth_from_range(posed.measured_range_m(posed.frames[number])))
+    pixel_m = depth_m / geometry.focal_px
+    at = posed.T_map_camera[number][:2, 3]
+    assert np.linalg.norm((below.x_m, below.y_m) - at) < pixel_m
+    apart = np.hypot(beside.x_m - below.x_m, beside.y_m - below.y_m)
+    assert apart == pytest.approx(10 * pixel_m, rel=0.02)
+
+
+def test_cover_is_counted_by_label_and_written(fused: Path, tmp_path: Path) -> None:
+    with rasterio.open(fused / "map/orthomosaic.tif") as mosaic:
+        row, column = mosaic.height // 2, mosaic.width // 2
+    text = "".join(f"0_0.png,{row},{column},{label}\n" for label in ("Sand", "CCA", "Sand", "Sand"))
+    (tmp_path / "annotations.csv").write_text("Name,Row,Column,Label code\n" + text)
+    result = metrics(fused, folder=tmp_path / "to", points=tmp_path / "annotations.csv")
+    assert [(each.label, each.points, each.fraction) for each in result.point_cover] == [
+        ("Sand", 3, 0.75),
+        ("CCA", 1, 0.25),
+    ]
+    table = (tmp_path / "to/point_cover.csv").read_text().splitlines()
+    assert table[0] == "label,points,fraction,low,high" and len(table) == 3
+    assert "where the map shows nothing" not in metrics_text(result)
+    assert "where the map shows nothing: 3" in metrics_text(replace(result, unseen_points=3))
+
+
+def test_points_count_where_the_map_shows_the_bottom() -> None:
+    heights = np.zeros((3, 4), np.float32)
+    heights[1, 2] = np.nan
+    grid = Grid(0.0, 3.0, 1.0, (3, 4))
+    spots = [(0.5, 2.5), (2.5, 1.5), (3.5, 0.5), (4.5, 0.5), (0.5, -0.5), (np.nan, np.nan)]
+    points = [LabelledPoint(f"{number}", *spot) for number, spot in enumerate(spots)]
+    assert [each.label for each in on_map(points, heights, grid)] == ["0", "2"]
+
+
+def test_the_interval_is_wilsons() -> None:
+    """4 of 5, from his paper's formula worked by hand; and none of n, of closed form."""
+    np.testing.assert_allclose(wilson(4, 5), (0.3755, 0.9638), atol=1e-4)
+    np.testing.assert_allclose(wilson(0, 10), (0, 1.959964**2 / (10 + 1.959964**2)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("Name,Row,Column\n", r"has no column 'Label'"),
+        (HEAD, "holds no labelled point"),
+        (HEAD + "reef.png,1,1,a\n", r"line 2: 'reef.png' is neither a frame of the map nor a tile"),
+        (HEAD + "f1.png,1,100000,a\n", r"line 2: 'f1.png' has \d+ x \d+ pixels, not one in row 1"),
+        (HEAD + "f1.png,1.5,2,a\n", r"line 2: Row and Column are not whole numbers"),
+    ],
+)
+def test_what_cannot_be_used_is_named(
+    posed: PosedRun, tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_points(tmp_path / "a.csv", posed)
