@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 import tracemalloc
 import urllib.error
 import urllib.request
@@ -95,6 +96,32 @@ def test_a_folder_that_vanishes_is_waited_for(incoming) -> None:
     found = source.newest()
     assert found is not None
     assert (found.name, source.waiting) == ("0001", "")
+
+
+def test_files_do_not_arrive_before_the_program_looks_for_them(incoming) -> None:
+    """Neither those that were there, nor those that are copied with their old times."""
+    _, folder, arrive = incoming
+    arrive(0)
+    old_s = time.time() - 1000
+    for side in "LR":
+        for path in (folder / side).iterdir():
+            os.utime(path, (old_s, old_s))
+    source = watch(folder)
+    began_s = time.time()
+    first = source.newest()
+    assert first is not None
+    assert source.latency_s(first) <= time.time() - began_s + 0.1
+    source.take(first)
+    arrive(1)
+    for side in "LR":
+        for path in (folder / side).iterdir():
+            os.utime(path, (old_s, old_s))
+    second = source.newest()
+    assert second is not None and second.name == "0001"
+    assert source.latency_s(second) <= time.time() - began_s + 0.1
+    later_s = time.time() + 100
+    os.utime(second.left, (later_s, later_s))
+    assert source.latency_s(second) == 0  # it grew on, by a clock that is ahead
 
 
 @pytest.mark.slow

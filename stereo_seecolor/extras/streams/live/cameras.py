@@ -149,10 +149,14 @@ files in 4 ms.
 
 @dataclass
 class _Side:
-    """One folder. names: at the last listing. new: files that have arrived and were not taken."""
+    """One folder. names: at the last listing. new: files that have arrived and were not taken.
+    absent_s: when each file was not there yet, or the program not: since 1970.
+    """
 
     folder: Path
     names: set[str] = field(default_factory=set)
+    absent_s: dict[str, float] = field(default_factory=dict)
+    looked_s: float = 0.0
     new: list[Path] = field(default_factory=list)
     modified_ns: int = -1
     listed_s: float = 0.0
@@ -160,18 +164,29 @@ class _Side:
     def look(self) -> bool:
         """List the folder if it may have changed; False where it cannot be listed."""
         try:
+            began_s = time.time()
             modified_ns, now_s = self.folder.stat().st_mtime_ns, time.monotonic()
             if modified_ns != self.modified_ns or now_s - self.listed_s > RELIST_S:
                 names = set(_image_names(self.folder))
                 added = sorted(names - self.names, key=natural_key)
+                self.absent_s = {name: self.absent_s[name] for name in self.names & names} | (
+                    dict.fromkeys(added, self.looked_s or began_s)
+                )
                 self.names, self.modified_ns, self.listed_s = names, modified_ns, now_s
                 self.new = [path for path in self.new if path.name in names] + [
                     self.folder / name for name in added
                 ]
+            self.looked_s = began_s
         except OSError:
             self.modified_ns = -1
             return False
         return True
+
+    def arrived_s(self, path: Path) -> float:
+        """When a file was written; not before the program looked for it, as what was copied with
+        its old time, or was there before, did not arrive then. Raises OSError.
+        """
+        return max(path.stat().st_mtime, self.absent_s.get(path.name, 0.0))
 
 
 class FolderWatch:
@@ -218,14 +233,14 @@ class FolderWatch:
         return False
 
     def latency_s(self, pair: Pair) -> float:
-        """Seconds since the later of a pair's files was written; 0 where the clocks of disk and
-        program disagree.
+        """Seconds since the later of a pair's files arrived; 0 where the clocks of disk and program
+        disagree.
         """
         try:
-            written_s = max(path.stat().st_mtime for path in (pair.left, pair.right))
+            arrived_s = max(self._left.arrived_s(pair.left), self._right.arrived_s(pair.right))
         except OSError:
             return 0.0
-        return max(0.0, time.time() - written_s)
+        return max(0.0, time.time() - arrived_s)
 
 
 def read_sides(pair: Pair, config: InputConfig) -> StereoFrame:
