@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,19 @@ def test_help_lists_every_command_and_its_panel(cli: Cli) -> None:
     code, printed, said = cli()
     assert (code, said) == (2, "")
     assert "Begin with: stereo-seecolor demo" in printed
+
+
+def test_the_help_is_broken_by_the_width_of_the_terminal_alone(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line ends where the next word has no room."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERM", "dumb")
+    _, printed, _ = cli("--help")
+    rows = [re.sub(r"^.(.*).$", r"\1", line) for line in printed.splitlines()]
+    for line, following in pairwise(rows):
+        if re.match(r" {15,}\S", following) and len(line.rstrip()) > 20:
+            assert len(line.rstrip()) + 1 + len(following.split()[0]) > 76, (line, following)
 
 
 @pytest.mark.usefixtures("wide")

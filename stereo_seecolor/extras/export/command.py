@@ -1,21 +1,27 @@
 """``export``: write a fused run in the format of another program, into a new folder."""
 
+import re
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, PluginError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.atomic import files_below, new_folder
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
-from stereo_seecolor.run_folder.layout import refuse_own_place
+from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN, refuse_own_place
 from stereo_seecolor.run_folder.posed_run import open_posed_run
+
+GEOTIFFS = f"{MAP}/{MOSAIC} and {MAP}/{TERRAIN} of OUT are GeoTIFFs, to be opened as they are"
+"""What programs for maps need no export for."""
+FOR_MAPS = ("qgis", "arcgis", "arcmap", "geotiff")
 
 
 @dataclass(frozen=True)
@@ -40,9 +46,7 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
     anything, or cannot be written; DeviceError if a library is missing.
     """
     if format not in added("exports"):
-        raise InputError(
-            f"--to {format}: is not a known format: one of {', '.join(added('exports'))}"
-        )
+        raise InputError(f"--to {format}: is not a known format: {_instead(format)}")
     known: ExportFormat = load("exports", format)
     refuse_own_place(folder)
     posed = open_posed_run(out)
@@ -57,6 +61,18 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
         sum(path.stat().st_size for path in written),
         note or "",
     )
+
+
+def _instead(name: str) -> str:
+    """What to take for a program of that name; all formats, where it is none."""
+    program, found = name.lower(), []
+    for key in added("exports"):
+        with suppress(PluginError):
+            if program in re.findall(r"\w+", load("exports", key).opens.lower()):
+                found.append(f"--to {key}")
+    said = [GEOTIFFS] if program in FOR_MAPS else []
+    said += [f"for {name} take {' or '.join(found)}"] if found else []
+    return "; ".join(said) or f"one of {', '.join(added('exports'))}"
 
 
 # The export formats of all installed packages, by name.

@@ -338,6 +338,22 @@ def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("coralnet", "for coralnet take --to tiles$"),
+        ("QGIS", "map/orthomosaic.tif and map/dem.tif of OUT are GeoTIFFs.*; for QGIS take --to "),
+        ("geotiff", "GeoTIFFs, to be opened as they are$"),
+        ("a", "one of 3d-tiles, biigle"),
+    ],
+)
+def test_a_program_without_a_format_of_its_name_gets_a_hint(
+    fused: Path, tmp_path: Path, name: str, hint: str
+) -> None:
+    with pytest.raises(InputError, match=f"--to {name}: is not a known format: .*{hint}"):
+        export(fused, name, tmp_path / "to")
+
+
 def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match="--to gaussian: is not a known format: one of 3d-tiles, biigle, "
