@@ -5,6 +5,7 @@ An entry point of the group ``stereo_seecolor.GROUP`` names an object of the kin
 docs/extending.md describes for that group. Nothing is imported before a part is used.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -29,11 +30,18 @@ def added(group: str) -> dict[str, EntryPoint]:
     }
 
 
-def load(group: str, name: str) -> Any:
+def load(group: str, name: str, kind: type[Any] = object, needs: Sequence[str] = ()) -> Any:
     """The object that an entry point names.
 
+    Args:
+        group: as in ``added``.
+        name: of the entry point.
+        kind: its class.
+        needs: names of functions that it has; ``__call__`` where it is one itself.
+
     Raises:
-        PluginError: if no installed package adds it, or the package cannot be imported.
+        PluginError: if no installed package adds it, the package cannot be imported, or adds
+            something else.
     """
     entry = added(group).get(name)
     if entry is None:
@@ -42,9 +50,35 @@ def load(group: str, name: str) -> Any:
             f"{', '.join(added(group)) or 'none'})"
         )
     try:
-        return entry.load()
+        found = entry.load()
     except (ImportError, AttributeError) as error:
-        package = entry.dist.name if entry.dist else entry.value
         raise PluginError(
-            f"{name}: the package {package}, which adds it to {group}, cannot be loaded: {error}"
+            f"{name}: the package {_package(entry)}, which adds it to {group}, cannot be loaded: "
+            f"{error}"
         ) from error
+    return checked(found, group, name, kind, needs)
+
+
+def checked(
+    found: Any, group: str, name: str, kind: type[Any] = object, needs: Sequence[str] = ()
+) -> Any:
+    """What a package handed over, if it is what the group takes; see ``load``. Raises
+    PluginError.
+    """
+    missing = [each for each in needs if not callable(getattr(found, each, None))]
+    if isinstance(found, kind) and not missing:
+        return found
+    if not isinstance(found, kind):
+        wanted = f"not of the class {kind.__name__}"
+    elif missing == ["__call__"]:
+        wanted = "which cannot be called"
+    else:
+        wanted = f"which has no function {missing[0]!r}"
+    raise PluginError(
+        f"{name}: the package {_package(added(group)[name])} adds an object of type "
+        f"{type(found).__name__} to {group}, {wanted}: see docs/extending.md"
+    )
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.value

@@ -44,7 +44,7 @@ def every_command() -> dict[str, Command]:
     commands = dict(CORE)
     for name in added("commands"):
         try:
-            commands.setdefault(name, load("commands", name))
+            commands.setdefault(name, load("commands", name, Command))
         except PluginError as error:
             write_error(f"{error}\n")
     return commands
@@ -57,7 +57,9 @@ def _needed(words: Sequence[str]) -> dict[str, Command]:
     named = next((word for word in words if not word.startswith("-")), "")
     if named in CORE:
         return {named: CORE[named]}
-    return {named: load("commands", named)} if named in added("commands") else every_command()
+    return (
+        {named: load("commands", named, Command)} if named in added("commands") else every_command()
+    )
 
 
 class _PlainFlags:

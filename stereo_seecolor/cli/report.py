@@ -140,7 +140,7 @@ def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute 
             f"--cluster {cluster}: is not a cluster: give one of {', '.join(added('executors'))} "
             "(docs/fleets.md)"
         )
-    with load("executors", kind)(cluster, notice) as compute:
+    with load("executors", kind, needs=("__call__",))(cluster, notice) as compute:
         yield compute
 
 

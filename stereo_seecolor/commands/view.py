@@ -147,6 +147,6 @@ def report(
     with RunFolder.existing(out, "report") as folder:
         run = open_run(out)
         if charts:
-            load("page_parts", "charts")(folder, run, listener)
+            load("page_parts", "charts", needs=("__call__",))(folder, run, listener)
         listener.begin("page", len(run.frames))
         return write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))

@@ -22,7 +22,7 @@ NICE = 10
 
 
 @contextmanager
-def in_background(work: Callable[[], None], stop: Callable[[], None]) -> Iterator[None]:
+def running(work: Callable[[], None], stop: Callable[[], None]) -> Iterator[None]:
     """Run ``work`` in a thread of its own while the block runs; ``stop`` makes it return. It never
     keeps the program alive.
     """

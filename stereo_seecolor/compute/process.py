@@ -72,9 +72,17 @@ USED_FRACTION = 0.75
 other programs use memory, too.
 """
 _MEMINFO, _GROUPS = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
-_LIMITS = ("memory.max", "memory/memory.limit_in_bytes")
-"""Files of the memory limit of a container or a batch job, in the two versions of Linux's control
-groups.
+_GROUP_FILES = (
+    ("memory.max", "memory.current", "memory.stat", "inactive_file"),
+    (
+        "memory/memory.limit_in_bytes",
+        "memory/memory.usage_in_bytes",
+        "memory/memory.stat",
+        "total_inactive_file",
+    ),
+)
+"""Files of a container or a batch job in the two versions of Linux's control groups: limit, usage,
+and statistics, with the name of what is used for copies of files alone, which can be given back.
 """
 
 
@@ -87,10 +95,10 @@ def at_once(most: int, bytes_each: float) -> int:
 
 
 def free_bytes() -> int | None:
-    """Free memory without swapping, of the machine or of this container if that has less; None
+    """Free memory without swapping, of the machine or of this container if that has less left; None
     where it is not known.
     """
-    known = [_available(), *(_limit(_GROUPS / name) for name in _LIMITS)]
+    known = [_available(), *(_left_in_group(*names) for names in _GROUP_FILES)]
     return min((size for size in known if size is not None), default=None)
 
 
@@ -102,10 +110,19 @@ def _available() -> int | None:
     return None
 
 
-def _limit(file: Path) -> int | None:
-    with suppress(OSError, ValueError):  # "max" where there is none
-        return int(file.read_text())
-    return None
+def _left_in_group(limit: str, usage: str, statistics: str, cached: str) -> int | None:
+    """What the group's limit leaves; None where there is no limit."""
+    try:
+        most = int((_GROUPS / limit).read_text())  # "max" where there is none
+    except (OSError, ValueError):
+        return None
+    used = given_back = 0
+    with suppress(OSError, ValueError, IndexError):
+        used = int((_GROUPS / usage).read_text())
+        for line in (_GROUPS / statistics).read_text().splitlines():
+            if line.startswith(f"{cached} "):
+                given_back = int(line.split()[1])
+    return max(most - max(used - given_back, 0), 0)
 
 
 # Processor time and memory that this process has used.

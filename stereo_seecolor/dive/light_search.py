@@ -56,7 +56,7 @@ SAMPLE = SampleSettings()
 
 
 @dataclass(frozen=True)
-class GapSettings:
+class SegmentSettings:
     """Frames that are examined together, as one piece of work. Results do not depend on where the
     dive is cut.
     """
@@ -75,7 +75,7 @@ class GapSettings:
         return max(min(self.frames, -(-frames // parts)), self.least)
 
 
-STRETCH = GapSettings()
+SEGMENTS = SegmentSettings()
 MOST_SHADED = 100_000
 """Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again
 to solve it.
@@ -242,9 +242,9 @@ class LightSearch:
         parts: number of workers that share the work; 1: one worker, so that no loop is cut.
         """
         look_at_all = self.compute.tiles if parts == 1 else self.compute.each
-        length = STRETCH.length(len(numbers), parts)
+        length = SEGMENTS.length(len(numbers), parts)
         for segment, shown in enumerate(
-            look_at_all(look_at, _Stretches(numbers, self.frames, length))
+            look_at_all(look_at, _Segments(numbers, self.frames, length))
         ):
             yield from shown
             if len(numbers) == len(self.frames):
@@ -253,7 +253,7 @@ class LightSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretches(Lazy[Segment]):
+class _Segments(Lazy[Segment]):
     """Frame numbers cut into segments of ``length``; each begins with some frames of the segment
     before, to be compared with.
     """

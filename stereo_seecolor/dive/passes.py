@@ -49,7 +49,7 @@ from stereo_seecolor.run_folder.dive_files import waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import Stage
 
-NO_OVERLAP = (
+NO_SHARED_SPOTS = (
     "light: no two frames were found to show the same spots, so that lamps, lens and "
     "exposure stay in the images"
 )
@@ -176,7 +176,7 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
     )
     found = search.solve(allowed)
     content = found.light.content() if found.light and found.light.light else None
-    return KeptLight(found.light.note if found.light else NO_OVERLAP, content, found.linked)
+    return KeptLight(found.light.note if found.light else NO_SHARED_SPOTS, content, found.linked)
 
 
 def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[str, Water]:

@@ -226,7 +226,7 @@ def open_around(path: Path) -> None:
 def _container(outer: Path) -> Container:
     if is_video(outer):
         return VideoImages(outer)
-    container: Container = load("containers", _kind(outer))(outer)
+    container: Container = load("containers", _kind(outer), needs=("__call__",))(outer)
     return container
 
 

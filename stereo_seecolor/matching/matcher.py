@@ -28,7 +28,7 @@ from stereo_seecolor.matching.disparity import (
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, GrayPair
 from stereo_seecolor.matching.refine import contrast_gain, refine_rows
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
-from stereo_seecolor.plugins import load
+from stereo_seecolor.plugins import checked, load
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
 
@@ -83,7 +83,13 @@ class Matcher:
             if isinstance(engine, Path):
                 return Network(engine)
             return OpenCvMatching(self._lowest, self._highest)
-        added: Engine = load("matching_engines", engine)(self._config, self._lowest, self._highest)
+        make = load("matching_engines", engine, needs=("__call__",))
+        added: Engine = checked(
+            make(self._config, self._lowest, self._highest),
+            "matching_engines",
+            engine,
+            needs=("find",),
+        )
         return added
 
     def match(self, frame: StereoFrame) -> RangeMap:

@@ -158,7 +158,9 @@ class DetailMatcher:
 
     def at(self, shrink: int) -> ReducedMatcher:
         """The matcher at 1 / shrink of the size."""
-        return self._built.setdefault(shrink, self._smaller(shrink))
+        if shrink not in self._built:
+            self._built[shrink] = self._smaller(shrink)
+        return self._built[shrink]
 
     def _at_smaller_size(self, frame: StereoFrame, known: float) -> RangeMap | None:
         """The range map at a size that knows more than this fraction of the pixels; None if there

@@ -118,8 +118,9 @@ def refuse_inputs(
 
     inputs: every file and folder that it reads, of any kind; links are followed. unchanged: names
     in OUT that this run leaves as they are, or writes again with the content that it reads.
+    command: one that a package adds may replace all results.
     """
-    home, replaces, safe = root.resolve(), REPLACES[command], set(unchanged)
+    home, replaces, safe = root.resolve(), REPLACES.get(command, ALL_RESULTS), set(unchanged)
     for given in inputs:
         for place in _places(given):
             name = place.relative_to(home).as_posix() if place.is_relative_to(home) else ""

@@ -259,3 +259,13 @@ def test_only_what_a_command_replaces_is_refused(
             refuse_inputs(command, tmp_path, [tmp_path / name])
     else:
         refuse_inputs(command, tmp_path, [tmp_path / name])
+
+
+def test_a_command_of_another_package_keeps_off_all_results(tmp_path: Path) -> None:
+    """It is in no table of this program, and may replace what any command may."""
+    (tmp_path / "out/range").mkdir(parents=True)
+    file = tmp_path / "out/range/0001.tiff"
+    file.write_bytes(b"")
+    with pytest.raises(OutputError, match="is an input of this run"):
+        refuse_inputs("note", tmp_path / "out", [file])
+    refuse_inputs("note", tmp_path / "out", [tmp_path / "left"])

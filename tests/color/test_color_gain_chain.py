@@ -317,8 +317,8 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(
 def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(
     numbers: Sequence[int], parts: int
 ) -> None:
-    length = light_search.STRETCH.length(len(numbers), parts)
-    segments = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))
+    length = light_search.SEGMENTS.length(len(numbers), parts)
+    segments = list(light_search._Segments(numbers, [(str(k), k) for k in range(500)], length))
     assert min(parts, len(numbers) // 15) <= len(segments) <= max(parts, len(numbers) // 15)
     assert [
         number for segment in segments for number, _ in segment.frames[segment.before :]

@@ -31,6 +31,33 @@ def test_memory_is_that_of_the_machine_or_of_its_container(machine: Path) -> Non
     assert free_bytes() == 4 * GIB
 
 
+@pytest.mark.parametrize(
+    ("folder", "names", "cached"),
+    [
+        ("", ("memory.max", "memory.current", "memory.stat"), "inactive_file"),
+        (
+            "memory",
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "memory.stat"),
+            "total_inactive_file",
+        ),
+    ],
+)
+def test_what_a_container_uses_is_not_free_but_copies_of_files_are(
+    machine: Path, folder: str, names: tuple[str, str, str], cached: str
+) -> None:
+    home = machine / folder
+    home.mkdir(exist_ok=True)
+    limit, usage, statistics = (home / name for name in names)
+    limit.write_text(f"{8 * GIB}\n")
+    usage.write_text(f"{5 * GIB}\n")
+    assert free_bytes() == 3 * GIB
+    statistics.write_text(f"anon {3 * GIB}\n{cached} {2 * GIB}\nactive_file 0\n")
+    assert free_bytes() == 5 * GIB
+    usage.write_text(f"{11 * GIB}\n")
+    assert free_bytes() == 0
+    assert at_once(8, GIB) == 1
+
+
 @pytest.mark.usefixtures("machine")
 def test_so_many_pieces_of_work_as_fit_and_at_least_one() -> None:
     assert [at_once(8, size * GIB) for size in (1, 3, 5, 100)] == [8, 4, 2, 1]

@@ -9,17 +9,27 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import REEF, Cli, SampleRun
+from mapping_scene import PAIR
 
 from stereo_seecolor import plugins
+from stereo_seecolor.cli import app
 from stereo_seecolor.commands.doctor import CORE, EXTRAS
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.errors import PluginError
+from stereo_seecolor.extras.export.command import export_formats
 from stereo_seecolor.files.ply import read_vertices
+from stereo_seecolor.inputs import images
+from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.mapping.surface.engines import engine
+from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.run_folder.finished_run import open_run
 
 PROJECT_FILE = tomllib.loads(
@@ -295,3 +305,67 @@ def test_a_run_with_a_map_loads_no_extra_and_all_that_the_base_installs(tmp_path
     base = {modules[re.split(r"[\[>; ]", wanted)[0]] for wanted in PROJECT_FILE["dependencies"]}
     assert base - loaded <= LOADED_WHERE_NEEDED
     assert not loaded & ({*modules.values()} - base - {"lazrs"})  # which is the base's laspy[lazrs]
+
+
+class Entry:
+    """An entry point of a package of somebody else that hands over an object."""
+
+    dist = SimpleNamespace(name="reef-notes")
+
+    def __init__(self, found: object) -> None:
+        self.load = lambda: found
+
+
+@pytest.mark.parametrize(
+    ("group", "found", "use", "wanted"),
+    [
+        (
+            "commands",
+            print,
+            lambda: app._needed(["x"]),
+            "an object of type builtin_function_or_method to commands, not of the class Command",
+        ),
+        (
+            "exports",
+            "names",
+            export_formats,
+            "an object of type str to exports, not of the class ExportFormat",
+        ),
+        (
+            "trajectory_formats",
+            SimpleNamespace(recognizes=bool),
+            lambda: read_trajectory(Path("x")),
+            "to trajectory_formats, which has no function 'read'",
+        ),
+        ("engines", 3, lambda: engine("x"), "type int to engines, which cannot be called"),
+        (
+            "matching_engines",
+            lambda *_: 3,
+            lambda: Matcher(PAIR, MatchingConfig(engine="x")),
+            "type int to matching_engines, which has no function 'find'",
+        ),
+        (
+            "containers",
+            None,
+            lambda: images._container(Path("a.x")),
+            "type NoneType to containers, which cannot be called",
+        ),
+    ],
+)
+def test_what_is_not_of_the_kind_of_its_group_is_named_with_its_package(
+    monkeypatch: pytest.MonkeyPatch,
+    group: str,
+    found: object,
+    use: Callable[[], object],
+    wanted: str,
+) -> None:
+    known = {group: {"x": Entry(found)}}
+    for module in ("plugins", "cli.app", "extras.export.command", "inputs.trajectories"):
+        monkeypatch.setattr(
+            f"stereo_seecolor.{module}.added", lambda group: known.get(group, {}), raising=False
+        )
+    with pytest.raises(PluginError) as raised:
+        use()
+    message = str(raised.value)
+    assert message.startswith("x: the package reef-notes adds an object of type ")
+    assert message.endswith(f"{wanted}: see docs/extending.md")

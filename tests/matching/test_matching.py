@@ -104,6 +104,19 @@ def test_large_images_without_detail_at_their_full_size_are_matched_at_less(
     assert DetailMatcher(pair, CONFIG).match(small.frame).warnings == ()
 
 
+def test_a_matcher_of_a_smaller_size_is_made_once() -> None:
+    """With a network, each would load it again."""
+    made: list[RectifiedPair] = []
+
+    def make(pair: RectifiedPair, *_: object) -> Matcher:
+        made.append(pair)
+        return Matcher(pair, CONFIG)
+
+    matcher = DetailMatcher(scene().pair, CONFIG, make=make)
+    assert matcher.at(2) is matcher.at(2)
+    assert len(made) == 2  # at the full size and at half of it
+
+
 @pytest.mark.slow
 def test_maps_agree_with_one_another() -> None:
     found, pair = match(scene()), scene().pair

@@ -1038,7 +1038,7 @@ def test_an_outline_that_crosses_itself_is_kept_so_that_a_corner_can_be_moved(on
         expect(dots).to_have_count(count)
     finish = on_map.locator("#map").get_by_role("button", name="Finish")
     finish.click()
-    expect(on_map.locator("#map .readout").first).to_contain_text("crosses itself")
+    expect(on_map.locator("#map .measuring .readout")).to_contain_text("crosses itself")
     expect(dots).to_have_count(4)
     on_map.locator("#map").get_by_role("button", name="Undo").click()
     expect(dots).to_have_count(3)

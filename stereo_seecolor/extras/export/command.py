@@ -47,7 +47,7 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
     """
     if format not in added("exports"):
         raise InputError(f"--to {format}: is not a known format: {_instead(format)}")
-    known: ExportFormat = load("exports", format)
+    known: ExportFormat = load("exports", format, ExportFormat)
     refuse_own_place(folder)
     posed = open_posed_run(out)
     with new_folder(folder) as building:
@@ -68,7 +68,7 @@ def _instead(name: str) -> str:
     program, found = name.lower(), []
     for key in added("exports"):
         with suppress(PluginError):
-            if program in re.findall(r"\w+", load("exports", key).opens.lower()):
+            if program in re.findall(r"\w+", load("exports", key, ExportFormat).opens.lower()):
                 found.append(f"--to {key}")
     said = [GEOTIFFS] if program in FOR_MAPS else []
     said += [f"for {name} take {' or '.join(found)}"] if found else []
@@ -82,7 +82,7 @@ def export_formats() -> dict[str, ExportFormat]:
     """What each format writes, and the function that writes it. Raises PluginError for a package
     that cannot be loaded.
     """
-    return {name: load("exports", name) for name in added("exports")}
+    return {name: load("exports", name, ExportFormat) for name in added("exports")}
 
 
 # Corrected images as 8 bits a channel, which any program reads.

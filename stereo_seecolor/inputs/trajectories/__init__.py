@@ -72,7 +72,7 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
         InputError: If the file cannot be read, is of no known format, or holds no pose.
     """
     for name in added("trajectory_formats"):
-        plugin = load("trajectory_formats", name)
+        plugin = load("trajectory_formats", name, needs=("recognizes", "read"))
         if plugin.recognizes(path):
             return _of_left(plugin.read(path, mount or MountConfig()))
     mount = mount or MountConfig()

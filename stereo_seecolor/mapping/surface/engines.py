@@ -78,7 +78,7 @@ def engine(name: str) -> FuseTile:
     Raises PluginError for one that no installed package adds; DeviceError, with the command that
     installs it, where it needs a library that is missing.
     """
-    found: FuseTile = fuse_tile if name == "tiles" else load("engines", name)
+    found: FuseTile = fuse_tile if name == "tiles" else load("engines", name, needs=("__call__",))
     return found
 
 

@@ -31,7 +31,7 @@ END_TOLERANCE_S = 0.01
 files.
 """
 
-MAX_GAP_S = 5.0
+FARTHEST_POSE_S = 5.0
 """Poses are interpolated across gaps up to this long."""
 
 CLOCK_S = 1e8
@@ -179,12 +179,12 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     T = np.full((len(index.names), 4, 4), np.nan)
     reasons: dict[int, str] = {}
     for i, time_s in enumerate(index.timestamps_s):
-        pose = _at(times, poses, time_s, MAX_GAP_S)
+        pose = _at(times, poses, time_s, FARTHEST_POSE_S)
         if pose is None:
             reasons[i] = (
                 "it has no time stamp"
                 if np.isnan(time_s)
-                else f"the trajectory has no pose within {MAX_GAP_S:g} s"
+                else f"the trajectory has no pose within {FARTHEST_POSE_S:g} s"
             )
         else:
             T[i] = pose

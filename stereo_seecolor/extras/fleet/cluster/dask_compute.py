@@ -31,6 +31,7 @@ from stereo_seecolor.extras.fleet.cluster.worker import (
     do_tiles,
     named,
 )
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX
 
 AHEAD = 2
 """Batches for each worker that are under way or wait, so that the next is there when one ends."""
@@ -41,10 +42,6 @@ REVIVE_S = 15.0
 several to start.
 """
 
-TEMPORARY_PREFIX = ".writing-"
-"""Beginning of the names of files that the next run deletes if this one is killed
-(``files/atomic.py``).
-"""
 UNKNOWN_NAME = "Can't get attribute"
 """Beginning of pickle's message for a name that a module of another version lacks."""
 LARGE_BYTES = 1 << 16

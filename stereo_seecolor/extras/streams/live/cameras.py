@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.background import in_background
+from stereo_seecolor.compute.background import running
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
@@ -103,11 +103,11 @@ def cameras(left: str, right: str) -> Iterator[tuple[ImageStream, ImageStream]]:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", FFMPEG_QUIET)
     if left == right:
         both = LiveCamera(left, sides=2)
-        with in_background(both.run, both.stop):
+        with running(both.run, both.stop):
             yield both.sides[0], both.sides[1]
         return
     first, second = LiveCamera(left), LiveCamera(right)
-    with in_background(first.run, first.stop), in_background(second.run, second.stop):
+    with running(first.run, first.stop), running(second.run, second.stop):
         yield first.sides[0], second.sides[0]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.background import in_background
+from stereo_seecolor.compute.background import running
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.extras.streams.live.session import LiveCounts
@@ -165,7 +165,7 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
             f"http://{host}:{port}: the page cannot be served there ({error}): choose another "
             "--port"
         ) from error
-    with server, in_background(server.serve_forever, server.shutdown):
+    with server, running(server.serve_forever, server.shutdown):
         yield f"http://{host}:{server.server_address[1]}/{token}"
 
 
