@@ -74,8 +74,8 @@ class Piece:
         )
 
     def without_small_holes(self, cell_m: float) -> "Piece":
-        """The piece with holes closed that are no larger than a cell: coarser levels would show
-        them larger.
+        """The piece with holes closed that one unseen voxel leaves: coarser levels would show them
+        larger.
         """
         return Piece(self.points_m, self.colors, closed(self.points_m, self.triangles, cell_m))
 
@@ -172,7 +172,7 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
     fine cells as the one before.
 
     A tile of a level covers four of the level before, and holds about as many triangles as each of
-    those. Holes no larger than a cell of a level are closed in it.
+    those. Holes of two cells of a level are closed in it.
     """
     mesh = mesh.without_small_holes(voxel_m)
     low, high = mesh.middles_m.min(axis=0), mesh.middles_m.max(axis=0)

@@ -160,24 +160,28 @@ def test_no_level_has_a_gap_that_the_whole_mesh_has_not(monkeypatch: pytest.Monk
         )  # the gap is there, as long as it is larger than a cell
 
 
-@pytest.mark.parametrize("count", [3, 4])
-def test_holes_of_a_cell_are_closed_and_larger_ones_stay(count: int) -> None:
-    """Faces of the closed holes look as those around them."""
+@pytest.mark.parametrize("edges", [3, 4, 6])
+def test_holes_that_one_voxel_leaves_are_closed_and_larger_ones_stay(edges: int) -> None:
+    """One triangle, the two of a square, those around a point; faces of the closed holes look as
+    those around them.
+    """
     mesh = hills()
     middles = mesh.middles_m
-    few = np.argsort(np.hypot(*(middles - (5.105, -2.895)).T))[: count - 2]
+    few = np.argsort(np.hypot(*(middles - (5.105, -2.895)).T))[: edges - 2]
+    if edges == 6:
+        point = np.hypot(*(mesh.points_m[:, :2] - (5.1, -2.9)).T).argmin()
+        few = np.flatnonzero((mesh.triangles == point).any(axis=1))
+        assert len(few) == 6
     many = np.hypot(*(middles - (5.4, -2.6)).T) < 0.03
     kept = ~many
     kept[few] = False
     open_mesh = replace(mesh, triangles=mesh.triangles[kept])
     filled = open_mesh.without_small_holes(0.01)
-    assert len(filled.triangles) == kept.sum() + count - 2
+    assert len(filled.triangles) == kept.sum() + edges - 2
     a, b, c = (filled.points_m[corner] for corner in filled.triangles.T)
     assert np.sign(np.cross(b - a, c - a)[:, 2]).min() == 1
-    left = np.stack(boundary(filled.triangles))
-    assert set(np.unique(left)) == set(
-        np.unique(np.stack(boundary(mesh.triangles[~many])))
-    )  # of the rim and the large hole
+    left, wanted = boundary(filled.triangles), boundary(mesh.triangles[~many])
+    assert set(np.unique(left)) == set(np.unique(wanted))  # of the rim and the large hole
 
 
 def test_a_closed_surface_and_one_of_no_triangles_stay_as_they_are() -> None:

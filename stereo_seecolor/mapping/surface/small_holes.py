@@ -1,8 +1,8 @@
-"""Holes of a mesh that are no larger than one of its cells are closed where it is shown.
+"""Holes of a mesh that a single unseen voxel leaves are closed where it is shown.
 
-Marching cubes leaves out a cube one of whose eight voxels was not seen. Where all cubes around it
-are known, the surface has a hole of a triangle or a few, through which light shines, and which a
-coarser level of detail shows as a larger triangle. Larger gaps, which were not seen, stay open.
+Marching cubes leaves out the eight cubes around a voxel that was not seen. Where those around them
+are known, the surface has a hole of one to some triangles, through which light shines, and which a
+coarser level of detail shows as a larger one. Larger gaps stay open: nobody saw what is there.
 """
 
 import numpy as np
@@ -12,14 +12,16 @@ from scipy.sparse.csgraph import connected_components
 
 ROUNDING = 1e-3
 """Of a cell: positions are float32 in map coordinates."""
-MOST_EDGES = 12
-"""Of a hole that fits a cube: the surface crosses each of its edges once."""
+CELLS = 2
+"""Along each axis: the cubes around a voxel."""
+MOST_EDGES = 24
+"""Of such a hole: three for each of the eight cubes."""
 
 
 def closed(
     points_m: NDArray[np.floating], triangles: NDArray[np.integer], cell_m: float
 ) -> NDArray[np.int64]:
-    """Add triangles in the holes of a mesh that have three edges, or lie within a cell.
+    """Add triangles in the holes of a mesh that have three edges, or lie within two cells along each axis.
 
     points_m: (V, 3). triangles: (T, 3), all facing the same side. cell_m: edge of the cells that
     the mesh was made from. No point is added; returns (T + added, 3) int64. A hole that touches
@@ -40,7 +42,7 @@ def closed(
     span_m = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
     np.maximum.at(span_m[0], loop, points_m[points])
     np.minimum.at(span_m[1], loop, points_m[points])
-    fits = (span_m[0] - span_m[1] <= cell_m * (1 + ROUNDING)).all(axis=1)
+    fits = (span_m[0] - span_m[1] <= CELLS * cell_m * (1 + ROUNDING)).all(axis=1)
     small = simple & ((size == 3) | (fits & (size <= MOST_EDGES)))
     following = np.zeros(len(points), np.int64)
     following[start] = end
