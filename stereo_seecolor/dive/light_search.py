@@ -56,7 +56,7 @@ SAMPLE = SampleSettings()
 
 
 @dataclass(frozen=True)
-class SegmentSettings:
+class LightSegments:
     """Frames that are examined together, as one piece of work. Results do not depend on where the
     dive is cut.
     """
@@ -75,7 +75,7 @@ class SegmentSettings:
         return max(min(self.frames, -(-frames // parts)), self.least)
 
 
-SEGMENTS = SegmentSettings()
+SEGMENTS = LightSegments()
 MOST_SHADED = 100_000
 """Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again
 to solve it.

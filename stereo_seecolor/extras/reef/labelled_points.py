@@ -56,7 +56,7 @@ def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
     """
     names = text_documents.header(path)
     label = next((name for name in LABELS if name in names), LABELS[0])
-    images = _Images(posed)
+    images = _PlacedImages(posed)
     found = []
     for where, row in text_documents.rows(path, (*PLACE, label)):
         if not row[label]:
@@ -74,7 +74,7 @@ def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
     return found
 
 
-class _Images:
+class _PlacedImages:
     """Where pixels of tiles and frames lie on a map."""
 
     def __init__(self, posed: PosedRun) -> None:

@@ -7,8 +7,6 @@ coarser level of detail shows as a larger one. Larger gaps stay open: nobody saw
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 ROUNDING = 1e-3
 """Of a cell: positions are float32 in map coordinates."""
@@ -21,7 +19,8 @@ MOST_EDGES = 24
 def closed(
     points_m: NDArray[np.floating], triangles: NDArray[np.integer], cell_m: float
 ) -> NDArray[np.int64]:
-    """Add triangles in the holes of a mesh that have three edges, or lie within two cells along each axis.
+    """Add triangles in the holes of a mesh that have three edges, or lie within two cells along
+    each axis.
 
     points_m: (V, 3). triangles: (T, 3), all facing the same side. cell_m: edge of the cells that
     the mesh was made from. No point is added; returns (T + added, 3) int64. A hole that touches
@@ -33,28 +32,40 @@ def closed(
         return mesh
     points, edges = np.unique(np.stack([starts, ends]), return_inverse=True)
     start, end = edges.reshape(2, -1)
-    once = np.bincount(start, minlength=len(points)) == 1
-    once &= np.bincount(end, minlength=len(points)) == 1
-    graph = coo_array((np.ones(len(start), np.int8), (start, end)), (len(points),) * 2)
-    count, loop = connected_components(graph, directed=False)
-    size = np.bincount(loop, minlength=count)
-    simple = np.bincount(loop, once, minlength=count) == size
-    span_m = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
-    np.maximum.at(span_m[0], loop, points_m[points])
-    np.minimum.at(span_m[1], loop, points_m[points])
-    fits = (span_m[0] - span_m[1] <= CELLS * cell_m * (1 + ROUNDING)).all(axis=1)
-    small = simple & ((size == 3) | (fits & (size <= MOST_EDGES)))
-    following = np.zeros(len(points), np.int64)
+    following = np.full(len(points), -1)
     following[start] = end
-    first = np.unique(loop, return_index=True)[1][small]
+    for ends_or_starts in (start, end):  # where holes touch, none can be told from the other
+        following[np.bincount(ends_or_starts, minlength=len(points)) != 1] = -1
+    first = _first_points(following, points_m[points], CELLS * cell_m * (1 + ROUNDING))
     corner, added = following[first], [mesh]
     while len(first):  # a fan from the first point of each hole, facing as the surface around it
         after = following[corner]
-        open_still = after != first
-        first, corner, after = first[open_still], corner[open_still], after[open_still]
+        is_open = after != first
+        first, corner, after = first[is_open], corner[is_open], after[is_open]
         added.append(points[np.stack([first, after, corner], axis=1)])
         corner = after
     return np.concatenate(added)
+
+
+def _first_points(
+    following: NDArray[np.int64], places_m: NDArray[np.floating], most_m: float
+) -> NDArray[np.int64]:
+    """The lowest number of the points of each hole that is to be closed.
+
+    following: (P,) the next point around the hole, -1 where several holes touch. places_m: (P, 3).
+    """
+    first = np.flatnonzero(following >= 0)
+    at, low_m, high_m = following[first], places_m[first], places_m[first]
+    found = [first[:0]]
+    for edges in range(1, MOST_EDGES + 1):
+        fits = (high_m - low_m <= most_m).all(axis=1) | (edges <= 3)
+        found.append(first[fits & (at == first)])
+        on = fits & (at > first) & (following[at] >= 0)  # else another point of it is the lowest
+        first, at = first[on], at[on]
+        low_m = np.minimum(low_m[on], places_m[at])
+        high_m = np.maximum(high_m[on], places_m[at])
+        at = following[at]
+    return np.concatenate(found)
 
 
 def boundary(triangles: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
