@@ -354,7 +354,7 @@ class Motion:
         if self.is_uneven:
             return self._uneven
         return (
-            f"neighboring pairs fit each other only with {self._figures}: images shifted along the "
+            f"neighboring pairs contradict the calibration: {self._figures}: images shifted along the "
             "baseline (a cut-out, stabilization, another mode, a wrong principal point), a camera "
             "turned sideways or another focal length, which rows hardly show: give images of the "
             "calibrated mode, or calibrate again, and compare a known length"
@@ -413,26 +413,26 @@ class Motion:
                 f"the right edge of the rectified image and {-self.columns_px:+.1f} px at the left "
                 f"edge: ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
             )
-        middle = f"in the middle {self._figures}" if self._is_off else ""
+        middle = f"in the middle, {self._figures}" if self._is_off else ""
         return "; ".join([*parts, *([middle] if middle else [])])
 
     @property
     def _figures(self) -> str:
-        offset = f"disparities {self.offset_px:+.1f} +- {self.offset_std_px:.1f} px longer"
+        offset = f"disparities change by {self.offset_px:+.1f} +- {self.offset_std_px:.1f} px"
         focal = (
             ""
             if np.isnan(self.focal)
-            else f", a focal length {self.focal:+.0%} +- {self.focal_std:.0%} longer"
+            else f", the focal length by {self.focal:+.0%} +- {self.focal_std:.0%}"
         )
         return (
-            f"{offset}{focal}: ranges are off by {self.range_error:+.0%} +- {self.range_std:.0%} "
-            f"where they come out as {self.at_m:.1f} m"
+            f"at {self.at_m:.1f} m ranges may be wrong by {self.range_error:+.0%} +- "
+            f"{self.range_std:.0%} ({offset}{focal})"
         )
 
     @property
     def _unseen(self) -> str:
         focal = "a focal length wrong in both cameras alike, " if np.isnan(self.focal) else ""
-        return f"; not seen here: {focal}a wrong baseline"
+        return f"; this cannot show: {focal}a wrong baseline"
 
 
 def _makes(rival_px: float, found_px: float) -> bool:

@@ -47,8 +47,8 @@ class MountConfig(StageConfig):
 
 
 class MarkersConfig(StageConfig):
-    """Square markers on the bottom of which something is known: they hold the map's scale, shape
-    and place (docs/markers.md).
+    """Square markers of known size, distance or position on the bottom; they constrain the map's
+    scale, shape and place (docs/markers.md).
     """
 
     edge_m: float | None = Field(

@@ -230,7 +230,7 @@ def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path
     settled = resolve_convention(rig, [(images[0], images[1])])
     np.testing.assert_allclose(settled.R, RIG.R, atol=1e-9)
     assert settled.alternatives == ()
-    assert "images decide" in settled.doubts[-1]
+    assert "this reading fits the images" in settled.doubts[-1]
     assert Rectification.from_rig(settled).pair.baseline_m == pytest.approx(RIG.baseline_m)
 
 
