@@ -354,10 +354,10 @@ class Motion:
         if self.is_uneven:
             return self._uneven
         return (
-            f"neighboring pairs contradict the calibration: {self._figures}: images shifted along the "
-            "baseline (a cut-out, stabilization, another mode, a wrong principal point), a camera "
-            "turned sideways or another focal length, which rows hardly show: give images of the "
-            "calibrated mode, or calibrate again, and compare a known length"
+            f"neighboring pairs contradict the calibration: {self._figures}: images shifted along "
+            "the baseline (a cut-out, stabilization, another mode, a wrong principal point), a "
+            "camera turned sideways or another focal length, which rows hardly show: give images "
+            "of the calibrated mode, or calibrate again, and compare a known length"
         )
 
     @property

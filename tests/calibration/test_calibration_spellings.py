@@ -168,7 +168,7 @@ def test_millimeters_are_taken_as_such_and_named(tmp_path: Path) -> None:
     storage(tmp_path / "stereo.yml", **matrices, R=RIG.R, T=RIG.T_right_left[:3, 3:] * 1000)
     found = load_rig(tmp_path / "stereo.yml", SIZE)
     np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
-    assert "taken as millimeters" in found.doubts[0]
+    assert "read as millimeters" in found.doubts[0]
 
 
 def test_a_matrix_a_file(tmp_path: Path) -> None:
