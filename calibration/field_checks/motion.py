@@ -187,7 +187,7 @@ def _corrected(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array
 # a dive.
 #
 # An offset that all disparities have (images shifted along the baseline, a principal point, a yaw
-# of a camera) and a focal length that is wrong in both cameras alike leave the rows as they are.
+# of a camera) and a focal length that is wrong in both cameras leave the rows as they are.
 # But the bottom is rigid: between two moments, points move in the image by their true inverse
 # depth, and by the turn of the camera. Disparities with an offset, or a wrong focal length, fit
 # no rigid motion. The length of the baseline is not seen: all of it would be larger, alike.
@@ -330,7 +330,7 @@ class Motion:
                 f"motion between {counted(self.couples, 'couple')} of neighboring pairs fits no "
                 f"rigid bottom: {self.rest_px:.2f} px are left, {self.own_px:.2f} px where each "
                 "couple has an error of its own; an offset, a focal length and errors over rows "
-                "and columns do not explain it, and how wrong ranges are is not known: moving "
+                "and columns do not explain it, and the error of ranges is unknown: moving "
                 "things, or pairs that differ: compare a known length"
             )
         if self.is_uneven:
@@ -339,7 +339,7 @@ class Motion:
             return (
                 "not seen: images shifted along the baseline (a pixel changes ranges by "
                 f"{self.pixel_error:.1%} for each meter of "
-                "range), a focal length wrong in both cameras alike, a wrong baseline: rows do not "
+                "range), a focal length wrong in both cameras, a wrong baseline: rows do not "
                 "show them, and too few neighboring pairs show "
                 "the same bottom: compare a known length by stereo-seecolor measure or markers"
             )
@@ -431,7 +431,7 @@ class Motion:
 
     @property
     def _unseen(self) -> str:
-        focal = "a focal length wrong in both cameras alike, " if np.isnan(self.focal) else ""
+        focal = "a focal length wrong in both cameras, " if np.isnan(self.focal) else ""
         return f"; this cannot show: {focal}a wrong baseline"
 
 
