@@ -115,12 +115,12 @@ def run_text(summary: "RunSummary", out: Path) -> str:
     doubts = [what for what, *_ in found if what.startswith(DOUBT)][:1]  # of the dive, not a frame
     notes = [f"note: {note}" for note in (*summary.notes, *doubts)]
     problems = [
-        (what, str(often), first) for what, often, first in found if not what.startswith(DOUBT)
+        (str(often), first, what) for what, often, first in found if not what.startswith(DOUBT)
     ]
     made = [_product_line(product) for product in summary.products]
     return (
         lines(*named, *notes)
-        + (table(("what went wrong", "times", "first in"), problems) if problems else "")
+        + (table(("times", "first in", "what went wrong"), problems) if problems else "")
         + lines(_totals(summary), *made)
         + (_plan_text(summary.plan) if summary.plan else "")
     )

@@ -164,12 +164,12 @@ def status_text(runs: "Sequence[RunStatus]") -> str:
         for run in runs
     ]
     failures = [
-        (what, str(often), f"{run.out}: {first}")
+        (str(often), f"{run.out}: {first}", what)
         for run in runs
         for what, often, first in run.failures
     ]
     return table(("run", "state", "pass", "done", "failed", "left", ""), rows) + (
-        lines("") + table(("what went wrong", "times", "first in"), failures) if failures else ""
+        lines("") + table(("times", "first in", "what went wrong"), failures) if failures else ""
     )
 
 
