@@ -37,8 +37,8 @@ class RigErrors:
 
 UNSEEN = (
     "not seen by vertical disparity: the length of the baseline, a focal length wrong in both "
-    "cameras alike, and images shifted "
-    "along the baseline (a principal point): measure something of known length"
+    "cameras, and images shifted along the baseline (a principal point): measure something of "
+    "known length"
 )
 YAW_WARNING = (
     "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least "
@@ -96,7 +96,7 @@ class Refinement:
         if not self.movements:
             return [
                 *text_lines,
-                "nothing has moved beyond doubt: the calibration is left as it is",
+                "no change is significant: the calibration is used unchanged",
                 UNSEEN,
             ]
         for movement in self.movements:
@@ -316,7 +316,7 @@ class StereoRig:
         if isinstance(self.port, FlatPort) and self.medium != "air":
             raise CalibrationError(
                 "port: a flat port is for cameras calibrated in air; a calibration made in water "
-                "holds the port already: remove the port, or say medium: air"
+                "holds the port already: remove the port, or set medium: air"
             )
         _check_baseline(T[:3, 3], self.R)
 

@@ -138,13 +138,14 @@ class CalibrationReport:
             (
                 focal_std,
                 MAX_FOCAL_STD,
-                f"focal length known to {focal_std:.2%}: take more views, and tilt the target more",
+                f"standard error of the focal length {focal_std:.2%}: take more views, and "
+                "tilt the target more",
             ),
             (
                 baseline_std,
                 MAX_BASELINE_STD,
-                f"baseline known to {baseline_std:.2%}: take more views, nearer, with both "
-                "cameras still",
+                f"standard error of the baseline {baseline_std:.2%}: take more views, nearer, "
+                "with both cameras still",
             ),
             (
                 -min(self.coverage),

@@ -387,7 +387,7 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
     others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
     doubt = (
-        f"{readings[best].reading}: images decide: the vertical disparity is "
-        f"{errors_px[best]:.1f} px, and {others} px otherwise"
+        f"{readings[best].reading}: this reading fits the images: rows agree to "
+        f"{errors_px[best]:.1f} px, otherwise to {others} px"
     )
     return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))

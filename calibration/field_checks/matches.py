@@ -417,8 +417,8 @@ class Keystone:
             return (
                 f"another lens distortion explains the rows ({self.bent_px:.2f} px left) as well "
                 f"as a yaw of {yaw_deg:+.2f} degrees ({self.unexplained_px:.2f} px): the "
-                "calibration's may be missing, of the wrong sign or of another lens, and how wrong "
-                "ranges are cannot be told: calibrate again"
+                "calibration's may be missing, of the wrong sign or of another lens, and the error "
+                "of ranges is unknown: calibrate again"
             )
         return (
             f"a keystone in the rows, as after a yaw of {yaw_deg:+.2f} +- {std_deg:.2f} degrees of "

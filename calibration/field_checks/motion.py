@@ -187,7 +187,7 @@ def _corrected(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array
 # a dive.
 #
 # An offset that all disparities have (images shifted along the baseline, a principal point, a yaw
-# of a camera) and a focal length that is wrong in both cameras alike leave the rows as they are.
+# of a camera) and a focal length that is wrong in both cameras leave the rows as they are.
 # But the bottom is rigid: between two moments, points move in the image by their true inverse
 # depth, and by the turn of the camera. Disparities with an offset, or a wrong focal length, fit
 # no rigid motion. The length of the baseline is not seen: all of it would be larger, alike.
@@ -330,7 +330,7 @@ class Motion:
                 f"motion between {counted(self.couples, 'couple')} of neighboring pairs fits no "
                 f"rigid bottom: {self.rest_px:.2f} px are left, {self.own_px:.2f} px where each "
                 "couple has an error of its own; an offset, a focal length and errors over rows "
-                "and columns do not explain it, and how wrong ranges are is not known: moving "
+                "and columns do not explain it, and the error of ranges is unknown: moving "
                 "things, or pairs that differ: compare a known length"
             )
         if self.is_uneven:
@@ -339,7 +339,7 @@ class Motion:
             return (
                 "not seen: images shifted along the baseline (a pixel changes ranges by "
                 f"{self.pixel_error:.1%} for each meter of "
-                "range), a focal length wrong in both cameras alike, a wrong baseline: rows do not "
+                "range), a focal length wrong in both cameras, a wrong baseline: rows do not "
                 "show them, and too few neighboring pairs show "
                 "the same bottom: compare a known length by stereo-seecolor measure or markers"
             )
@@ -354,10 +354,10 @@ class Motion:
         if self.is_uneven:
             return self._uneven
         return (
-            f"neighboring pairs fit each other only with {self._figures}: images shifted along the "
-            "baseline (a cut-out, stabilization, another mode, a wrong principal point), a camera "
-            "turned sideways or another focal length, which rows hardly show: give images of the "
-            "calibrated mode, or calibrate again, and compare a known length"
+            f"neighboring pairs contradict the calibration: {self._figures}: images shifted along "
+            "the baseline (a cut-out, stabilization, another mode, a wrong principal point), a "
+            "camera turned sideways or another focal length, which rows hardly show: give images "
+            "of the calibrated mode, or calibrate again, and compare a known length"
         )
 
     @property
@@ -413,26 +413,26 @@ class Motion:
                 f"the right edge of the rectified image and {-self.columns_px:+.1f} px at the left "
                 f"edge: ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
             )
-        middle = f"in the middle {self._figures}" if self._is_off else ""
+        middle = f"in the middle, {self._figures}" if self._is_off else ""
         return "; ".join([*parts, *([middle] if middle else [])])
 
     @property
     def _figures(self) -> str:
-        offset = f"disparities {self.offset_px:+.1f} +- {self.offset_std_px:.1f} px longer"
+        offset = f"disparities change by {self.offset_px:+.1f} +- {self.offset_std_px:.1f} px"
         focal = (
             ""
             if np.isnan(self.focal)
-            else f", a focal length {self.focal:+.0%} +- {self.focal_std:.0%} longer"
+            else f", the focal length by {self.focal:+.0%} +- {self.focal_std:.0%}"
         )
         return (
-            f"{offset}{focal}: ranges are off by {self.range_error:+.0%} +- {self.range_std:.0%} "
-            f"where they come out as {self.at_m:.1f} m"
+            f"at {self.at_m:.1f} m ranges may be wrong by {self.range_error:+.0%} +- "
+            f"{self.range_std:.0%} ({offset}{focal})"
         )
 
     @property
     def _unseen(self) -> str:
-        focal = "a focal length wrong in both cameras alike, " if np.isnan(self.focal) else ""
-        return f"; not seen here: {focal}a wrong baseline"
+        focal = "a focal length wrong in both cameras, " if np.isnan(self.focal) else ""
+        return f"; this cannot show: {focal}a wrong baseline"
 
 
 def _makes(rival_px: float, found_px: float) -> bool:

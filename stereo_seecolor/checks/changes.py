@@ -48,7 +48,7 @@ STANDS_OUT = 4.0
 """Of these, or of the usual deviations of a dive, from which on a pair has a look."""
 MOST_SUSPECTS = 8
 """Pairs that have one: each takes an eighth of a full check."""
-LEFT_OUT = "is not of the rig of the other pairs, and is left out (as a note says)"
+LEFT_OUT = "is not of the rig of the other pairs, and is left out (see the note)"
 """Why a pair fails that is not of the dive's rig."""
 
 
@@ -279,7 +279,7 @@ def _step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) -
             "right": f"the right images are {_percent(larger)} than before",
             "left": f"the left images are {_percent(1 / changes.scale - 1)} than before",
             "": f"the right images are {_percent(larger)} than before, or the left ones "
-            f"{_percent(1 / changes.scale - 1)}, which motion does not tell",
+            f"{_percent(1 / changes.scale - 1)}, motion does not show which",
         }[side]
         cause = "rows fit that, and no offset or roll: focus or zoom of a lens moved"
     else:

@@ -204,8 +204,8 @@ def mosaic_notes(images: DiveImages) -> tuple[str, ...]:
             if seen and all(seen):
                 name = getattr(images.pairs[0], side).name
                 return (
-                    f"input: {side} images ({name}): red and blue are alike and green holds a "
-                    "lattice of rows and columns, as where a mosaic of colors (Bayer) is read one "
+                    f"input: {side} images ({name}): red and blue are equal and green holds a "
+                    "lattice of rows and columns, as if a color mosaic (Bayer) was read one "
                     "column or row off: exchanged channels or another light leave no lattice: "
                     "convert the raw files again with the pattern shifted by one column (RGGB as "
                     "GRBG), or for raw mosaics --set input.bayer=...",
@@ -235,7 +235,7 @@ def _is_off_by_one(image: Image) -> bool:
 
 BOTH = (
     "both images are those of the pair before: the cameras stalled, or files were copied, and "
-    "what they show counts twice"
+    "their reef counts twice"
 )
 ONE = (
     "the {} image is that of the pair before, and the other is not: a camera stalled, and "

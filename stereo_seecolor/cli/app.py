@@ -97,10 +97,19 @@ def program(commands: Mapping[str, Command]) -> typer.Typer:
     app.callback(invoke_without_command=True)(version_option)
     for name, command in commands.items():
         options = one_by_one(name, command.function)
-        app.command(name, cls=_Command, epilog=_examples(command), rich_help_panel=command.panel)(
-            options
-        )
+        app.command(
+            name,
+            cls=_Command,
+            help=_unwrapped(command.function.__doc__ or ""),
+            epilog=_examples(command),
+            rich_help_panel=command.panel,
+        )(options)
     return app
+
+
+def _unwrapped(text: str) -> str:
+    """Paragraphs without the line breaks of the source, for the terminal to break by its width."""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
 
 
 def _examples(command: Command) -> str:

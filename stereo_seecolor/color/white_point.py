@@ -40,10 +40,10 @@ def white_doubt(water: Water) -> str:
     if not (errors > DOUBTED).any():
         return ""
     return (
-        f"{DOUBT}gray may have a cast of {gray_error_deg(water):.1f} degrees (red over green is "
-        f"known to {red:.0%}, blue over green to {blue:.0%}), and all colors with it: settle it by "
-        "a color chart or white card in a frame (water OUT --chart), or by a spot that is white, "
-        "or sand (water OUT --white FRAME:x,y, or --sand)"
+        f"{DOUBT}all colors may share a tint of about {gray_error_deg(water):.1f} degrees, because "
+        f"no white reference is known (standard error of red over green {red:.0%}, of blue over "
+        f"green {blue:.0%}). Fix: a color chart or white card in a frame (water OUT --chart), or a "
+        "spot that is white, or sand (water OUT --white FRAME:x,y, or --sand)"
     )
 
 

@@ -195,13 +195,14 @@ class DiveRefinement:
         try:
             refined = refined_rig(rig, self.pairing.pairs, self.images, self.options)
         except CalibrationError as error:
-            return rig, f"calibration: used as it is, since it could not be refined: {error}"
+            return rig, f"calibration: used unchanged, because it could not be refined: {error}"
         found = refined.refinement
         assert found
         if not found.better:
             return (
                 rig,
-                f"calibration: used as it is, since refined it is no better: {found.summary}",
+                "calibration: used unchanged, because the refined one is not better: "
+                f"{found.summary}",
             )
         if found.before_px > LIMITS.wrong_px and (
             mistake := likely_hypothesis(rig, first_images(self.pairing.pairs, self.images))

@@ -90,7 +90,7 @@ EXTRAS = (
         "cryptography",
         "cryptography",
         "cluster",
-        "no keys of its own for a cluster's connections (--cluster)",
+        "no own keys for a cluster's connections (--cluster)",
     ),
     Library(
         "dask_jobqueue",

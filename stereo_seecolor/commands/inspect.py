@@ -105,12 +105,12 @@ def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[
     problems = list(pairing.notes)
     if doubtful:
         problems.append(
-            f"no name says which images are left and which right, and {sides.left} and "
+            f"no name shows which images are left, and {sides.left} and "
             f"{sides.right} show too little in common to be the two sides: give them by hand, a "
             "folder for each or a pattern ('*/im0.png' and '*/im1.png')"
         )
     elif sides.guessed:
-        problems.append("no name says which side is left and which right: they were taken in order")
+        problems.append("no name shows which side is left: the sides were used in order")
     if pairing.unpaired:
         first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
         problems.append(f"{count}, the first: {first.path.name} ({first.reason})")

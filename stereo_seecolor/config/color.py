@@ -21,8 +21,8 @@ class RobustConfig(StageConfig):
         default="scene",
         description="The color of the light that arrives at the reef. scene: fitted with the "
         "water, for a reef whose colors are warm on average, as sand and rock are. gray: the "
-        "same, for colors that are gray on average. none: white, as in the paper's model. Or R, G, "
-        "B as known, from a white card for example, in linear light, each from 0.0001 to 10000; "
+        "same, for colors that are gray on average. none: white, as in the paper's model. Or the "
+        "known R, G, B, from a white card for example, in linear light, each from 0.0001 to 10000; "
         "only their ratios count.",
     )
 
@@ -128,7 +128,7 @@ class ColorConfig(StageConfig):
         default="auto",
         description="How images hold light. auto: measured from the noise of the images, with the "
         "pedestal; srgb where that is not possible. srgb: encoded for a screen. linear: the values "
-        "are linear light. as-is: the values are corrected as they are. The output of all but "
+        "are linear light. as-is: the values are corrected without decoding. The output of all but "
         "as-is is encoded by sRGB.",
     )
 

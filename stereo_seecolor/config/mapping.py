@@ -47,8 +47,8 @@ class MountConfig(StageConfig):
 
 
 class MarkersConfig(StageConfig):
-    """Square markers on the bottom of which something is known: they hold the map's scale, shape
-    and place (docs/markers.md).
+    """Square markers of known size, distance or position on the bottom; they constrain the map's
+    scale, shape and place (docs/markers.md).
     """
 
     edge_m: float | None = Field(
@@ -99,7 +99,7 @@ class MappingConfig(StageConfig):
     crs: Literal["auto", "utm", "local"] = Field(
         default="auto",
         description="Coordinates of all products. auto: meters around the survey's origin on "
-        "Earth, where the poses say it, by transverse Mercator at scale 1. utm: of its UTM zone "
+        "Earth, if the poses give it, by transverse Mercator at scale 1. utm: of its UTM zone "
         "(needs the geo extra). local: meters without a place on Earth.",
     )
     fixes: FilePath | None = Field(
@@ -113,7 +113,7 @@ class MappingConfig(StageConfig):
         default="prior",
         description="How a trajectory is used. prior: frames are placed by its poses and by the "
         "pictures, each weighted by its errors (needs the slam extra, GTSAM; without it as given). "
-        "given: its poses are taken as they are, for exact poses.",
+        "given: its poses are used unchanged, for exact poses.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",

@@ -36,9 +36,7 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
                 warnings.simplefilter("ignore", NotGeoreferencedWarning)
                 file = stack.enter_context(rasterio.open(path.absolute(), driver="GTiff"))
             if file.transform.is_identity:
-                raise InputError(
-                    f"{path}: says no more where it lies: make the map again with fuse"
-                )
+                raise InputError(f"{path}: has lost its position: make the map again with fuse")
             if file.count < bands:
                 raise InputError(
                     f"{path}: has {file.count} bands where {bands} are expected: make the map "

@@ -214,7 +214,7 @@ def _in_one_folder(folder: Path) -> Sides:
     if len(patterns) < 2:
         fix = "move the left and the right ones into folders of their own"
         raise InputError(
-            f"{folder}: holds all images in one folder, and no name says which side it is of: {fix}"
+            f"{folder}: holds all images in one folder, and no name shows its side: {fix}"
         )
     return _best_pair(patterns)
 

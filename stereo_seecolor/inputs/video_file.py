@@ -305,8 +305,8 @@ def _frame_index(path: Path) -> VideoIndex:
         first = [frame.pts or 0 for frame in islice(decoded(container, stream), ORDER_FRAMES)]
         if first != sorted(first):  # of an AVI
             raise InputError(
-                f"{path}: does not say when frames that are coded out of order are: convert it to "
-                ".mp4 or .mkv"
+                f"{path}: does not store the times of frames that are coded out of order: "
+                "convert it to .mp4 or .mkv"
             )
     with opened(path) as container:
         stream = video_stream(container, path)

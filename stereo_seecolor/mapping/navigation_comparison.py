@@ -280,7 +280,7 @@ def _still(
     if measured_m > max(MOVES_M, position_step_m) and given_m < STILL * measured_m:
         return (
             "the given positions hardly move while the pictures do: are they latitudes and "
-            "longitudes, taken for meters?"
+            "longitudes, instead of meters?"
         )
     turns_rad = np.linalg.norm(rotation_vector(motions.measured[:, :3, :3]), axis=1)
     return ALIKE if turns_rad.max() > MAX_TURN_RAD and attitudes_equal(T_world_camera) else ""

@@ -108,11 +108,7 @@ def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
     if trajectory is None or not (
         trajectory.origin or (trajectory.absolute and trajectory.absolute.origin)
     ):
-        what = (
-            "the poses do not say where the survey lies on Earth"
-            if trajectory
-            else "there are no poses"
-        )
+        what = "the poses have no position on Earth" if trajectory else "there are no poses"
         raise MappingError(
             f"mapping.crs: utm: {what}: give --poses with latitude and longitude, or leave "
             "mapping.crs out"

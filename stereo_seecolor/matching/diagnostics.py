@@ -162,8 +162,11 @@ def one_sided_warning(
     )
     if fraction < DIAGNOSTICS_CONSTANTS.one_sided:
         return None
-    why = "it moved, covers one lens, or lies outside matching.min_range_m to matching.max_range_m"
-    return f"{fraction:.1%} of the left image finds no counterpart in the right one: {why}"
+    why = (
+        "a moving object, a covered lens, or a surface outside matching.min_range_m to "
+        "matching.max_range_m"
+    )
+    return f"{fraction:.1%} of the left image has no match: {why}"
 
 
 @compiled

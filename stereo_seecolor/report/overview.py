@@ -432,7 +432,7 @@ def _matters(warning: str) -> bool:
     """
     if warning.startswith(DOUBT):  # of the white point: the verdict has a reason of its own
         return False
-    small = re.match(r"([\d.]+)% of the left image finds no counterpart", warning)
+    small = re.match(r"([\d.]+)% of the left image has no match", warning)
     return small is None or float(small[1]) >= 100 * LIMITS.unmatched_fraction
 
 

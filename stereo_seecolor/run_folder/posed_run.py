@@ -219,7 +219,7 @@ def open_posed_run(out: Path) -> PosedRun:
     made = open_map(out) if all((folder / name).is_file() for name in (CLOUD, MESH)) else None
     if run.geometry is None or made is None:
         raise InputError(
-            f"{out}: holds no map, which knows where the frames were taken: make it with "
+            f"{out}: holds no map with the poses of the frames: make it with "
             f"stereo-seecolor fuse {out}"
         )
     try:

@@ -75,7 +75,7 @@ def test_the_views_in_the_file_decide_the_convention(transposed: bool, tmp_path:
     [
         ("mm", 1000, ""),
         ("meters", 1, ""),
-        ("mm", 1, "is taken as meters"),
+        ("mm", 1, "is read as meters"),
         ("cm", 100, ""),
         ("feet", 1 / 0.3048, ""),
     ],

@@ -58,7 +58,7 @@ def test_one_lens_and_a_baseline_are_of_rectified_images(tmp_path: Path) -> None
     assert found.baseline_m == pytest.approx(0.063)
     assert found.is_rectified
     np.testing.assert_array_equal(found.right.K, [[500, 0, 310.5], [0, 500, 240], [0, 0, 1]])
-    assert "the images for rectified" in found.doubts[0]
+    assert "the images rectified" in found.doubts[0]
     (tmp_path / "rig.yaml").write_text(
         "fx: 500\ncx: 310.5\ncy: 240\nbaseline_mm: 63\nk1: -0.2\nk2: 0.1\n"
     )

@@ -168,7 +168,7 @@ def test_millimeters_are_taken_as_such_and_named(tmp_path: Path) -> None:
     storage(tmp_path / "stereo.yml", **matrices, R=RIG.R, T=RIG.T_right_left[:3, 3:] * 1000)
     found = load_rig(tmp_path / "stereo.yml", SIZE)
     np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
-    assert "taken as millimeters" in found.doubts[0]
+    assert "read as millimeters" in found.doubts[0]
 
 
 def test_a_matrix_a_file(tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path
     settled = resolve_convention(rig, [(images[0], images[1])])
     np.testing.assert_allclose(settled.R, RIG.R, atol=1e-9)
     assert settled.alternatives == ()
-    assert "images decide" in settled.doubts[-1]
+    assert "this reading fits the images" in settled.doubts[-1]
     assert Rectification.from_rig(settled).pair.baseline_m == pytest.approx(RIG.baseline_m)
 
 

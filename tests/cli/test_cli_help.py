@@ -94,6 +94,13 @@ def test_the_examples_are_in_the_help(cli: Cli, command: str) -> None:
 
 
 @pytest.mark.slow
+def test_the_terminal_breaks_the_help_and_not_the_source() -> None:
+    """A line break of the source within a paragraph would break lines twice at 80 columns."""
+    for command in program(every_command()).registered_commands:
+        assert command.help
+        assert "\n" not in command.help.replace("\n\n", ""), command.name
+
+
 def test_python_m_completion_and_version() -> None:
     for words in (("--version",), ("--show-completion", "bash")):
         program = [sys.executable, "-m", "stereo_seecolor", *words]

@@ -328,9 +328,9 @@ def test_how_well_the_pattern_is_known_is_said() -> None:
     found = solved(True, some_gains(), 0.1)
     assert 0.3 * found.luminance.error < pattern_error(found.solved) < 2 * found.luminance.error
     assert found.content()["pattern_error"] == found.luminance.error
-    assert f"known to {100 * found.luminance.error:.0f} %;" in found.note
+    assert f"standard error of the uneven light {100 * found.luminance.error:.0f} %;" in found.note
     loose = replace(found, luminance=replace(found.luminance, error=0.2))
-    assert "known to 20 % only: lines that overlap" in loose.note
+    assert "standard error of the uneven light 20 %: lines that overlap" in loose.note
 
 
 def some_light() -> Light:

@@ -83,7 +83,10 @@ def test_a_rig_that_fits_is_used_as_it_is(
 ) -> None:
     dive = make_dive(3)
     code, printed, _ = cli(*dive.command(tmp_path / "out", "--refine"))
-    assert code == 0 and "calibration: used as it is, since refined it is no better" in printed
+    assert (
+        code == 0
+        and "calibration: used unchanged, because the refined one is not better" in printed
+    )
     assert native.read(tmp_path / "out" / "rig.yaml").refinement is None
 
 
@@ -95,7 +98,9 @@ def test_a_dive_too_short_to_refine_is_run_all_the_same(
     turn_right_camera(dive)
     code, printed, _ = cli(*dive.command(tmp_path / "out", "--refine"))
     assert code == 0
-    assert "calibration: used as it is, since it could not be refined: 2 of 2 pairs show" in printed
+    assert (
+        "calibration: used unchanged, because it could not be refined: 2 of 2 pairs show" in printed
+    )
     assert "a camera has moved since; calibrate again (stereo-seecolor run --refine)" in printed
 
 

@@ -218,11 +218,23 @@ def test_settings_that_texts_name_are_there() -> None:
     keys = known_keys()
     sections = "|".join({key.partition(".")[0] for key in keys if "." in key})
     for page in TEXTS:
-        old = RENAMED if page.name == "configuration.md" else ()
+        old = RENAMED if page.name in ("configuration.md", "upgrading.md") else ()
         text = page.read_text(encoding="utf-8")
         for name in re.findall(rf"(?:`|--set )((?:{sections})\.[a-z_0-9.]+)", text):
             known = any(key == name or key.startswith(f"{name.rstrip('.')}.") for key in keys)
             assert known or name in old, f"{page.name}: {name}"
+
+
+def test_upgrading_names_the_new_form_of_every_setting_that_is_gone() -> None:
+    """Every setting but those of color, some of which were gone before 0.2.0 already."""
+    page = (DOCS / "upgrading.md").read_text(encoding="utf-8").split("\n## Installation")[0]
+    old = "".join(re.findall(r"^\| (`.*?) \|", page, flags=re.MULTILINE))
+    gone = [name for name in RENAMED if not name.startswith("color.")]
+    assert not [name for name in gone if f"`{name}" not in old]
+    for name in re.findall(r"`([a-z]+\.[a-z_.]+)", old):
+        assert any(name == known or name.startswith(f"{known}.") for known in RENAMED) or (
+            name in known_keys()
+        ), f"{name} was never refused"
 
 
 def test_settings_options_and_commands_that_the_page_names_are_there() -> None:

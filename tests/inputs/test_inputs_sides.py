@@ -115,7 +115,7 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
         ),
         (
             ["1.png", "2.png"],
-            "holds all images in one folder, and no name says .*: move the left and the right ones",
+            "holds all images in one folder, and no name shows .*: move the left and the right",
         ),
         (["a/x.png", "b/y2.png"], "hold pairs: give the two of one dive"),
         (["1.mp4", "2.mp4", "3.mp4"], "3 videos were found"),

@@ -210,7 +210,7 @@ def test_videos_that_are_interlaced_cut_or_of_other_rates_are_named(tmp_path: Pa
     assert paired(left, left).notes == (
         f"{left}: is interlaced: its rows are of two moments; deinterlace it first",
     )
-    with pytest.raises(InputError, match="nothing tells how their clocks run"):
+    with pytest.raises(InputError, match="no evidence of their clock offset"):
         paired(left, right)
     cut = write_video(tmp_path / "cut.mkv", smooth_frames(30), "libx264rgb", "rgb24")
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
@@ -242,7 +242,7 @@ def test_what_is_no_video(tmp_path: Path) -> None:
         tmp_path / "d.avi", smooth_frames(30), "libx264", "yuv420p", options={"bf": "2"}
     )
     with pytest.raises(
-        InputError, match="does not say when frames that are coded out of order are"
+        InputError, match="does not store the times of frames that are coded out of order"
     ):
         paired(mixed, mixed)
 
@@ -281,7 +281,7 @@ def test_a_run_takes_videos(make_dive, tmp_path: Path) -> None:
     given = dive.root / "L.mkv", dive.root / "R.mkv", dive.root / "cam.yaml"
     summary = run(*given, tmp_path / "out")
     assert summary.count("ok") == 3
-    assert any("frames of the same number are taken for pairs" in note for note in summary.notes)
+    assert any("frames of the same number are paired" in note for note in summary.notes)
     folders = run(dive.root / "L", dive.root / "R", given[2], tmp_path / "folders")
     found = (
         [content for path, content in sorted(contents(tmp_path / out).items()) if "/" in path]

@@ -2,16 +2,19 @@
 builds without a warning.
 """
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
+import yaml
 from conftest import SampleRun
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -108,6 +111,62 @@ def test_program_runs_from_the_installed_wheel(wheel: Path, tmp_path: Path) -> N
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     ).stdout
     assert shown.strip() == wheel.name.split("-")[1]
+
+
+HELP_OF_ALL = """
+import contextlib, io, sys
+import stereo_seecolor
+from stereo_seecolor.cli import main
+from stereo_seecolor.cli.app import every_command
+
+assert stereo_seecolor.__file__.startswith(sys.argv[1]), stereo_seecolor.__file__
+for name in every_command():
+    sys.argv = ["stereo-seecolor", name, "--help"]
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        try:
+            main()
+        except SystemExit as end:
+            assert not end.code, (name, end.code)
+    assert "Usage:" in printed.getvalue(), name
+    print(name)
+"""
+"""Prints the name of each command that prints its help, from the installed files alone."""
+
+
+@pytest.mark.slow
+def test_every_command_of_the_installed_wheel_prints_its_help(wheel: Path, tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    pip("install", "--no-deps", "--target", str(site), str(wheel))
+    printed = subprocess.run(
+        [sys.executable, "-c", HELP_OF_ALL, str(site)],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(site)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert {"run", "check", "inspect", "export", "live", "doctor"} <= set(printed)
+    assert len(printed) >= 25
+
+
+def test_version_date_and_title_of_the_release_agree() -> None:
+    """Of the package, the citation, the archive and the changelog."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    archive = json.loads((ROOT / ".zenodo.json").read_text("utf-8"))
+    changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    released, date = re.findall(r"^## ([\d.]+) - ([\d-]+)$", changes, flags=re.MULTILINE)[0]
+    assert citation["version"] == archive["version"] == released
+    assert str(citation["date-released"]) == archive["publication_date"] == date
+    # between releases the package is that of the next one, with .dev0
+    assert project["version"] == released or project["version"].endswith(".dev0")
+    assert citation["title"] == archive["title"] == project["name"]
+    assert citation["license"] == archive["license"] == project["license"]
+    names = [author["name"] for author in citation["authors"]]
+    assert names == [author["name"] for author in archive["creators"]]
+    assert names == [author["name"] for author in project["authors"]]
+    cited = {each["doi"] for each in citation["references"]}
+    assert cited == {each["identifier"] for each in archive["related_identifiers"]}
 
 
 def pip(*arguments: str) -> None:

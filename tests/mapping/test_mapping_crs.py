@@ -61,7 +61,7 @@ def test_utm_needs_a_place_on_earth(monkeypatch: pytest.MonkeyPatch) -> None:
         MappingError, match=r"mapping\.crs: utm: there are no poses: give --poses with latitude"
     ):
         check(config, None)
-    with pytest.raises(MappingError, match="the poses do not say where the survey lies on Earth"):
+    with pytest.raises(MappingError, match="the poses have no position on Earth"):
         check(config, track(3))
     check(config, replace(track(3), origin=ORIGIN))
     monkeypatch.setattr(georeference, "available", lambda: False)

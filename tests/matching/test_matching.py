@@ -308,7 +308,7 @@ def test_a_fish_that_one_camera_sees_is_a_hole() -> None:
     found = match(swapped(scene(), left, scene().frame.right))
     inside = cv2.erode(fish, np.ones((9, 9), np.uint8)) == 1
     assert np.isfinite(found.range_m[inside]).mean() < 0.1
-    assert any("no counterpart" in warning for warning in found.warnings)
+    assert any("has no match" in warning for warning in found.warnings)
 
 
 def test_rows_that_do_not_correspond_are_reported() -> None:

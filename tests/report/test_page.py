@@ -170,7 +170,7 @@ def test_a_dive_without_faults_is_called_good(
 
 def test_something_small_that_moves_is_no_reason_to_doubt_a_dive() -> None:
     def rows(percent: float) -> RowFacts:
-        said = f"{percent}% of the left image finds no counterpart in the right one: it moved"
+        said = f"{percent}% of the left image has no match: a moving object"
         return RowFacts(tuple(FrameRow(f"f{i}", warnings=(said,)) for i in range(4)))
 
     assert judge_so_far(rows(1.2)).good
@@ -473,9 +473,9 @@ def test_patches_of_the_published_colors_have_no_difference() -> None:
 def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
-    assert "White point: gray may have a cast of" in (tmp_path / "out/index.html").read_text(
-        "utf-8"
-    )
+    assert "White point: all colors may share a tint of about" in (
+        tmp_path / "out/index.html"
+    ).read_text("utf-8")
     assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
 
 

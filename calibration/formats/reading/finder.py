@@ -103,7 +103,7 @@ ORTHONORMAL = 0.01
 @dataclass(frozen=True, eq=False)
 class Parts:
     """The leaves of a file by role and side. many: how many cameras it has, where these are more
-    than two. doubts: that no name tells which camera is the left one.
+    than two. doubts: that no name shows which camera is the left one.
     """
 
     table: Mapping[tuple[Role, Side], list[Leaf]]
@@ -149,7 +149,7 @@ def find(content: Mapping[str, Any]) -> Parts:
         table |= own
         if own:
             left = ".".join(lenses[0][0].path[:-1])
-            doubts = (f"no name tells which camera is the left one: the first, {left}, is taken",)
+            doubts = (f"no name shows which camera is the left one: the first, {left}, is taken",)
     return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers), doubts)
 
 

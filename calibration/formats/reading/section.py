@@ -194,13 +194,13 @@ def to_meters(
         return translation * named, ()
     for unit, factor, least_m in GUESSES:
         if _possible(length * factor) and length * factor >= least_m:
-            said = (
-                f"the file says {stated}, in which the baseline of {length:g} cannot be"
+            reason = (
+                f"the file says {stated}, but a baseline of {length:g} {stated} is impossible"
                 if stated
-                else "the file names no unit"
+                else f"the file names no unit of the baseline {length:g}"
             )
             return translation * factor, (
-                f"{said}: it is taken as {unit}, {length * factor * 1000:.1f} mm",
+                f"{reason}: it is read as {unit}, {length * factor * 1000:.1f} mm",
             )
     return translation * (named or 1.0), ()
 

@@ -113,21 +113,23 @@ class SurveyLight:
         if any(luminance.use):
             before, after = luminance.before, luminance.after
             parts.append(
-                f"brightness corrected for {luminance.use}: views of one spot differ by "
-                f"{_percent(after.between_views)} (before: {_percent(before.between_views)}), "
-                f"frames by {_percent(after.between_frames)} (before: "
-                f"{_percent(before.between_frames)})"
+                f"brightness corrected for {luminance.use}: views of one spot differed by "
+                f"{_percent(before.between_views)} before, {_percent(after.between_views)} after; "
+                f"frames by {_percent(before.between_frames)} before, "
+                f"{_percent(after.between_frames)} after"
             )
         if luminance.use.pattern:
-            parts.append(f"the uneven light is known to {_percent(luminance.error)}{self._loose}")
+            parts.append(
+                f"standard error of the uneven light {_percent(luminance.error)}{self._loose}"
+            )
         if any(color.use):
             before_deg, after_deg = (
                 np.degrees(ANGLE * part.between_views) for part in (color.before, color.after)
             )
             same = "the same" if color.use == luminance.use else str(color.use)
             parts.append(
-                f"color corrected for {same}: views differ by {after_deg:.1f} degrees (before: "
-                f"{before_deg:.1f})"
+                f"color corrected for {same}: views differed by {before_deg:.1f} degrees before, "
+                f"{after_deg:.1f} after"
             )
         if luminance.use.pattern and self.crossed < CROSSING_SETTINGS.color:
             parts.append(
@@ -148,8 +150,7 @@ class SurveyLight:
     def _loose(self) -> str:
         """Advice for a pattern whose standard error is large; else ""."""
         more = (
-            " only: lines that overlap or cross, and pictures of the turns between them, would "
-            "tell more"
+            ": lines that overlap or cross, and pictures of the turns between them, would reduce it"
         )
         return more if self.luminance.error > LIMITS.loose else ""
 

@@ -195,7 +195,7 @@ def _is_linear(truth: Path) -> bool:
         return bool(load_object(truth / "water.json")["water"]["input_encoding"] == "linear")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"{truth / 'water.json'}: does not say how the images are encoded: {error}"
+            f"{truth / 'water.json'}: does not state how the images are encoded: {error}"
         ) from error
 
 

@@ -179,5 +179,7 @@ def _write_page(file: TextIO, mesh: PageMesh, position: NDArray[np.float64], bef
 
 
 TEXTURED_OBJ = ExportFormat(
-    "the same as OBJ, MTL and PNG", "CloudCompare, MeshLab, Metashape, Blender", write_textured_obj
+    "the textured surface as OBJ, MTL and PNG",
+    "CloudCompare, MeshLab, Metashape, Blender",
+    write_textured_obj,
 )

@@ -119,7 +119,7 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
     if missing and not partial:
         raise InputError(
             f"shard {', '.join(missing)} is missing: run it and give all {of}; --partial merges "
-            "the others and says what is missing"
+            "the others and names what is missing"
         )
     return missing
 

@@ -160,7 +160,7 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     if offset_s is not None:
         trajectory = replace(trajectory, timestamps_s=trajectory.timestamps_s + offset_s)
         warnings.append(
-            "the times of the poses and of the frames count from different starts; there are as "
+            "the times of the poses and of the frames have different origins; there are as "
             f"many, in the same rhythm: {offset_s:.3f} s were added to those of the poses"
         )
     finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
@@ -267,8 +267,8 @@ def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
         )
         file, dive = (f"{times.min():.1f} to {times.max():.1f} s" for times in (poses, frames))
         return (
-            f"the times of the file are {file}, those of the frames {dive}: one counts from "
-            f"the start of the dive: add {later}"
+            f"the times of the file are {file}, those of the frames {dive}: one starts at 0 "
+            f"with the dive: add {later}"
         )
     ahead_h = float(poses.min() - frames.min()) / 3600
     by = f"{abs(ahead_h):.3f} h" if abs(ahead_h) < DAYS_H else f"{abs(ahead_h) / 24:.3f} days"
@@ -334,10 +334,10 @@ def at_fixes(
             T[frames] = fit.T @ T[frames]
             warnings.append(
                 f"the track lies by {len(fixed)} fixes, which scatter by {fit.scatter_m:.1f} m "
-                f"about it; its heading is known to {fit.heading_std_deg:.0f} degrees"
+                f"about it; the standard error of its heading is {fit.heading_std_deg:.0f} degrees"
             )
             continue
-        reason = f"{len(fixed)} fixes along its track do not tell its heading"
+        reason = f"{len(fixed)} fixes along its track do not determine its heading"
         if not len(fixed) and (fix := clock_difference(index, trajectory)):
             raise MappingError(f"no frame has a fix at its time: {fix}")
         if component == 0:

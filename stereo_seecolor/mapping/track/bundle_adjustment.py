@@ -303,19 +303,19 @@ class MarkersFit:
     def warnings(self) -> tuple[str, ...]:
         """The disagreements, one line each."""
         warnings = [
-            f"{name}: the map says {self.before[name].ratio:.3f} of what was given, off as no rig "
-            "is: not used; is it right?"
+            f"{name}: the map has {self.before[name].ratio:.3f} of the given length, more "
+            "than any rig is wrong: not used; is the given length right?"
             if self.before[name].wrong
-            else f"{name}: they lie elsewhere than the given poses say: not used; are they in the "
+            else f"{name}: they contradict the given poses: not used; are they in the "
             "coordinates of the poses?"
             for name in self.refused
         ]
         off, rig = abs(self.scale - 1), SETTINGS.rig_scale_std
         if off > SETTINGS.told_sigmas * rig:
             warnings.append(
-                f"the markers say that the rig's ranges must be {100 * (self.scale - 1):+.2f} % "
-                f"longer; calibrations seldom are off by more than {100 * rig:.1f} %: calibrate in "
-                "water, or look whether the lengths are right"
+                "according to the markers, the rig's ranges must be "
+                f"{100 * (self.scale - 1):+.2f} % longer; calibrations seldom are off by more than "
+                f"{100 * rig:.1f} %: calibrate in water, or check the given lengths"
             )
         for name, check in self.after.items():
             std = float(np.hypot(check.std, SETTINGS.given_std))

@@ -179,7 +179,7 @@ def _placed_by_poses(
         used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
     elif not loops.available():
         missing = (
-            "the given poses were taken as they are: to fit them to the pictures, pip "
+            "the given poses were used unchanged: to fit them to the pictures, pip "
             "install 'stereo-seecolor[slam]' (GTSAM)"
         )
         used = _Used(
@@ -259,7 +259,7 @@ def _checked_attitudes(
     off_deg = np.degrees(std_rad)
     advice = (
         f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they "
-        "radians, taken for degrees?"
+        "in radians instead of degrees?"
     )
     return replace(navigation, fits=False, advice=advice)
 

@@ -237,7 +237,7 @@ def test_the_state_of_a_job_that_waits_is_told(slurm_job: BatchJobs, tmp_path: P
     assert slurm_job.text() == f"job 12 is PENDING (Resources); logs are in {tmp_path / 'logs'}"
     assert not slurm_job.ended()
     (tmp_path / "queue").unlink()
-    assert slurm_job.text().startswith("the queue does not say why (")
+    assert slurm_job.text().startswith("the queue gives no reason (")
     assert not slurm_job.ended()
     assert replace(slurm_job, kind="pbs").text().startswith("look at the queue; logs are in")
 

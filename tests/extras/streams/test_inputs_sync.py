@@ -130,7 +130,7 @@ def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
 def test_a_static_scene_is_refused(tmp_path: Path, cli) -> None:
     code, _, said = cli("sync", *write_pair(tmp_path, 0.3, moves=False))
     assert (code, said.count("\n")) == (1, 1)
-    assert "nothing tells how their clocks run" in said
+    assert "no evidence of their clock offset" in said
 
 
 @pytest.mark.slow
@@ -323,7 +323,7 @@ def test_without_evidence_frames_of_the_same_number_are_pairs(
     videos = write_pair(tmp_path, 0.5, seconds=4, moves=False)
     choice = choose_frames(*videos, InputConfig(video_step=7))
     assert choice.left == choice.right == tuple(range(0, 120, 7))
-    assert choice.notes[0].startswith("frames of the same number are taken for pairs: ")
+    assert choice.notes[0].startswith("frames of the same number are paired: ")
     monkeypatch.setitem(sys.modules, "av", None)
     KNOWN_SIGNALS.clear()  # else nothing is decoded
     for missing in (sync, lambda left, right: choose_frames(left, right, InputConfig())):

@@ -67,7 +67,7 @@ class BatchJobs:
         try:
             states = self.states()
         except OSError as error:
-            return f"the queue does not say why ({error}); logs are in {self.logs}"
+            return f"the queue gives no reason ({error}); logs are in {self.logs}"
         named = [f"job {number} is {state}" for number, state in list(states.items())[:NAMED]]
         queue = "; ".join(named) or "look at the queue"
         return f"{queue}; logs are in {self.logs}"

@@ -64,7 +64,7 @@ def choose_frames(
         except NoEvidence as error:
             if abs(files[0].index.frame_s / files[1].index.frame_s - 1) > SAME_RATE:
                 raise
-            notes = (f"frames of the same number are taken for pairs: {error}",)
+            notes = (f"frames of the same number are paired: {error}",)
         else:
             return _chosen(
                 found.pairs,

@@ -125,7 +125,7 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
         evidence, code = (*evidence, Evidence("time code", code)), None
     if not evidence:
         raise NoEvidence(
-            f"{left} and {right}: nothing tells how their clocks run: no sound, flash or time code "
+            f"{left} and {right}: no evidence of their clock offset: no sound, flash or time code "
             "in common, and pictures move too little, or in waves that repeat; clap or turn the "
             "rig next time, or set input.video_offset_s"
         )
@@ -138,8 +138,8 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     _refuse_disagreement(left, right, evidence)
     if best.std_s > min(item.frame_s for item in signals) / 2:
         raise InputError(
-            f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not to "
-            "half a frame: set input.video_offset_s"
+            f"{left} and {right}: the standard error of their offset is "
+            f"{1000 * best.std_s:.0f} ms, more than half a frame: set input.video_offset_s"
         )
     return replace(paired(signals, best, evidence), time_code=code)
 
