@@ -19,8 +19,7 @@ def added(group: str) -> dict[str, EntryPoint]:
 
     Args:
         group: commands, exports, recordings, inputs, containers, trajectory_formats, engines,
-        matching_engines, executors,
-            or page_parts.
+            matching_engines, color_methods, executors, or page_parts.
     """
     return {
         entry.name: entry

@@ -17,6 +17,7 @@ from stereo_seecolor.color.table.moment_table import MomentTable, check_pair, me
 from stereo_seecolor.color.table.range_quantiles import doubts
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
+from stereo_seecolor.plugins import checked, load
 from stereo_seecolor.records import Correction, Image, Map, Mask, Water
 
 
@@ -88,6 +89,7 @@ class Corrector:
 
         Raises:
             ColorError: For a table without pixels, unless there is a start.
+            PluginError: For a method that no installed package adds.
         """
         if not table.pixels.any():
             if start is None:
@@ -104,6 +106,11 @@ class Corrector:
             water = robust.fit(table, self.config, start)
             doubt = doubts(table) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
             return replace(water, warnings=doubt) if doubt else water
+        if self.config.method != "paper":
+            name = self.config.method
+            fit = load("color_methods", name, needs=("__call__",))
+            found: Water = checked(fit(table, self.config, start), "color_methods", name, Water)
+            return found
         from stereo_seecolor.color.fitting import paper
 
         doubt = doubts(table)

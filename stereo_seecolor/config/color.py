@@ -78,10 +78,11 @@ class PaperConfig(StageConfig):
 class ColorConfig(StageConfig):
     """The water and how it is fitted: images and range maps -> corrected images."""
 
-    method: Literal["robust", "paper"] = Field(
+    method: str = Field(
         default="robust",
         description="robust: physics with a white point, from quantiles of color over range. "
-        "paper: DeepSeeColor as published, its two networks trained by Adam.",
+        "paper: DeepSeeColor as published, its two networks trained by Adam. Or one that another "
+        "package adds ([extending](extending.md)).",
     )
 
     @field_validator("method", mode="before")

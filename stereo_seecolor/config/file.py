@@ -122,11 +122,12 @@ class _Layer:
     content: _Content
 
 
-ENGINES = {
-    "matching": ("matching_engines", ("sgm", "opencv", "an .onnx file")),
-    "mapping": ("engines", ("tiles",)),
+ADDED = {
+    "matching.engine": ("matching_engines", ("sgm", "opencv", "an .onnx file")),
+    "mapping.engine": ("engines", ("tiles",)),
+    "color.method": ("color_methods", ("robust", "paper")),
 }
-"""Section -> the group in which packages add its engines, and the program's own."""
+"""Setting -> the group in which packages add engines or methods, and the program's own."""
 
 
 def load_config(path: str | Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
@@ -192,25 +193,27 @@ def _validated(layers: Sequence[_Layer]) -> RunConfig:
         config = RunConfig.model_validate(merged)
     except ValidationError as error:
         raise ConfigError(_first_problem(error, layers)) from error
-    for section, (group, own) in ENGINES.items():
-        _check_engine(
-            getattr(config, section).engine,
+    for key, (group, own) in ADDED.items():
+        section, name = key.split(".")
+        _check_added(
+            getattr(getattr(config, section), name),
             group,
             own,
-            f"{_origin(layers, [section, 'engine'])}: {section}.engine",
+            f"{_origin(layers, [section, name])}: {key}",
         )
     return config
 
 
-def _check_engine(engine: str | Path, group: str, own: Sequence[str], where: str) -> None:
-    """Raise ConfigError for an engine that is neither the program's own nor added by a package; a
-    run of another machine that had it can still be read.
+def _check_added(chosen: str | Path, group: str, own: Sequence[str], where: str) -> None:
+    """Raise ConfigError for an engine or a method that is neither the program's own nor added by a
+    package; a run of another machine that had it can still be read.
     """
-    if not isinstance(engine, Path) and engine not in own and engine not in added(group):
+    if not isinstance(chosen, Path) and chosen not in own and chosen not in added(group):
         known = [*own, *sorted(added(group).keys() - set(own))]
+        what = where.rpartition(".")[2]
         raise ConfigError(
-            f"{where}: no installed package adds this engine; known are {', '.join(known)} (got "
-            f"{engine!r})"
+            f"{where}: no installed package adds this {what}; known are {', '.join(known)} (got "
+            f"{chosen!r})"
         )
 
 

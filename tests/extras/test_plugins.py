@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from conftest import REEF, Cli, SampleRun
@@ -26,10 +27,12 @@ from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.errors import PluginError
 from stereo_seecolor.extras.export.command import export_formats
 from stereo_seecolor.files.ply import read_vertices
+from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs import images
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.finished_run import open_run
 
 PROJECT_FILE = tomllib.loads(
@@ -63,6 +66,10 @@ raised = "reef_notes:fuse_raised"
 [project.entry-points."stereo_seecolor.matching_engines"]
 level = "reef_notes:Level"
 
+[project.entry-points."stereo_seecolor.color_methods"]
+slope = "reef_notes:fit_slope"
+nothing = "reef_notes:fit_nothing"
+
 [tool.setuptools]
 py-modules = ["reef_notes"]
 """
@@ -76,9 +83,10 @@ from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import BareReport
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.mapping.surface.engines import fuse_tile
 from stereo_seecolor.matching.disparity import MatchedDisparity
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import Trajectory, Water
 
 
 @command("Notes", "note OUT")
@@ -108,6 +116,19 @@ def read(path, mount):
 def fuse_raised(tile, tiling, frames, geometry):
     surface = fuse_tile(tile, tiling, frames, geometry)
     return replace(surface, points_m=surface.points_m + np.float32([0, 0, 1]))
+
+
+def fit_slope(table, config, start=None):
+    known = table.pixels > 100
+    light = (table.counts @ decode_srgb(table.values))[:, known] / table.pixels[known]
+    weight = np.sqrt(table.pixels[known])
+    slope, level = np.polyfit(table.range_m[known], np.log(light).T, 1, w=weight)
+    zero, white = np.zeros(3), np.exp(level)
+    return Water(zero, zero, zero, zero, zero, zero, np.maximum(-slope, 0), zero, white=white)
+
+
+def fit_nothing(table, config, start=None):
+    return None
 
 
 class Level:
@@ -238,10 +259,39 @@ def test_a_matching_engine_of_another_package_gives_the_ranges(
     np.testing.assert_allclose(depth_m, np.median(depth_m), rtol=1e-5)
 
 
+@pytest.mark.slow
+def test_a_color_method_of_another_package_fits_the_water(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    words = ("correct", "--images", tmp_path / "images", "--range", tmp_path / "range")
+    range_m = np.linspace(1, 4, 320 * 240, dtype=np.float32).reshape(240, 320)
+    light = 0.6 * np.exp(-range_m[..., None] * np.array([0.05, 0.1, 0.3]))  # B, G, R
+    image = np.round(255 * encode_srgb(light)).astype(np.uint8)
+    for folder, content in (("images", image), ("range", range_m)):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(str(tmp_path / folder / "a.tiff"), content)
+    method = ("--progress", "none", "--set")
+    code, _, said = program(
+        installed, *words, "--out", tmp_path / "out", *method, "color.method=slope"
+    )
+    assert code == 0, said
+    water = next(iter(read_waters(tmp_path / "out/water.json", ["a"]).values()))
+    np.testing.assert_allclose(water.y, [0.3, 0.1, 0.05], rtol=0.1)
+    code, _, said = program(
+        installed, *words, "--out", tmp_path / "other", *method, "color.method=nothing"
+    )
+    assert code == 1
+    assert "the package reef-notes adds an object of type NoneType to color_methods" in said
+
+
 @pytest.mark.parametrize(
     ("setting", "known"),
-    [("mapping.engine", "tiles, open3d"), ("matching.engine", "sgm, opencv, an .onnx file")],
-    ids=["maps", "matching"],
+    [
+        ("mapping.engine", "tiles, open3d"),
+        ("matching.engine", "sgm, opencv, an .onnx file"),
+        ("color.method", "robust, paper"),
+    ],
+    ids=["maps", "matching", "color"],
 )
 def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(
     cli: Cli, setting: str, known: str
@@ -249,9 +299,8 @@ def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(
     code, _, said = cli("config", "--set", f"{setting}=voxblox")
     assert code == 1
     assert (
-        said
-        == f"stereo-seecolor: --set: {setting}: no installed package adds this engine; known are "
-        f"{known} (got 'voxblox')\n"
+        said == f"stereo-seecolor: --set: {setting}: no installed package adds this "
+        f"{setting.partition('.')[2]}; known are {known} (got 'voxblox')\n"
     )
 
 
