@@ -101,7 +101,7 @@ class _Codegen(JITCPUCodegen):
     _library_class = _Library
 
     def set_env(self, env_name: str, env: Any) -> None:
-        if self._engine.is_symbol_defined(env_name):
+        if self._engine.is_symbol_defined(env_name):  # type: ignore[no-untyped-call]
             super().set_env(env_name, env)  # type: ignore[no-untyped-call]
 
 
