@@ -15,6 +15,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.compute.background import Alongside
+from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -23,7 +24,6 @@ from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.matching.sgm.search import is_first_run
 from stereo_seecolor.records import FrameRow, Water
 
-STAGE = "compiling for this machine, once"
 WORKS = (
     "stereo_seecolor.matching.warm_up:warm_up_matching",
     "stereo_seecolor.matching.warm_up:warm_up_quality",

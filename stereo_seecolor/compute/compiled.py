@@ -15,6 +15,9 @@ from typing import Any, Generic, ParamSpec, TypeVar, overload
 P = ParamSpec("P")
 R = TypeVar("R")
 
+STAGE = "compiling for this machine, once"
+"""What commands say of their first run."""
+
 _building = threading.Lock()
 
 

@@ -7,6 +7,7 @@ from stereo_seecolor.config import MatchingConfig, RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.progress import Silence
 
+
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The works that are called, which do nothing."""
