@@ -1,5 +1,5 @@
-"""What a first run on a machine costs: processor time of `run --fuse` of the sample dive with nothing
-compiled, against a run with everything compiled; and which functions take it.
+"""What a first run on a machine costs: processor time of `run --fuse` of the sample dive with
+nothing compiled, against a run with everything compiled; and which functions take it.
 
     python benchmarks/cold_start.py [--rounds 3]
 
@@ -9,6 +9,7 @@ those of functions that it calls, and how many times it was compiled.
 """
 
 import argparse
+import contextlib
 import os
 import runpy
 import statistics
@@ -96,10 +97,8 @@ def record(out: Path) -> None:
 
     event.register("numba:compile", Listener())
     sys.argv = ["stereo-seecolor", *run_words(out)]
-    try:
+    with contextlib.suppress(SystemExit):
         runpy.run_module("stereo_seecolor", run_name="__main__")
-    except SystemExit:
-        pass
     every = [(sum(times), len(times), name) for name, times in own_s.items()]
     print(f"compiled: {sum(e[1] for e in every)} times {len(every)} functions, "
           f"{sum(e[0] for e in every):.1f} s")  # fmt: skip
