@@ -52,10 +52,11 @@ def main() -> None:
 
 def processor_s(folder: Path, kept: str, *script: str) -> float:
     """Run the sample dive in a process, machine code kept in folder/kept; its processor seconds."""
-    words = list(script) or ["-m", "stereo_seecolor", *run_words(folder / "out")]
+    out = folder / f"out-{len(list(folder.iterdir()))}"
+    words = [*script, str(out)] if script else ["-m", "stereo_seecolor", *run_words(out)]
     before = os.times()
     subprocess.run(
-        [sys.executable, *words, *([str(folder / "out")] if script else [])],
+        [sys.executable, *words],
         env={
             **os.environ,
             "NUMBA_CACHE_DIR": str(folder / kept),
@@ -72,8 +73,7 @@ def processor_s(folder: Path, kept: str, *script: str) -> float:
 def run_words(out: Path) -> list[str]:
     """The command, as in the README."""
     sides = [word for side in ("left", "right") for word in (f"--{side}", str(SAMPLE / side))]
-    return ["run", *sides, "--calib", str(SAMPLE / "cam.yaml"), "--out", str(out), "--fuse",
-            "--overwrite"]  # fmt: skip
+    return ["run", *sides, "--calib", str(SAMPLE / "cam.yaml"), "--out", str(out), "--fuse"]  # fmt: skip
 
 
 def record(out: Path) -> None:
