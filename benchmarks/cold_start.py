@@ -73,7 +73,8 @@ def processor_s(folder: Path, kept: str, *script: str) -> float:
 def run_words(out: Path) -> list[str]:
     """The command, as in the README."""
     sides = [word for side in ("left", "right") for word in (f"--{side}", str(SAMPLE / side))]
-    return ["run", *sides, "--calib", str(SAMPLE / "cam.yaml"), "--out", str(out), "--fuse"]  # fmt: skip
+    calibration = ["--calib", str(SAMPLE / "cam.yaml")]
+    return ["run", *sides, *calibration, "--out", str(out), "--fuse"]
 
 
 def record(out: Path) -> None:
