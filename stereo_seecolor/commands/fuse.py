@@ -12,6 +12,7 @@ from PIL.TiffImagePlugin import IFDRational
 from calibration import Rectification
 from calibration.errors import counted
 from stereo_seecolor.color.response.response import Response
+from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
@@ -154,6 +155,7 @@ def fuse(
         MappingError: If the frames cannot be placed or fused.
         OutputError: If the map cannot be written, or another process writes into ``out`` now.
     """
+    from stereo_seecolor.mapping.surface.surface import connected_parts
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
     out, poses = Path(out), Path(poses) if poses else None
@@ -168,7 +170,9 @@ def fuse(
             run, frames=[frame for frame in run.frames if frame.name not in stalled]
         )
         trajectory = given_trajectory(poses, config.mapping, frames.T_rectified_left)
-        progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
+        progress = _stages_of(
+            Both(listener or Silence(), ProgressFile(folder.root)), connected_parts.missing
+        )
         with (
             compute.sharing(state(out), ()),
             building_map(folder, folder.dive.digest("corrected")) as building,
@@ -197,15 +201,17 @@ def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
     return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
 
 
-def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
-    """A function that reports the stages of a map (stage, done, total) to a listener."""
+def _stages_of(listener: Listener, first_run: bool) -> Callable[[str, int, int], None]:
+    """A function that reports the stages of a map (stage, done, total) to a listener; in a first
+    run with what makes them slow.
+    """
     current = ""
 
     def progress(what: str, done: int, total: int) -> None:
         nonlocal current
         if what != current:
             current = what
-            listener.begin(what, total)
+            listener.begin(f"{what} ({STAGE})" if first_run else what, total)
         listener.advance(FrameRow(f"{done}"))
 
     return progress

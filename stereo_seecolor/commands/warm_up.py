@@ -1,7 +1,10 @@
-"""Machine code for ``run``: compiled before the first run on a machine, by several processes; in
-later runs loaded.
+"""Machine code for ``run``: compiled before the first run on a machine; in later runs loaded.
+
+One process compiles: each more would import the compiler and compile numba's own functions again,
+which takes it a quarter as long as all kernels.
 """
 
+import gc
 from functools import cache, partial
 from importlib import import_module
 
@@ -12,7 +15,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.compute.background import Alongside
-from stereo_seecolor.compute.compiled import call_in_processes
+from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -21,16 +24,13 @@ from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.matching.sgm.search import is_first_run
 from stereo_seecolor.records import FrameRow, Water
 
-STAGE = "compiling for this machine, once"
 WORKS = (
     "stereo_seecolor.matching.warm_up:warm_up_matching",
     "stereo_seecolor.matching.warm_up:warm_up_quality",
     "stereo_seecolor.commands.warm_up:warm_up_fit",
     "stereo_seecolor.commands.warm_up:warm_up_correction",
 )
-"""Functions that compile the kernels by calling them. Assigned to cores in turn: 1 and 3 take as
-long as 2 and 4.
-"""
+"""Functions that compile the kernels by calling them."""
 
 
 def load_in_background(config: RunConfig, options: RunOptions) -> None:
@@ -44,8 +44,7 @@ def load_in_background(config: RunConfig, options: RunOptions) -> None:
 @cache
 def _load(page: bool) -> None:
     for name in WORKS:
-        module, _, function = name.partition(":")
-        getattr(import_module(module), function)()
+        _call(name)
     for module in ("dive.light_search", *["report.page"] * page):
         import_module(f"stereo_seecolor.{module}")
 
@@ -60,9 +59,20 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
     if not _runs_here(config, options) or not is_first_run():
         return
     options.listener.begin(STAGE, len(WORKS))
-    for names in call_in_processes(WORKS):
-        for name in names:
+    collects = gc.isenabled()
+    gc.disable()  # it takes a tenth of numba's time
+    try:
+        for name in WORKS:
+            _call(name)
             options.listener.advance(FrameRow(name.partition(":")[2]))
+    finally:
+        if collects:
+            gc.enable()
+
+
+def _call(name: str) -> None:
+    module, _, function = name.partition(":")
+    getattr(import_module(module), function)()
 
 
 def warm_up_fit() -> None:

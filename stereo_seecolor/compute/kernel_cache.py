@@ -22,6 +22,8 @@ from typing import Any
 import numba
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.registry import cpu_target
 from numba.core.runtime.nrt import rtsys
 from platformdirs import user_cache_path
 
@@ -61,6 +63,49 @@ def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     part of its callers'.
     """
     return njit(**{**OPTIONS, **options, "no_cpython_wrapper": True})(function)
+
+
+class _Library(JITCodeLibrary):
+    """Code of one function. numba optimizes the code of each function and of all that it calls, and
+    makes machine code of it; here one that Python cannot call is only linked into its callers,
+    which are optimized as a whole. That saves a quarter of the time.
+    """
+
+    _only_linked = False
+
+    def get_pointer_to_function(self, name: str) -> Any:
+        """The address of a function, 0 where there is none: numba asks for what Python calls."""
+        if not self._finalized:
+            try:
+                self._final_module.get_function(name)
+            except NameError:
+                self._only_linked = True
+                return 0
+        return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call]
+
+    def _optimize_final_module(self) -> None:
+        if not self._only_linked:
+            super()._optimize_final_module()  # type: ignore[no-untyped-call]
+
+    def _finalize_final_module(self) -> None:
+        if self._only_linked:
+            self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+            self._finalized = True
+        else:
+            super()._finalize_final_module()  # type: ignore[no-untyped-call]
+
+
+class _Codegen(JITCPUCodegen):
+    """numba's, with libraries of which some are only linked: these have no place for constants."""
+
+    _library_class = _Library
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        if self._engine.is_symbol_defined(env_name):  # type: ignore[no-untyped-call]
+            super().set_env(env_name, env)  # type: ignore[no-untyped-call]
+
+
+cpu_target.target_context.codegen().__class__ = _Codegen
 
 
 def is_missing(found: Any) -> bool:

@@ -26,18 +26,15 @@ WIDE = BLOCK + 3
 """A block with one voxel before it and two behind it along each axis."""
 
 
-@compiled
 def neighbors(keys: Any, around: Any, first: int, last: int) -> None:
     """Write ``around`` of the blocks from first to last - 1."""
-    sorted_keys = packed(
-        keys[:, 0].astype(np.int64), keys[:, 1].astype(np.int64), keys[:, 2].astype(np.int64)
-    )
-    for b in range(first, last):
-        for n in range(27):
-            x, y, z = keys[b, 0] + n % 3 - 1, keys[b, 1] + n // 3 % 3 - 1, keys[b, 2] + n // 9 - 1
-            key = packed(np.int64(x), np.int64(y), np.int64(z))
-            found = np.searchsorted(sorted_keys, key)
-            around[b, n] = found if found < len(sorted_keys) and sorted_keys[found] == key else -1
+    x, y, z = keys.astype(np.int64).T
+    sorted_keys, part = packed(x, y, z), slice(first, last)
+    for n in range(27):
+        key = packed(x[part] + n % 3 - 1, y[part] + n // 3 % 3 - 1, z[part] + n // 9 - 1)
+        found = np.searchsorted(sorted_keys, key)
+        there = sorted_keys[np.minimum(found, len(sorted_keys) - 1)] == key
+        around[part, n] = np.where(there, found, -1)
 
 
 @compiled
@@ -112,12 +109,9 @@ def _case(wide: Any, k: Any, j: Any, i: Any) -> Any:
     return case if case < 255 else 0
 
 
-@compiled
 def count_points(numbers: Any, counts: Any, first: int, last: int) -> None:
     """Add the number of points of the blocks from first to last - 1 to counts (B,)."""
-    for b in range(first, last):
-        for number in numbers[b].flat:
-            counts[b] += number >= 0
+    counts[first:last] += np.count_nonzero(numbers[first:last] >= 0, axis=(1, 2, 3, 4))
 
 
 @compiled

@@ -333,7 +333,6 @@ def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
     )
 
 
-@compiled
 def packed(x: Any, y: Any, z: Any) -> Any:
     """Pack the int64 coordinates of a block into one number, which sorts as (x, y, z) does."""
     return ((x + OFFSET) << (2 * BITS)) | ((y + OFFSET) << BITS) | (z + OFFSET)

@@ -18,7 +18,9 @@ def connected_parts(triangles: Any, points: int) -> Any:
 
     triangles: (T, 3) int32. Union-find with path halving; the lowest point of a part stands for it.
     """
-    root = np.arange(points)
+    root = np.empty(points, np.int64)
+    for i in range(points):  # np.arange takes numba a tenth of a second to compile
+        root[i] = i
     for t in range(len(triangles)):
         a = _root(root, triangles[t, 0])
         for k in range(1, 3):
@@ -43,18 +45,16 @@ def _root(root: Any, i: Any) -> Any:
     return i
 
 
-@compiled
-def triangle_areas(points_m: Any, triangles: Any) -> Any:
+def triangle_areas(
+    points_m: NDArray[np.float32], triangles: NDArray[np.int32]
+) -> NDArray[np.float64]:
     """Compute the area of each triangle: (T,) float64. points_m: (V, 3) float32. triangles: (T, 3)
     int32.
     """
-    areas = np.empty(len(triangles))
-    for t in range(len(triangles)):
-        a, b, c = points_m[triangles[t, 0]], points_m[triangles[t, 1]], points_m[triangles[t, 2]]
-        x, y, z = np.float64(b[0]) - a[0], np.float64(b[1]) - a[1], np.float64(b[2]) - a[2]
-        u, v, w = np.float64(c[0]) - a[0], np.float64(c[1]) - a[1], np.float64(c[2]) - a[2]
-        areas[t] = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2) / 2
-    return areas
+    a, b, c = (points_m[triangles[:, k]].astype(np.float64).T for k in range(3))
+    (x, y, z), (u, v, w) = b - a, c - a
+    doubled = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
+    return np.asarray(doubled / 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,12 +153,8 @@ def point_blocks(
     end: int,
 ) -> None:
     """Write the equations of the points from ``first`` to ``end`` - 1."""
-    residual, by_pose, by_point, block = (
-        np.empty(3),
-        np.empty((3, 6)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-    )
+    residual, by_pose = np.empty(3), np.empty((3, 6))
+    by_point, block = np.empty((3, 3)), np.empty((3, 3))
     for p in range(first, end):
         block[:] = 0
         own_g[p] = 0
@@ -185,7 +181,9 @@ def point_blocks(
         for i in range(3):
             block[i, i] *= 1 + damping
         if stays[p]:
-            V[p] = block
+            for i in range(3):
+                for j in range(3):
+                    V[p, i, j] = block[i, j]
         else:
             invert_symmetric(block, V[p])
 
@@ -221,16 +219,14 @@ def frame_rows(
     Each block is summed up by itself, in the order of its observations: how the blocks are shared
     out shows in no result.
     """
-    residual, by_pose, by_point, Y = (
-        np.empty(3),
-        np.empty((3, 6)),
-        np.empty((3, 3)),
-        np.empty((6, 3)),
-    )
+    residual, by_pose, by_point = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
+    Y, H, right = np.empty((6, 3)), np.empty((6, 6)), np.empty(6)
     for row in range(first, end):
         part, i0 = row // size, 6 * (row % size)
-        H, right = np.zeros((6, 6)), np.zeros(6)
-        for k in order[row_start[row] : row_start[row + 1]]:
+        H[:] = 0
+        right[:] = 0
+        for n in range(row_start[row], row_start[row + 1]):
+            k = order[n]
             p = point[k]
             robust = linearized(
                 T[frame[k]],
@@ -252,10 +248,11 @@ def frame_rows(
                 column = place[frame[other]]
                 if column <= row:
                     target = diagonal[part] if column >= part * size else below[part - 1]
-                    j0 = 6 * (column % size)
-                    _subtract(target[i0 : i0 + 6, j0 : j0 + 6], Y, W[other])
-        diagonal[part, i0 : i0 + 6, i0 : i0 + 6] += H
-        g[6 * row : 6 * row + 6] += right
+                    _subtract(target, i0, 6 * (column % size), Y, W[other])
+        for i in range(6):
+            g[6 * row + i] += right[i]
+            for j in range(6):
+                diagonal[part, i0 + i, i0 + j] += H[i, j]
 
 
 @compiled
@@ -274,22 +271,23 @@ def keep_points(
     g: Any,  # (6 blocks,) float64, added to
 ) -> None:
     """Add the equations of points that stay: the first three numbers of their blocks."""
-    H = np.zeros((6, 6))
     for q in range(len(kept)):
         p, own = kept[q], own_place[q]
-        H[:] = 0
-        H[:3, :3] = V[p]
-        _add(diagonal, below, size, own, own, H)
-        g[6 * own : 6 * own + 3] += own_g[p]
+        part, i0 = own // size, 6 * (own % size)
+        for i in range(3):
+            g[6 * own + i] += own_g[p, i]
+            for j in range(3):
+                diagonal[part, i0 + i, i0 + j] += V[p, i, j]
         for k in range(start[p], start[p + 1]):
             row = place[frame[k]]
-            H[:] = 0
-            if row > own:
-                H[:, :3] = W[k].T
-                _add(diagonal, below, size, row, own, H)
-            else:
-                H[:3] = W[k]
-                _add(diagonal, below, size, own, row, H)
+            part, other = min(row, own) // size, 6 * (row % size)
+            target = diagonal[part] if row // size == own // size else below[part]
+            for i in range(3):
+                for j in range(6):
+                    if row > own:
+                        target[other + j, i0 + i] += W[k, i, j]
+                    else:
+                        target[i0 + i, other + j] += W[k, i, j]
 
 
 @compiled
@@ -307,7 +305,8 @@ def point_steps(
     """Write how eliminated points from ``first`` to ``end`` - 1 move when the frames do."""
     left = np.empty(3)
     for p in range(first, end):
-        left[:] = own_g[p]
+        for i in range(3):
+            left[i] = own_g[p, i]
         for k in range(start[p], start[p + 1]):
             for i in range(3):
                 for j in range(6):
@@ -369,16 +368,8 @@ def _by_point(W: Any, inverse: Any, Y: Any) -> None:
 
 
 @compiled
-def _subtract(H: Any, Y: Any, W: Any) -> None:
-    """Take Y (6, 3) times W (3, 6) off H (6, 6)."""
+def _subtract(H: Any, row: int, column: int, Y: Any, W: Any) -> None:
+    """Take Y (6, 3) times W (3, 6) off a block (6, 6) of H."""
     for i in range(6):
         for j in range(6):
-            H[i, j] -= Y[i, 0] * W[0, j] + Y[i, 1] * W[1, j] + Y[i, 2] * W[2, j]
-
-
-@compiled
-def _add(diagonal: Any, below: Any, size: int, row: int, column: int, H: Any) -> None:
-    """Add a block (6, 6) of the lower triangle: row >= column."""
-    part = diagonal[row // size] if row // size == column // size else below[column // size]
-    i0, j0 = 6 * (row % size), 6 * (column % size)
-    part[i0 : i0 + 6, j0 : j0 + 6] += H
+            H[row + i, column + j] -= Y[i, 0] * W[0, j] + Y[i, 1] * W[1, j] + Y[i, 2] * W[2, j]

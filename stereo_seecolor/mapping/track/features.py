@@ -97,7 +97,10 @@ def match_near(
     sorted_places, sorted_b = np.ascontiguousarray(places[order]), np.ascontiguousarray(b[order])
     nearest, least, second = np.full(len(a), -1), np.full(len(a), np.inf), np.full(len(a), np.inf)
     least_of_b = np.full(len(b), np.inf)
-    _compare_near(a, expected, sorted_b, sorted_places, reach, nearest, least, second, least_of_b)
+    first = np.searchsorted(sorted_places[:, 0], expected[:, 0] - reach)
+    _compare_near(
+        a, expected, sorted_b, sorted_places, first, reach, nearest, least, second, least_of_b
+    )
     chosen = np.flatnonzero(
         np.isfinite(second) & (least < ratio**2 * second) & (least == least_of_b[nearest])
     )
@@ -110,6 +113,7 @@ def _compare_near(
     expected: Any,  # (n, 2) float64
     b: Any,  # (m, 128) uint8
     places: Any,  # (m, 2) float64, by their first number
+    first: Any,  # (n,) int64, of ``places``, the first that may be near
     reach: float,
     nearest: Any,  # (n,) int64, written: of b, for those of a that have one near
     least: Any,  # (n,) float64, written: squared distance to it
@@ -118,11 +122,10 @@ def _compare_near(
 ) -> None:
     """Squared distances of all that are near each other."""
     for i in range(len(a)):
-        x, y = expected[i]
+        x, y = expected[i, 0], expected[i, 1]
         if not np.isfinite(x + y):
             continue
-        first = np.searchsorted(places[:, 0], x - reach)
-        for j in range(first, len(b)):
+        for j in range(first[i], len(b)):
             if places[j, 0] > x + reach:
                 break
             if abs(places[j, 1] - y) > reach:
