@@ -105,7 +105,11 @@ class _Codegen(JITCPUCodegen):
             super().set_env(env_name, env)  # type: ignore[no-untyped-call]
 
 
-cpu_target.target_context.codegen().__class__ = _Codegen
+LINKED_IN = "0.68."
+"""The release of numba whose private classes these are; others optimize each function apart."""
+
+if numba.__version__.startswith(LINKED_IN):
+    cpu_target.target_context.codegen().__class__ = _Codegen
 
 
 def is_missing(found: Any) -> bool:
