@@ -223,7 +223,8 @@ class Opened:
             "are done: stereo-seecolor merge"
         )
         unpaired = self.pairing.unpaired if shard.number == 1 else ()
-        return replace(self, pairing=Pairing(pairs, unpaired, (*self.pairing.notes, note)))
+        own = replace(self.pairing, pairs=pairs, unpaired=unpaired)
+        return replace(self, pairing=own.with_notes((note,)))
 
 
 def _refuse_equal_names(pairing: Pairing) -> None:

@@ -266,6 +266,7 @@ class RunSummary:
                 stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()
             },
             "notes": list(self.notes),
+            **({"ranges_are_wrong": True} if self.is_wrong else {}),
             **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),
         }

@@ -286,6 +286,16 @@ class Part:
         return Manifest(self.root).dive().settings["range"]
 
     @property
+    def ranges_are_wrong(self) -> bool:
+        """Tell whether the run's checks found ranges of the dive as a whole wrong."""
+        return bool(self.run.totals.get("ranges_are_wrong"))
+
+    @property
+    def rig_notes(self) -> tuple[str, ...]:
+        """The notes of its run on the calibration."""
+        return tuple(note for note in self.run.totals["notes"] if note.startswith("calibration: "))
+
+    @property
     def rig(self) -> Path:
         """The calibration as the run used it."""
         return self.root / RIG

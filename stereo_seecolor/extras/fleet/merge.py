@@ -9,6 +9,7 @@ from pathlib import Path
 
 from calibration import CalibrationError
 from calibration.formats import load_rig, native
+from stereo_seecolor.checks.changes import LEFT_OUT
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import Fitter
 from stereo_seecolor.commands.reported_run import KIND, folder_request, reported, stereo_run
@@ -147,10 +148,18 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         if row.status == "unpaired"
     }
     notes = (f"a part of the dive only: shard {', '.join(missing)} is missing",) if missing else ()
-    return Opened(
-        Pairing(tuple(in_dive_order(_pairs(parts))), tuple(unpaired.values()), notes, missing),
-        pipeline,
+    rig_notes = dict.fromkeys(note for part in parts for note in part.rig_notes)
+    pairing = Pairing(
+        tuple(in_dive_order(_pairs(parts))),
+        tuple(unpaired.values()),
+        (*notes, *rig_notes),
+        missing,
+        is_wrong=any(part.ranges_are_wrong for part in parts),
+        left_out={
+            row.name: LEFT_OUT for part in parts for row in part.rows if LEFT_OUT in row.error
+        },
     )
+    return Opened(pairing, pipeline)
 
 
 def _pairs(parts: Sequence[Part]) -> list[Pair]:

@@ -1,5 +1,6 @@
 """Shards of a dive on machines that know nothing of each other, and their results as one."""
 
+import csv
 import json
 import os
 from dataclasses import replace
@@ -8,6 +9,9 @@ from pathlib import Path
 import pytest
 from conftest import contents
 
+from stereo_seecolor.checks.changes import DiveChange
+from stereo_seecolor.checks.rig import RigCheck
+from stereo_seecolor.commands import stereo_inputs
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
@@ -254,6 +258,28 @@ def test_a_merge_names_the_shards_that_it_lacks(make_dive, tmp_path, cli) -> Non
     page = (out / "index.html").read_text()
     assert "shard 2/3 are missing" in page
     assert "Good: nothing stands out" not in page
+
+
+@pytest.mark.slow
+def test_shards_and_their_merge_keep_that_ranges_are_wrong_and_which_pairs_are_left_out(
+    make_dive, tmp_path, cli, monkeypatch
+) -> None:
+    note, change = "calibration: ranges are off by half", DiveChange("", frozenset({"0003"}))
+    monkeypatch.setattr(stereo_inputs, "check_rig", lambda *_: RigCheck((note,), is_wrong=True))
+    monkeypatch.setattr(stereo_inputs, "find_change", lambda *_: change)
+    parts = sharded(make_dive(4), tmp_path)
+    with (parts[1] / "frames.csv").open(newline="") as table:
+        statuses = {row["name"]: row["status"] for row in csv.DictReader(table)}
+    assert statuses == {"0002": "ok", "0003": "failed"}
+    code, printed, _ = cli("merge", parts[0], "--out", tmp_path / "one", "--partial", "--fit-only")
+    assert code == 3
+    assert " ".join(printed.split()).count(note) == 1
+    summary = merge(parts, tmp_path / "merged", fit_only=True)
+    assert summary.is_wrong
+    assert [row.name for row in summary.rows if row.status == "failed"] == ["0003"]
+    totals = json.loads((tmp_path / "merged/run.json").read_text())["totals"]
+    assert totals["ranges_are_wrong"]
+    assert totals["notes"].count(note) == 1
 
 
 @pytest.mark.slow
