@@ -27,9 +27,11 @@ from stereo_seecolor.checks.sample import (
     read_both,
     readable,
 )
+from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Image
 
 COMPARED = 12
 """Pairs, spread over the dive, that are compared."""
@@ -48,8 +50,8 @@ STANDS_OUT = 4.0
 """Of these, or of the usual deviations of a dive, from which on a pair has a look."""
 MOST_SUSPECTS = 8
 """Pairs that have one: each takes an eighth of a full check."""
-LEFT_OUT = "is not of the rig of the other pairs, and is left out (see the note)"
-"""Why a pair fails that is not of the dive's rig."""
+LEFT_OUT = "does not fit the rig of the other pairs, and is left out (see the note)"
+"""Why a pair fails that does not fit the rig of the dive."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,13 @@ def look_at(rectification: Rectification, pair: Pair, images: InputConfig) -> Pa
     little.
     """
     with suppress(InputError, CalibrationError):
-        both = read_both(pair, images)
-        return pair_rows(find_matches(rectification, *both, QUICK), rectification.matching_pair)
+        return _rows_of(rectification, read_both(pair, images))
     return None
+
+
+def _rows_of(rectification: Rectification, both: tuple[Image, Image]) -> PairRows | None:
+    matches = find_matches(rectification, *both, QUICK)
+    return pair_rows(matches, rectification.matching_pair)
 
 
 def find_change(
@@ -86,11 +92,29 @@ def find_change(
     images: InputConfig,
     known: Sequence[tuple[Pair, Matches]] = (),
 ) -> DiveChange:
-    """Compare pairs spread over a dive, and look for the first and the last one that changed.
+    """Compare pairs spread over a dive, and look for the first and the last one that changed, and
+    for those that EXIF turns otherwise than the others.
 
     known: pairs whose matches in the images that are matched are known; else COMPARED pairs have a
     quick look.
     """
+    line, turned = turned_pairs(pairs, images, lambda both: _rows_of(rectification, both))
+    if not turned:
+        return _find_change(rectification, pairs, images, known)
+    others = [(pair, matches) for pair, matches in known if pair.name not in turned]
+    change = _find_change(
+        rectification, [pair for pair in pairs if pair.name not in turned], images, others
+    )
+    lines = "; ".join(filter(None, (line, change.line)))
+    return replace(change, line=lines, odd=change.odd | turned)
+
+
+def _find_change(
+    rectification: Rectification,
+    pairs: Sequence[Pair],
+    images: InputConfig,
+    known: Sequence[tuple[Pair, Matches]],
+) -> DiveChange:
     geometry = rectification.matching_pair
     if known:
         sample = [pair for pair, _ in known]

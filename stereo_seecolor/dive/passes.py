@@ -122,7 +122,9 @@ def _leave_out_odd(run: DiveRun) -> None:
     )
     if odd.odd:
         run.notes += (f"calibration: {odd.line}",)
-        run.frames = replace(run.frames, left_out=dict.fromkeys(odd.odd, LEFT_OUT))
+        run.frames = replace(
+            run.frames, left_out={**run.frames.left_out, **dict.fromkeys(odd.odd, LEFT_OUT)}
+        )
         again = chosen(pairs, lambda pair: pair.name in odd.odd)
         for _ in run.map("ranges", partial(measure_range, run.frames), again):
             pass

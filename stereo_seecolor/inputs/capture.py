@@ -65,6 +65,14 @@ def _from_exif(content: bytes, read: Callable[[Image.Exif], _Found], otherwise: 
     return otherwise
 
 
+def orientation(content: bytes) -> int:
+    """How EXIF says that an image is to be turned for display, 1 to 8; 1, upright, without a tag.
+    ``content``: the beginning of a file is enough.
+    """
+    tag = _from_exif(content, lambda exif: exif.get(ExifTags.Base.Orientation), None)
+    return tag if isinstance(tag, int) and 1 <= tag <= 8 else _UPRIGHT
+
+
 MOST_ZOOM = 100.0
 """Digital zooms beyond this are damage."""
 _CROPPED = re.compile(rb"crs:HasCrop\s*(=\s*[\"']|>)\s*True", re.IGNORECASE)

@@ -1,0 +1,73 @@
+"""Images that EXIF turns otherwise than the others of their side."""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from calibration import Rectification
+from calibration.formats import load_rig
+from stereo_seecolor.checks.changes import find_change
+from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.config import RunConfig
+
+REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
+
+
+def save(path: Path, source: Path, tag: int, turned: bool = False) -> None:
+    pixels = Image.open(source).convert("RGB")
+    exif = Image.Exif()
+    exif[0x0112] = tag
+    (pixels.rotate(180) if turned else pixels).save(path, quality=95, exif=exif)
+
+
+@pytest.fixture
+def dive(tmp_path: Path):
+    def make(tags: dict[str, dict[int, int]], upright: bool = False) -> Path:
+        """Six pairs. tags: side -> number -> tag. upright: pixels are turned to look as before."""
+        for side in ("left", "right"):
+            (tmp_path / side).mkdir()
+            for number, source in enumerate(sorted((REEF / side).iterdir())[:6]):
+                tag = tags.get(side, {}).get(number, 1)
+                save(tmp_path / side / f"{number}.jpg", source, tag, upright and tag == 3)
+        return tmp_path
+
+    return make
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("tags", "first"),
+    [
+        ({"right": {2: 3, 3: 3}}, "2.jpg (right): EXIF Orientation is 3, and 1"),
+        ({"left": {1: 3}, "right": {1: 3}}, "1.jpg (left): EXIF Orientation is 3, and 1"),
+        ({"left": {4: 6}}, "4.jpg (left): EXIF Orientation is 6, and 1"),
+    ],
+)
+def test_pairs_turned_by_their_tag_are_named_and_left_out(dive, tags, first: str) -> None:
+    root = dive(tags)
+    images = RunConfig().input
+    pairs = pairs_of(root / "left", root / "right", images).pairs
+    found = find_change(Rectification.from_rig(load_rig(REEF / "cam.yaml")), pairs, images)
+    assert first in found.line
+    assert found.is_rigid
+    numbers = {number for side in tags.values() for number in side}
+    assert found.odd == {pairs[number].name for number in numbers}
+
+
+@pytest.mark.slow
+def test_pixels_that_were_stored_as_their_tag_says_are_no_fault(dive) -> None:
+    root = dive({"right": {2: 3, 3: 3}}, upright=True)
+    images = RunConfig().input
+    pairs = pairs_of(root / "left", root / "right", images).pairs
+    found = find_change(Rectification.from_rig(load_rig(REEF / "cam.yaml")), pairs, images)
+    assert (found.line, found.odd) == ("", frozenset())
+
+
+@pytest.mark.slow
+def test_check_ends_with_code_3_where_a_tag_turns_frames(dive, cli) -> None:
+    root = dive({"right": {2: 3}})
+    words = ["--left", root / "left", "--right", root / "right", "--calib", REEF / "cam.yaml"]
+    code, printed, _ = cli("check", *words)
+    assert code == 3
+    assert "EXIF Orientation is 3" in " ".join(printed.split())
