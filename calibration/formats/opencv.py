@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
-from calibration.formats.reading.finder import Parts, Role, Side, find
+from calibration.formats.reading.finder import Parts, Role, Side, find, miscounted
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
@@ -104,6 +104,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             f"{document.where}: holds {parts.many} cameras: keep the two of the stereo pair"
         )
     if not (parts.pair("K") or parts.pair("P")):
+        _refuse_miscounted(document)
         if one := _alone(parts, "K"):
             raise CalibrationError(
                 f"{document.where}: holds one camera matrix alone, {one}: the other camera's is "
@@ -114,6 +115,8 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             "with a comma between"
         )
     pose = pose_in_meters(document, parts)
+    if pose is None:
+        _refuse_miscounted(document)
     if pose is None and bool(R := _alone(parts, "R")) != bool(T := _alone(parts, "T")):
         raise CalibrationError(
             f"{document.where}: holds {R or T} and no {'T' if R else 'R'}: between the cameras "
@@ -137,6 +140,12 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
                     )
                 )
     return rigs[0].with_alternatives(rigs[1:])
+
+
+def _refuse_miscounted(document: Section) -> None:
+    """Raise CalibrationError for a part whose numbers are too few or too many."""
+    if said := miscounted(document.content):
+        raise CalibrationError(f"{document.where}: {said}: compare it with the file of the tool")
 
 
 def _alone(parts: Parts, role: Role) -> str:

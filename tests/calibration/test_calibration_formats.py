@@ -352,6 +352,23 @@ REFUSED = {
     "mono": (ROS_LEFT, "one camera of a ROS pair"),
     "intrinsics alone": (OPENCV_INTRINSICS, "extrinsics file too"),
     "extrinsics alone": (OPENCV_EXTRINSICS, "intrinsics file too"),
+    "a transform of 14 numbers": (
+        "K1: [[478, 0, 289], [0, 478, 220], [0, 0, 1]]\n"
+        "K2: [[478, 0, 289], [0, 478, 220], [0, 0, 1]]\n"
+        "stereo:\n  T_right_left: [1, 0, 0, -0.12, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0]\n",
+        r"stereo\.T_right_left holds 14 numbers, and a transform has 16 or 12",
+    ),
+    "a rotation of 8 numbers": (
+        "K1: [[478, 0, 289], [0, 478, 220], [0, 0, 1]]\n"
+        "K2: [[478, 0, 289], [0, 478, 220], [0, 0, 1]]\n"
+        "R: [1, 0, 0, 0, 1, 0, 0, 0]\nT: [-0.12, 0, 0]\n",
+        "R holds 8 numbers, and a rotation has 9",
+    ),
+    "a lens of 8 numbers": (
+        "K1: [478, 0, 289, 0, 478, 220, 0, 0]\nR: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nT: [-0.12, 0, 0]\n"
+        "K2: [478, 0, 289, 0, 478, 220, 0, 0, 1]\n",
+        "K1 holds 8 numbers, and a camera matrix has 9",
+    ),
     "three cameras": (KALIBR + "cam2:\n  camera_model: pinhole\n", "more than two cameras"),
     "doffs": (MIDDLEBURY.replace("131.111\n", "31.1\n"), "one is wrong"),
     "other": ("name: something\nkeys: 3\n", "not a calibration known here"),

@@ -153,6 +153,34 @@ def find(content: Mapping[str, Any]) -> Parts:
     return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers), doubts)
 
 
+COUNTS: dict[str, tuple[set[str], set[int]]] = {
+    "a camera matrix has 9 (3x3), or 4": (K_WORDS, {4, 9, 12, 16}),
+    "a rotation has 9, 3 or 4 (quaternion)": (R_WORDS, {3, 4, 9}),
+    "a transform has 16 or 12, a translation 3": (POSE_WORDS | T_WORDS, {3, 12, 16}),
+}
+"""What a part holds -> words that name it, and its counts of numbers."""
+
+
+def miscounted(content: Mapping[str, Any]) -> str:
+    """The first key that names a lens or a place, with how many numbers it holds, where none has so
+    many; "" without one.
+    """
+    for leaf in leaves(content):
+        said = set(words(leaf.path[-1])) - DIGITS
+        if (
+            _is_of_distortion(said)
+            or said & SIZE_WORDS
+            or _role(leaf)
+            or _is_of_sensor(leaf, False)
+        ):
+            continue
+        for fact, (names, counts) in COUNTS.items():
+            if said & names and leaf.numbers.size not in counts:
+                key = ".".join(leaf.path)
+                return f"{key} holds {leaf.numbers.size} numbers, and {fact}"
+    return ""
+
+
 def is_rotation(numbers: Numbers) -> bool:
     """Tell whether nine numbers are a rotation, to three decimals."""
     R = numbers.reshape(3, 3)
