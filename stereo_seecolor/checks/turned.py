@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +43,9 @@ def turned_pairs(
     """Find pairs that EXIF turns otherwise than the others, which do not fit the rig as they are
     read, and do without that.
 
-    look: describes the rows of two images; None where they show too little. Returns what to say, with the first image, its tag and what to do, and the names of the pairs;
-    "" and none where there are none.
+    look: describes the rows of two images; None where they show too little. Returns what to say,
+    with the first image, its tag and what to do, and the names of the pairs; "" and none where
+    there are none.
     """
     seen = [(pair, _tags(pair)) for pair in evenly_spaced(pairs, LOOKED_AT)]
     counts = Counter(tags for _, tags in seen)
@@ -98,10 +100,8 @@ def _is_turned(
 ) -> bool:
     both = read_both(pair, images)
     quarters = [QUARTERS[other] - QUARTERS[own] for own, other in zip(tags, usual, strict=True)]
-    left, right = (
-        np.ascontiguousarray(np.rot90(image, by)) for image, by in zip(both, quarters, strict=True)
-    )
-    return not fits(both) and fits((left, right))
+    back: Any = [np.ascontiguousarray(np.rot90(both[side], quarters[side])) for side in (0, 1)]
+    return not fits(both) and fits((back[0], back[1]))
 
 
 def _line(turned: Sequence[tuple[Pair, tuple[int, int]]], usual: tuple[int, int]) -> str:
