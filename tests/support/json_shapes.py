@@ -212,6 +212,10 @@ SHAPES: dict[str, Shape] = {
         ],
         **keys((float, None), "cell_m area_m2 height_std_m"),
         **keys([str], "unseen files"),
+        "point_cover": [
+            {**keys(str, "label"), **keys(int, "points"), **keys(float, "fraction low high")}
+        ],
+        **keys(int, "unseen_points"),
     },
     "compare": {
         **keys(str, "format first second"),

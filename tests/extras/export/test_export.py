@@ -365,7 +365,7 @@ def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="map: is damaged"):
         open_posed_run(out)
     shutil.rmtree(out / "map")
-    with pytest.raises(InputError, match=r"holds no map, .* make it with stereo-seecolor fuse"):
+    with pytest.raises(InputError, match=r"holds no map with .* make it with stereo-seecolor fuse"):
         open_posed_run(out)
 
 
