@@ -1,5 +1,6 @@
 """What a newcomer reads: help, examples, completion, the version, and the merged settings."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -102,9 +103,12 @@ def test_the_terminal_breaks_the_help_and_not_the_source() -> None:
 
 
 def test_python_m_completion_and_version() -> None:
+    # typer asks the processes above for the shell: where the tests run below none, it finds none
+    named = {**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
     for words in (("--version",), ("--show-completion", "bash")):
         program = [sys.executable, "-m", "stereo_seecolor", *words]
-        assert subprocess.run(program, capture_output=True, text=True, check=True).stdout.strip()
+        said = subprocess.run(program, capture_output=True, text=True, check=True, env=named)
+        assert said.stdout.strip()
 
 
 def test_the_settings_are_printed_as_a_file_that_gives_them_again(cli: Cli, tmp_path: Path) -> None:
