@@ -65,7 +65,7 @@ def _notes(left: MeasuredResponse, right: MeasuredResponse) -> tuple[str, ...]:
 
 
 def _measured(files: Sequence[Path], config: InputConfig) -> MeasuredResponse:
-    found = measure_response(list(_read(files, config)))
+    found = measure_response(_read(files, config))
     if found.verdict == "undecided" and files:
         return _as_file_says(files[0], found)
     return found

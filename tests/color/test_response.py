@@ -132,8 +132,11 @@ def test_a_png_that_states_a_gamma_of_1_is_linear_where_noise_says_nothing(tmp_p
     png = cv2.imencode(".png", np.full((60, 80, 3), 90, np.uint8))[1].tobytes()
     path = tmp_path / "a.png"
     path.write_bytes(png[:33] + chunk + png[33:])  # behind the header
-    config, _ = settle_response(RunConfig(), [Pair("a", path, path)])
+    config, notes = settle_response(RunConfig(), [Pair("a", path, path)])
     assert config.color.input_encoding == "linear"
+    assert notes == (
+        "response: linear light, as the first file states: its noise says nothing of it",
+    )
 
 
 def test_a_photograph_whose_exif_states_srgb_is_encoded(tmp_path: Path) -> None:

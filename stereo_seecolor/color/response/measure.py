@@ -11,14 +11,11 @@ from typing import Literal
 
 import numpy as np
 
+from stereo_seecolor.color.response.laws import DECODERS, LEAST_BINS, Law, fit_law, frame_law
 from stereo_seecolor.color.response.noise import (
-    DECODERS,
     Blocks,
-    Law,
     NoiseCurve,
     blocks_by_channel,
-    fit_law,
-    frame_law,
     noise_curve,
     quantization_of,
 )
@@ -36,8 +33,6 @@ MOST_MISFIT = 0.35
 """Logarithm, rms: a law that is off by more does not describe the noise."""
 MOST_WHITENESS = 3.3
 """Drawn sensors 0.9 to 3.1, also at half size; JPEG of quality 95 3.8 and more."""
-LEAST_BINS = 6
-"""Of brightness, that hold more than the noise of rounding."""
 BELOW_ZERO = 0.5
 """Fraction of the brightest mean: a line that crosses zero so far below is nearly flat."""
 FLAT = 0.15
@@ -67,6 +62,8 @@ class MeasuredResponse:
     @property
     def line(self) -> str:
         """One line for the user."""
+        if self.verdict == "linear" and np.isnan(self.ratio):
+            return "linear light, as the first file states: its noise says nothing of it"
         if self.verdict == "linear":
             return f"linear light: noise grows in proportion to brightness{self._pedestal}"
         if self.verdict == "encoded":
@@ -139,7 +136,7 @@ def _of_frames(
     """
     pedestal, better = [], []
     for blocks in channels:
-        laws = [law for frame in blocks if (law := frame_law([frame], quantization, encoding))]
+        laws = [law for frame in blocks if (law := frame_law(frame, quantization, encoding))]
         if 2 * len(laws) <= len(blocks):
             return Response(encoding)
         darkest = np.array([min(frame.darkest for frame in blocks) / 255])

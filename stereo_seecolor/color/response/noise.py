@@ -1,18 +1,17 @@
 """The noise of a camera over brightness, from the smoothest blocks of its images.
 
 Photon noise has a variance that is proportional to the light (Janesick 2007, *Photon Transfer*).
-The laws that a response makes of it are compared in ``measure``.
+``laws`` has what a response makes of it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Image, is_monochrome
 
 Array = NDArray[np.float64]
@@ -93,8 +92,9 @@ def blocks_of(plane: Plane) -> Blocks:
 
 def dark_value(plane: NDArray[Any]) -> float:
     """The darkest value of (H, W) an image's channel, but for a few pixels and black borders."""
-    above = np.sort(plane[plane > 0], axis=None)
-    return float(above[int(DARK_QUANTILE * above.size)]) if above.size else 0.0
+    above = plane[plane > 0]
+    place = int(DARK_QUANTILE * above.size)
+    return float(np.partition(above, place)[place]) if above.size else 0.0
 
 
 def _native_sites(plane: Plane) -> Plane:
@@ -186,75 +186,3 @@ def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
 def quantization_of(images: Sequence[Image]) -> float:
     """Variance that rounding to 8 bits adds."""
     return 1 / 12 if images and images[0].dtype == np.uint8 else 0.0
-
-
-# The noise of photons, seen through a response.
-
-Encoding = Literal["linear", "srgb", "gamma"]
-DECODERS: dict[str, Callable[[Array], Array]] = {
-    "linear": lambda value: value,
-    "srgb": decode_srgb,
-    "gamma": lambda value: value**1.8,
-}
-"""Value -> light. gamma: the flattest encoding in use, from which linear images are told."""
-STEP = 1e-3
-"""Of a value, for slopes."""
-LEAST_BINS = 6
-"""Of brightness, that hold more than the noise of rounding."""
-FRAME_MISFIT = 0.25
-"""Logarithm, rms: a line of a single frame that is off by more has no certain zero."""
-
-
-class Law(NamedTuple):
-    """The noise of a sensor seen through a response.
-
-    misfit: rms of logarithms. zero: light at which the line of the noise ends, fraction of full
-    scale. misfit_at_zero: of the best line that ends at no light or below.
-    """
-
-    misfit: float
-    zero: float
-    misfit_at_zero: float
-
-
-def fit_law(curve: NoiseCurve, bins: NDArray[np.bool_], encoding: Encoding) -> Law:
-    """Fit variance = quantization + factor (light - zero) / slope ** 2 to a curve.
-
-    light, slope: of the brightness, decoded, and its derivative. zero: at most the light of the
-    darkest value; below 0 where noise of reading is added.
-    """
-    decode, mean = DECODERS[encoding], curve.mean[bins] / 255
-    light, slope = decode(mean), (decode(mean + STEP) - decode(mean - STEP)) / (2 * STEP)
-    darkest = float(decode(np.array([curve.darkest / 255]))[0])
-    most = min(darkest, 0.98 * float(light.min()))
-    zeros = np.concatenate(
-        [-2 * light.max() * np.linspace(1, 0, 60) ** 3, np.linspace(0, most, 40)[1:]]
-    )
-    shape = (light - zeros[:, None]) / slope**2
-    misfits = _misfits(shape, curve.variance[bins], curve.quantization)
-    best = int(misfits.argmin())
-    return Law(float(misfits[best]), float(zeros[best]), float(misfits[zeros <= 0].min()))
-
-
-def _misfits(shape: Array, variance: Array, quantization: float) -> Array:
-    """(Z,) rms of what the best multiples of (Z, K) shapes leave of (K,) variances."""
-    log_factor = np.median(
-        np.log(np.maximum(variance - quantization, 1e-3)) - np.log(shape), axis=1
-    )
-    for _ in range(6):  # Gauss-Newton
-        law = np.exp(log_factor)[:, None] * shape
-        part = law / (law + quantization)
-        left = np.log(variance) - np.log(law + quantization)
-        log_factor += (left * part).sum(axis=1) / (part**2).sum(axis=1)
-    left = np.log(variance) - np.log(np.exp(log_factor)[:, None] * shape + quantization)
-    return np.asarray(np.sqrt((left**2).mean(axis=1)))
-
-
-def frame_law(blocks: Sequence[Blocks], quantization: float, encoding: Encoding) -> Law | None:
-    """The law of one channel of one frame; None where its noise does not follow it."""
-    curve = noise_curve(blocks, quantization)
-    above = curve is not None and curve.variance > 2 * quantization
-    if curve is None or np.sum(above) < LEAST_BINS:
-        return None
-    law = fit_law(curve, np.asarray(above), encoding)
-    return law if law.misfit < FRAME_MISFIT else None
