@@ -63,6 +63,9 @@ class Noise:
     """Fraction of all light, backscatter included."""
     outlier: float = 2.0
     """Standard deviations beyond which a quantile weighs less than half (Cauchy)."""
+    odd: float = 2.5
+    """Mean squared error of all quantiles of a range, in variances, from which they weigh less:
+    """
     floor: float = 0.001
     """Light that a camera's offset hides, against the brightest."""
     darker: float = 0.03
@@ -140,8 +143,10 @@ class Batch:
         """The problems of a mask (N,)."""
         return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
-    def normal(self, x: Tensor, weights: Tensor | None = None) -> Normal:
-        """Costs and normal equations at x (N, n). weights: of ``cost_before``; None: renewed."""
+    def normal(self, x: Tensor, odd: float, weights: Tensor | None = None) -> Normal:
+        """Costs and normal equations at x (N, n). odd: of ``Noise``. weights: of ``cost_before``;
+        None: renewed.
+        """
         number, _, groups, quantiles = self.log_light.shape
         log_transmitted, veil, (by_a, by_b) = self._water(x)
         reflectance = x[:, WATER:-groups].view(number, 3, 1, quantiles)
@@ -150,12 +155,15 @@ class Batch:
         u = 1 / (direct + veil[..., None] + NOISE.floor)
         q, r = direct * u, -u.log() - self.log_light
         content = torch.tensor(NOISE.content, dtype=x.dtype)
-        w = self.trust[..., None] / ((content * q) ** 2 + NOISE.all**2 + (r / NOISE.outlier) ** 2)
+        variance = (content * q) ** 2 + NOISE.all**2
+        misfit = (r**2 / variance).mean((1, 3)).clamp(min=odd)
+        trust = self.trust * ((odd / misfit) ** 2)[:, None] if odd < torch.inf else self.trust
+        w = trust[..., None] / (variance + (r / NOISE.outlier) ** 2)
         w = w.masked_fill(self.clipped & (r > 0), 0)
         over = ((veil + NOISE.floor).log() - self.log_light[..., 0]).clamp(min=0) * ~self.clipped[
             ..., 0
         ]
-        w_over = self.trust / NOISE.darker**2
+        w_over = trust / NOISE.darker**2
         excess, by_rates = _excess(x)
         away = x - self.mean
         pull = (self.precision @ away[..., None])[..., 0]
@@ -236,34 +244,9 @@ def minimize(
     )
     with one_thread():
         batch, x = Batch.of(problems), _monotonic(torch.from_numpy(padded))
-        going = torch.ones(len(x), dtype=torch.bool)
-        damping = x.new_full((len(x),), STEPS.first_damping)
-        now = batch.normal(x)
-        for _ in range(STEPS.most):
-            here, at, damp = batch.at(going), x[going], damping[going]
-            known = Normal(*(part[going] for part in now))
-            damped = (
-                known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
-            )
-            move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
-            moved = _monotonic(at - move)
-            trial = here.normal(moved, known.weights)
-            better = trial.cost_before < known.cost
-            x[going] = torch.where(better[:, None], moved, at)
-            damping[going] = torch.where(
-                better,
-                (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
-                STEPS.more_damping * damp,
-            )
-            for whole, part in zip(now, trial.where(better, known), strict=True):
-                whole[going] = part
-            small = better & (
-                (move[:, :WATER].abs().amax(1) < STEPS.converged)
-                | (known.cost - trial.cost_before < enough)
-            )
-            going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
-            if not going.any():
-                break
+        # from the start, ranges may be odd because the water is: so first with all of them
+        for odd in (torch.inf, NOISE.odd):
+            now = _descend(batch, x, odd, enough)
     sizes = [len(problem.mean) for problem in problems]
     found = [one[:size].copy() for one, size in zip(x.numpy(), sizes, strict=True)]
     return (
@@ -271,6 +254,37 @@ def minimize(
         [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)],
         now.cost.numpy(),
     )
+
+
+def _descend(batch: Batch, x: Tensor, odd: float, enough: float) -> Normal:
+    """Move x (N, n) to the minimum, in place; returns what is there. odd: of ``Noise``."""
+    going = torch.ones(len(x), dtype=torch.bool)
+    damping = x.new_full((len(x),), STEPS.first_damping)
+    now = batch.normal(x, odd)
+    for _ in range(STEPS.most):
+        here, at, damp = batch.at(going), x[going], damping[going]
+        known = Normal(*(part[going] for part in now))
+        damped = known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+        move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
+        moved = _monotonic(at - move)
+        trial = here.normal(moved, odd, known.weights)
+        better = trial.cost_before < known.cost
+        x[going] = torch.where(better[:, None], moved, at)
+        damping[going] = torch.where(
+            better,
+            (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
+            STEPS.more_damping * damp,
+        )
+        for whole, part in zip(now, trial.where(better, known), strict=True):
+            whole[going] = part
+        small = better & (
+            (move[:, :WATER].abs().amax(1) < STEPS.converged)
+            | (known.cost - trial.cost_before < enough)
+        )
+        going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
+        if not going.any():
+            break
+    return now
 
 
 def _monotonic(x: Tensor) -> Tensor:

@@ -6,7 +6,7 @@ Neighboring chunks are joined, the most alike first, as long as they fit the wat
 about as well as they fit waters of their own.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.fitting.jackknife import with_errors_of_parts
 from stereo_seecolor.color.fitting.robust import ENOUGH, quality
 from stereo_seecolor.color.photometry.exposure import Brightness
 from stereo_seecolor.color.photometry.survey import (
@@ -58,18 +59,19 @@ SETTINGS = SegmentSettings()
 
 @dataclass(frozen=True, eq=False)
 class _Chunk:
-    """frames: numbers. packed: tables and brightness by class, packed: 64 would not fit into
-    memory.
+    """frames: numbers. linked: it shows spots of the chunk before it. packed: tables and brightness
+    by class, packed: 64 would not fit into memory.
     """
 
     frames: range
+    linked: bool
     packed: dict[int, tuple[bytes, Brightness]]
 
     @classmethod
-    def of(cls, frames: range, classes: Mapping[int, ExposureClass]) -> "_Chunk":
+    def of(cls, frames: range, linked: bool, classes: Mapping[int, ExposureClass]) -> "_Chunk":
         """The chunk of these tables."""
         packed = {kind: (one.table.packed(), one.brightness) for kind, one in classes.items()}
-        return cls(frames, packed)
+        return cls(frames, linked, packed)
 
     @property
     def classes(self) -> dict[int, ExposureClass]:
@@ -82,7 +84,7 @@ class _Chunk:
     def __add__(self, other: "_Chunk") -> "_Chunk":
         classes = self.classes
         add_to(classes, other.classes)
-        return _Chunk.of(range(self.frames.start, other.frames.stop), classes)
+        return _Chunk.of(range(self.frames.start, other.frames.stop), self.linked, classes)
 
     def table(self) -> MomentTable | None:
         """Table of its frames of usual exposure; None without light or known range."""
@@ -109,7 +111,8 @@ class AutoFitter(Fitter):
         self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
         self._frames = FrameBrightness()
-        self._open, self._classes = range(0), dict[int, ExposureClass]()  # the chunk that grows
+        # the chunk that grows
+        self._open, self._open_linked, self._classes = range(0), False, dict[int, ExposureClass]()
         self._chunk_frames = 1
         self._segments: list[range] = []
 
@@ -126,32 +129,40 @@ class AutoFitter(Fitter):
         """Add several frames, between which the dive is not cut."""
         if not several.frames:
             return
-        linked = several.frames[0][0] in self._linked
-        if self._open and not linked and len(self._open) >= self._chunk_frames:
-            self._chunks.append(_Chunk.of(self._open, self._classes))
+        if len(self._open) >= self._chunk_frames:
+            self._chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))
             self._open, self._classes = range(self._open.stop, self._open.stop), {}
             if len(self._chunks) == SETTINGS.most_chunks:
                 self._chunk_frames *= 2
                 self._chunks = [
                     reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)
                 ]
+        if not self._open:
+            self._open_linked = several.frames[0][0] in self._linked
         self._frames.add(several.frames)
         self._open = range(self._open.start, len(self._frames))
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
         """The water of each frame's segment; without a known range, that of the one before."""
-        chunks = [*self._chunks, _Chunk.of(self._open, self._classes)] if self._open else []
-        parts = _parts(_evidence(chunks, self._config), self._config) if chunks else []
-        segments = [reduce(add, chunks[part.start : part.stop]) for part in parts]
-        self._segments = [segment.frames for segment in segments]
-        return completed(
-            water
-            for one in segments
-            for water in survey_waters(
-                self._frames, one.frames, one.classes, self._config, self._fit
-            )
-        )
+        chunks = [*self._chunks]
+        if self._open:
+            chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))
+        linked = _linked(chunks)
+        evidence = _evidence([reduce(add, part) for part in linked], self._config)
+        parts = _parts(evidence, self._config) if chunks else []
+        segments = [[c for one in linked[part.start : part.stop] for c in one] for part in parts]
+        self._segments = [range(one[0].frames.start, one[-1].frames.stop) for one in segments]
+        return completed(water for one in segments for water in self._segment_waters(one))
+
+    def _segment_waters(self, chunks: Sequence["_Chunk"]) -> Iterator[tuple[str, Water | None]]:
+        whole = reduce(add, chunks)
+
+        def fit(table: MomentTable, start: Water | None) -> Water:
+            parts = [part for chunk in chunks if (part := chunk.table()) is not None]
+            return with_errors_of_parts(self._fit(table, start), parts, self._config)
+
+        return survey_waters(self._frames, whole.frames, whole.classes, self._config, fit)
 
     @property
     def segments(self) -> list[list[str]]:
@@ -171,6 +182,12 @@ class AutoFitter(Fitter):
             f"the frames do not share one water: {len(named)} waters were fitted, one each for "
             f"{'; '.join(named)}",
         )
+
+
+def _linked(chunks: Sequence[_Chunk]) -> list[Sequence[_Chunk]]:
+    """The chunks, those together between which the dive is not cut."""
+    cuts = [i for i, chunk in enumerate(chunks) if i == 0 or not chunk.linked]
+    return [chunks[a:b] for a, b in pairwise([*cuts, len(chunks)])]
 
 
 def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence | None]:
