@@ -38,13 +38,16 @@ class ScenePrior:
     """Natural scenes are warm (logarithm against green). Coral sand is at 0.16, 0, -0.27; the mean
     of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25.
     """
-    sea_floor: float = 0.25
+    sea_floor: float = 0.5
     """Share of the mean color of the sea floor's spectra (0.27, 0, -0.41 at the median), the rest
-    ``natural``. With a half, or all, FLSea's white targets come out yellower, by 0.1 and 0.4
-    degrees, and drawn scenes of such spectra better.
+    ``natural``. Drawn scenes of such spectra come out better with more, FLSea's white targets
+    yellower, by 0.1 to 0.2 degrees.
     """
-    natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.9, 0.6, 0.25)
-    """Fraction of ``natural`` at each quantile: the brightest are white, or reflections."""
+    natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.75, 0.35, 0)
+    """Fraction of ``natural`` at each quantile: the brightest are white, or reflections. With 0.9,
+    0.6, 0.25 FLSea's white targets were warm by 7 %, and drawn reefs, whose brightest are warm
+    sand, better by 0.5 degrees.
+    """
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
     """Standard deviation from warm to cool about that: dark things have any color, bright ones
     less. How channels vary together, and less from green to magenta, is that of the sea floor's
