@@ -2,11 +2,19 @@
 cut.
 """
 
+from dataclasses import replace
+from functools import reduce
+from operator import add
+
 import numpy as np
 import pytest
 from test_color_engine_survey import reef, same
+from test_color_robust import BLUE as SEA
+from test_color_robust import SHAPE, seen_through
+from test_color_robust import reef as reef_colors
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.fitting.jackknife import with_errors_of_parts
 from stereo_seecolor.color.photometry import segments
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.config import ColorConfig
@@ -115,3 +123,55 @@ def test_frames_that_were_added_up_before_give_the_water_of_the_same_frames(lock
 def test_frames_of_a_fit_that_goes_from_one_to_the_next_are_not_added_up_before(changes):
     fitter = Corrector(ColorConfig(input_encoding="as-is", **changes)).survey_fitter()
     assert not fitter.joins
+
+
+def dive_in_sea(rng, frames, fish=()):
+    """Drawn frames of a reef in blue water, 1 to 3 m away; over half of those with a fish a flat
+    gray thing, at half their range.
+    """
+    for i in range(frames):
+        range_m = np.broadcast_to(np.linspace(1 + rng.random(), 3, SHAPE[1]), SHAPE)
+        color = reef_colors(rng)
+        if i in fish:
+            part = np.s_[:, : SHAPE[1] // 2]
+            range_m, color = range_m.copy(), color.copy()
+            range_m[part] = 0.7 + 0.02 * rng.random(range_m[part].shape)
+            color[part] = 0.25 * (1 + 0.05 * rng.standard_normal(range_m[part].shape))[..., None]
+        yield seen_through(SEA, color, range_m, rng), range_m.astype(np.float32)
+
+
+def water_of(frames):
+    corrector = Corrector(ColorConfig())
+    fitter = corrector.survey_fitter(linked=[str(i) for i in range(1, 99)])
+    for i, (image, range_m) in enumerate(frames):
+        fitter.add(str(i), corrector.measure(image, range_m))
+    return fitter.waters()["0"]
+
+
+def test_a_fish_over_half_of_some_frames_does_not_move_the_water():
+    without, with_fish = (
+        water_of(dive_in_sea(np.random.default_rng(3), 12, fish)) for fish in ((), (2, 5, 8, 11))
+    )
+    there = np.array(2.0)
+    assert with_fish.attenuation(there) == pytest.approx(without.attenuation(there), rel=0.12)
+    red_over_green = [water.white[0] / water.white[1] for water in (without, with_fish)]
+    assert red_over_green[1] == pytest.approx(red_over_green[0], rel=0.12)
+
+
+@pytest.mark.slow
+def test_the_errors_of_a_water_by_its_parts_are_the_spread_of_dives():
+    """Twelve dives over one reef in one water; errors of the fit, which are larger, set to 0."""
+    found, errors = [], []
+    for seed in range(12):
+        corrector = Corrector(ColorConfig())
+        tables = [
+            corrector.measure(*frame) for frame in dive_in_sea(np.random.default_rng(seed), 8)
+        ]
+        water = corrector.fit(reduce(add, tables))
+        exact = replace(water, standard_errors={"y": np.zeros(3), "white": np.zeros(3)})
+        shown = with_errors_of_parts(exact, tables, corrector.config).standard_errors
+        found.append([water.y, np.log(water.white / np.exp(np.log(water.white).mean()))])
+        errors.append([shown["y"], shown["white"] / water.white])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.std(found, axis=0)
+    assert (ratio > 0.6).all()
+    assert (ratio < 2.0).all()
