@@ -9,8 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import yaml
+
+from calibration.errors import CalibrationError
 
 # Atomic writes: a file is complete and on disk, or not there at all.
 
@@ -43,8 +46,8 @@ def _flush(path: Path) -> None:
         os.close(handle)
 
 
-# JSON, YAML and TOML read within bounds: no file of a few kilobytes takes minutes or gigabytes,
-# and no nesting overflows a stack.
+# JSON, YAML, XML and TOML read within bounds: no file of a few kilobytes takes minutes or
+# gigabytes, and no nesting overflows a stack.
 #
 # Every reader of both packages uses these functions, whoever wrote the file.
 
@@ -139,6 +142,17 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
     content = yaml.load(text, Loader=loader)
     _check_values(content, max_depth)
     return content
+
+
+def load_xml(text: str) -> ElementTree.Element:
+    """The root of XML text. Raises ElementTree.ParseError; CalibrationError for entities, which
+    could grow without bound.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise CalibrationError(
+            "its XML declares entities, which no calibration needs: remove the DOCTYPE"
+        )
+    return ElementTree.fromstring(text.strip().encode())
 
 
 def load_toml(text: str) -> dict[str, Any]:

@@ -11,9 +11,9 @@ from calibration import CalibrationError, StereoRig
 from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, resolve_convention
 from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig_of_images, native
-from calibration.formats.kitti import for_channels
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
+from calibration.rig import for_channels
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions

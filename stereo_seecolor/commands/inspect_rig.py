@@ -23,7 +23,7 @@ from calibration.field_checks.matches import find_matches
 from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
-from calibration.formats.kitti import for_channels
+from calibration.rig import for_channels
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.rig import RangeLimits, range_limits
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads, neighbors

@@ -1,6 +1,4 @@
-"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy, SeaGIS's
-.cam.
-"""
+"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy."""
 
 import io
 import math
@@ -16,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats import seagis
 from calibration.formats.reading.mat_files import (
     HEADER_BYTES,
     MAT5_MAX_DEPTH,
@@ -205,8 +202,7 @@ class _Mat73:
         return [self.value(self.file[reference], depth + 1) for reference in np.ravel(node[()])]
 
 
-# Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy, SeaGIS's
-# .cam.
+# Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy.
 #
 # Numbers are read and nothing else: no pickle, no code, nothing larger than a calibration can be.
 
@@ -272,8 +268,6 @@ def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
         return read
     if start.startswith(PICKLES):
         return _refuse_pickle
-    if start.startswith((b"CAM", b"CBL")) and len(start) > 3 and start[3] < 32:
-        return seagis.read
     return None
 
 

@@ -21,13 +21,14 @@ from calibration.files import (
     decode_text,
     load_json,
     load_toml,
+    load_xml,
     load_yaml,
 )
-from calibration.formats import metashape
+from calibration.formats.calibration_format import added_formats
 from calibration.formats.reading.binary import is_binary, load_binary
 from calibration.formats.reading.leaves import side_marks, words
 from calibration.formats.reading.notations import named_numbers, numbers_of_text, read
-from calibration.formats.reading.section import Section
+from calibration.formats.reading.section import Section, naming
 
 # A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML,
 # JSON, INI, ``key=value``, or binary.
@@ -55,6 +56,8 @@ def load_document(path: Path) -> Section:
     """
     if _is_binary(path):
         return load_binary(path)
+    if (decoded := _of_added_format(path)) is not None:
+        return Section(str(path), decoded)
     text = _read_text(path)
     if kind := foreign(text):
         raise CalibrationError(f"{path}: {kind}")
@@ -74,6 +77,20 @@ def load_document(path: Path) -> Section:
             ) from error
         raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
     return Section(str(path), content)
+
+
+def _of_added_format(path: Path) -> dict[str, Any] | None:
+    """The content of a file in a notation of a format's own; None for other files."""
+    formats = added_formats().values()
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_BYTES:
+            return None
+        raw = path.read_bytes()
+    except OSError:
+        return None  # named where its text is read
+    with naming(str(path)):
+        found = (format.decode(raw) for format in formats if format.decode)
+        return next((content for content in found if content is not None), None)
 
 
 def _is_binary(path: Path) -> bool:
@@ -268,13 +285,7 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _parse_xml(text: str) -> dict[str, Any]:
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CalibrationError(
-            "its XML declares entities, which no calibration needs: remove the DOCTYPE"
-        )
-    root = ElementTree.fromstring(text.encode())
-    if root.tag == "document" and root.find("chunk") is not None:
-        return metashape.read(root)
+    root = load_xml(text)
     content = _xml_value(root)
     if not isinstance(content, dict):
         raise CalibrationError(f"is not a calibration: its XML holds nothing but <{root.tag}>")

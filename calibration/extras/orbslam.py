@@ -5,6 +5,7 @@ LEFT.K, RIGHT.K).
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section
 from calibration.formats.ros import make_camera, rig_from_projections
 from calibration.geometry import inverse_transform
@@ -20,7 +21,7 @@ def matches(document: Section) -> bool:
     )
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig before rectification where the file holds it, else the rectified one that the file
     describes.
     """
@@ -89,3 +90,6 @@ def _camera(document: Section, name: str, size: Size) -> Camera:
     return make_camera(
         f"{document.where}: {name}", K, distortion, size, "fisheye" if fisheye else "pinhole"
     )
+
+
+FORMAT = RigFormat(matches, parse)

@@ -5,6 +5,7 @@ the right minus the left.
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
 from calibration.rig import StereoRig
@@ -40,3 +41,6 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     )
     with naming(f"{document.where}: baseline (millimeters in this format)"):
         return StereoRig(left, right, T, medium="air")
+
+
+FORMAT = RigFormat(matches, parse)

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.files import decode_text
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
@@ -19,9 +21,12 @@ from calibration.rig import Camera, StereoRig
 KEY, CAMERA_NUMBERS = "calib_filter", 27
 
 
-def read(text: str) -> dict[str, Any] | None:
-    """The numbers under KEY; None for a text that is not such a file."""
-    words = text.split()
+def decode(raw: bytes) -> dict[str, Any] | None:
+    """The numbers under KEY; None for what is not such a file."""
+    try:
+        words = decode_text(raw).split() or [""]
+    except UnicodeDecodeError:
+        return None
     if not re.fullmatch(r"[1-9](\.0*)?", words[0]) or len(words) < 1 + CAMERA_NUMBERS * int(
         float(words[0])
     ):
@@ -43,7 +48,7 @@ def matches(document: Section) -> bool:
     return document.has(KEY)
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig of two cameras, of which other readings may be. Raises CalibrationError for another
     number of cameras.
     """
@@ -73,3 +78,6 @@ def _camera(where: str, numbers: NDArray[np.float64]) -> tuple[Camera, NDArray[n
         where, K.reshape(3, 3), distortion, (int(size[0]), int(size[1])), "pinhole"
     )
     return camera, rigid(R.reshape(3, 3), t)
+
+
+FORMAT = RigFormat(matches, parse, decode)

@@ -4,6 +4,7 @@ OpenCV's stereoCalibrate.
 
 import numpy as np
 
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import parse_camera
 from calibration.rig import StereoRig
@@ -19,7 +20,7 @@ def matches(document: Section) -> bool:
     )
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig. Rectification, essential and fundamental matrices are not read: the last are rounded
     to nothing in the file.
     """
@@ -30,3 +31,6 @@ def parse(document: Section) -> StereoRig:
     T[:3, 3] = extrinsics.numbers("translation_vector", 3)
     with naming(extrinsics.where):
         return StereoRig(left, right, T)
+
+
+FORMAT = RigFormat(matches, parse)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
 from calibration.rig import StereoRig
@@ -34,3 +35,6 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     T[0, 3] = -document.section("extrinsic").number("baseline")
     with naming(document.where):
         return StereoRig(camera, camera, T, medium="air")
+
+
+FORMAT = RigFormat(matches, parse)

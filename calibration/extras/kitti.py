@@ -8,12 +8,12 @@ t], meters.
 from dataclasses import replace
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
-from calibration.rig import Camera, StereoRig
+from calibration.rig import COLOR_TAKEN, GRAY_TAKEN, Camera, StereoRig
 
 COLOR, GRAY = ("2", "3"), ("0", "1")
-COLOR_TAKEN, GRAY_TAKEN = "color is taken", "gray is taken, as the images are"
 Size = tuple[int, int]
 
 
@@ -52,15 +52,6 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         for rig, reading in zip(rigs, (COLOR_TAKEN, GRAY_TAKEN), strict=True)
     )
     return color.with_alternatives([gray])
-
-
-def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
-    """Select, of a file that holds two rigs, the one that took images in color, or in gray; other
-    rigs are returned as they are.
-    """
-    if rig.reading != COLOR_TAKEN or not rig.alternatives:
-        return rig
-    return rig.alternatives[0] if monochrome else replace(rig, alternatives=())
 
 
 def _of_projections(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
@@ -102,3 +93,6 @@ def _camera(document: Section, camera: str, size: Size) -> Camera:
 def _rectified(document: Section, keys: list[str], size: Size) -> StereoRig:
     projections = [document.matrix(key, 3, 4) for key in keys]
     return replace(rectified_rig(document.where, projections, size), medium="air")
+
+
+FORMAT = RigFormat(matches, parse)

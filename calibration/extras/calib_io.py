@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
@@ -33,7 +34,7 @@ def matches(document: Section) -> bool:
     return isinstance(cameras, list) and "polymorphic_name" in str(cameras[:1])
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig of two cameras. Raises CalibrationError for another number of them, or a lens model
     without an equal here.
     """
@@ -102,3 +103,6 @@ def _sizes(section: Section) -> Iterator[tuple[int, int]]:
                 yield inner.image_size("width", "height")
             else:
                 yield from _sizes(inner)
+
+
+FORMAT = RigFormat(matches, parse)

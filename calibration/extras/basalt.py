@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.lens_models import (
     Plane,
     double_sphere,
@@ -40,7 +41,7 @@ def matches(document: Section) -> bool:
     return isinstance(content, dict) and "T_imu_cam" in content and "intrinsics" in content
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig of the two cameras. Raises CalibrationError for another number of cameras, or a lens
     model without an equal here.
     """
@@ -106,3 +107,6 @@ def _pose(section: Section) -> NDArray[np.float64]:
     return rigid(
         rotation_of_quaternion(quaternion), np.array([section.number(f"p{axis}") for axis in "xyz"])
     )
+
+
+FORMAT = RigFormat(matches, parse)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import rigid
@@ -106,3 +107,6 @@ def _size(
     if image_size is None:
         raise SizeMissingError(f"{fields.where}: {SIZE_MISSING}")
     return image_size
+
+
+FORMAT = RigFormat(matches, parse)

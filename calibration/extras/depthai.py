@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
@@ -20,7 +21,7 @@ def matches(document: Section) -> bool:
     return isinstance(document.content.get("cameraData"), list)
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig of the two stereo cameras. Raises CalibrationError, naming the key."""
     sockets = _sockets(document)
     left, right = (_section(document, socket) for socket in sockets)
@@ -83,3 +84,6 @@ def _camera(section: Section) -> Camera:
         size,
         "fisheye" if model == "fisheye" else "pinhole",
     )
+
+
+FORMAT = RigFormat(matches, parse)

@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import CameraFormat
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
-FORMAT = "SeaGIS .cam"
+MARK = "SeaGIS .cam"
 NUMBERS = (
     "xp",
     "yp",
@@ -54,10 +55,12 @@ GRID = 21
 Y_DOWN = np.diag([1.0, -1.0, -1.0])  # photogrammetric axes look along -z with y up
 
 
-def read(raw: bytes) -> dict[str, Any]:
-    """The fields of one .cam file. Raises CalibrationError if it is damaged, or holds no exterior
-    orientation.
+def decode(raw: bytes) -> dict[str, Any] | None:
+    """The fields of one .cam file; None for other files. Raises CalibrationError if it is damaged,
+    or holds no exterior orientation.
     """
+    if not raw.startswith((b"CAM", b"CBL")) or len(raw) < 4 or raw[3] >= 32:
+        return None
     if raw.startswith(b"CBL"):
         raise CalibrationError(
             "holds the interior orientation alone (.CamCAL): export the .cam files of the stereo "
@@ -75,7 +78,7 @@ def read(raw: bytes) -> dict[str, Any]:
         )
     numbers = dict(zip(NUMBERS, reader.doubles(len(NUMBERS)), strict=True))
     return {
-        "format": FORMAT,
+        "format": MARK,
         "name": names[0],
         "pixel_mm": list(pixel_mm),
         "size": sorted(size, reverse=True),
@@ -85,7 +88,7 @@ def read(raw: bytes) -> dict[str, Any]:
 
 def matches(document: Section) -> bool:
     """True for one camera of a SeaGIS pair."""
-    return document.content.get("format") == FORMAT
+    return document.content.get("format") == MARK
 
 
 def parse(left: Section, right: Section) -> StereoRig:
@@ -217,3 +220,6 @@ def _pose(section: Section, to_camera: bool) -> Array:
     R = Y_DOWN @ (R if to_camera else R.T)
     center = np.array([section.number(name) for name in ("X", "Y", "Z")])
     return rigid(R, -R @ center)
+
+
+FORMAT = CameraFormat("SeaGIS", matches, parse, decode)

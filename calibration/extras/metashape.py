@@ -13,6 +13,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.files import decode_text, load_xml
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.lens_models import fitted_camera, metashape
 from calibration.formats.reading.section import Section, naming, to_meters
 from calibration.formats.ros import make_camera
@@ -23,8 +25,16 @@ SENSORS, SCALE = "sensors of Metashape", "scale"
 TYPES = ("frame", "fisheye")
 
 
-def read(document: ElementTree.Element) -> dict[str, Any]:
-    """The sensors of a document, and its scale, as keys and values."""
+def decode(raw: bytes) -> dict[str, Any] | None:
+    """The sensors of a document, and its scale, as keys and values; None for other files."""
+    if b"<chunk" not in raw:
+        return None
+    try:
+        document = load_xml(decode_text(raw))
+    except (UnicodeDecodeError, ElementTree.ParseError):
+        return None
+    if document.tag != "document" or document.find("chunk") is None:
+        return None
     sensors = []
     for sensor in document.iter("sensor"):
         lenses = {lens.get("class", ""): lens for lens in sensor.findall("calibration")}
@@ -122,3 +132,6 @@ def _camera(section: Section) -> Camera:
         size,
         f"{section.text('lens')} of Metashape",
     )
+
+
+FORMAT = RigFormat(matches, parse, decode)

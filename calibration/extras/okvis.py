@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import CameraFormat, RigFormat
+from calibration.formats.reading.document import load_document
 from calibration.formats.reading.lens_models import fitted_camera, omni
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
@@ -29,13 +31,21 @@ Size = tuple[int, int]
 
 
 def matches(document: Section) -> bool:
-    """True for either configuration, and for one lens of CamOdoCal, which parse refuses."""
-    return bool(_listed(document)) or document.has(*LENS_FILES) or is_lens(document)
+    """True for either configuration."""
+    return bool(_listed(document)) or document.has(*LENS_FILES)
 
 
 def is_lens(document: Section) -> bool:
     """Tell whether the document is one lens of CamOdoCal."""
     return document.has("model_type")
+
+
+def refuse_lenses(left: Section, right: Section) -> StereoRig:
+    """Raise CalibrationError: two lenses of CamOdoCal hold no transform between them."""
+    raise CalibrationError(
+        f"{left.where}: is one lens of CamOdoCal: give the configuration of VINS that "
+        "holds body_T_cam0 and body_T_cam1"
+    )
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
@@ -49,14 +59,9 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             )
         lenses = [_okvis_camera(camera) for camera in cameras]
         poses = [camera.matrix(camera.first(*POSES), 4, 4) for camera in cameras]
-    elif document.has(*LENS_FILES):
+    else:
         lenses = [_camodocal_camera(_beside(document, key)) for key in LENS_FILES]
         poses = [document.matrix(key, 4, 4) for key in ("body_T_cam0", "body_T_cam1")]
-    else:
-        raise CalibrationError(
-            f"{document.where}: is one lens of CamOdoCal: give the configuration of VINS that "
-            "holds body_T_cam0 and body_T_cam1"
-        )
     with naming(document.where):
         return StereoRig(lenses[0], lenses[1], inverse_transform(poses[1]) @ poses[0])
 
@@ -89,11 +94,6 @@ def _okvis_camera(section: Section) -> Camera:
 
 def _beside(document: Section, key: str) -> Section:
     """The file that ``key`` names, in the folder of the document."""
-    # which reads the text that this module makes sense of
-    from calibration.formats.reading.document import (
-        load_document,
-    )
-
     return load_document(Path(document.where).parent / document.text(key))
 
 
@@ -127,3 +127,7 @@ def _camodocal_camera(section: Section) -> Camera:
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+FORMAT = RigFormat(matches, parse)
+LENS = CameraFormat("CamOdoCal", is_lens, refuse_lenses)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import make_camera
 from calibration.geometry import rigid
@@ -79,3 +80,6 @@ def _camera(document: Section, side: str, name: str, size: tuple[int, int]) -> C
     return make_camera(
         section.where, K, distortion[: 8 if distortion[5:].any() else 5], size, "pinhole"
     )
+
+
+FORMAT = RigFormat(matches, parse)
