@@ -27,7 +27,8 @@ from stereo_seecolor.files.text_documents import guarded
 from stereo_seecolor.mapping.frame_index import FrameIndex, PointSampling, Progress, silent
 from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
-from stereo_seecolor.mapping.navigation_comparison import Navigation
+from stereo_seecolor.mapping.navigation.comparison import Navigation
+from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
 from stereo_seecolor.mapping.raster.mosaic import with_mosaic_cell
@@ -41,7 +42,6 @@ from stereo_seecolor.mapping.surface.tiles import TileStore, Tiling, cut
 from stereo_seecolor.mapping.survey import Component, Survey
 from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit
 from stereo_seecolor.mapping.track.fiducials import read_known
-from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = (

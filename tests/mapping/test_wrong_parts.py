@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation_parts import wrong_parts
+from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Poses = NDArray[np.float64]

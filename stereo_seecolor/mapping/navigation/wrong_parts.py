@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation_deviations import Motions
+from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Array = NDArray[np.float64]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping.navigation_comparison import (
+from stereo_seecolor.mapping.navigation.assignment import place
+from stereo_seecolor.mapping.navigation.comparison import (
     ALIKE,
     MAX_TURN_RAD,
     ComparedNavigation,
@@ -17,11 +18,12 @@ from stereo_seecolor.mapping.navigation_comparison import (
     examine,
     priors,
 )
-from stereo_seecolor.mapping.navigation_deviations import spot_check
-from stereo_seecolor.mapping.navigation_interpretations import misfit
+from stereo_seecolor.mapping.navigation.fixes import at_fixes
+from stereo_seecolor.mapping.navigation.motions import misfit
+from stereo_seecolor.mapping.navigation.spot_check import spot_check
+from stereo_seecolor.mapping.navigation.upright import upright
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loops, odometry
-from stereo_seecolor.mapping.track.assignment import at_fixes, place, upright
 from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit, fitted_to_fiducials, refined
 from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory

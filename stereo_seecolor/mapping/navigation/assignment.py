@@ -1,4 +1,6 @@
-"""Assignment of a trajectory's poses to frames."""
+"""Assignment of a trajectory's poses to frames, and the placement that they give; frames without a
+pose are named.
+"""
 
 import re
 from collections import Counter
@@ -14,17 +16,12 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.names import folder_keys, stem_of_path
 from stereo_seecolor.geometry import (
     interpolate,
-    pose,
-    rotation_from_vector,
-    rotation_to_z,
-    transformed,
 )
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.kept_frames import Unplaced
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.components import break_up, drop_spikes
 from stereo_seecolor.records import Trajectory
-from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
 END_TOLERANCE_S = 0.01
 """So far before the first pose and after the last one a time stamp may lie: they are rounded in
@@ -214,9 +211,6 @@ def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(T).all(axis=(1, 2)))
 
 
-# Placement of frames by a trajectory's poses; frames without a pose are named.
-
-
 def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Placement:
     """Match a trajectory to frames: by name, else by time (interpolated), else, where neither says
     anything, by order.
@@ -276,167 +270,3 @@ def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
         f"it begins {by} {'after' if ahead_h > 0 else 'before'} the first frame: if one clock "
         "showed local time, or was not set, shift the times of the file by that"
     )
-
-
-# Alignment of a track by the pictures to positions that are far less accurate than it is, such as
-# a buoy's satellite fixes.
-#
-# A prior so loose moves and turns a track about the vertical as a whole, and does not bend it.
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class FixSettings:
-    """When fixes determine where a track lies."""
-
-    fewest: int = 5  # frames with a fix
-    rounds: int = 10  # of weighted least squares; it takes 4
-    # standard error of the heading: they scatter by half of what the track reaches from its middle
-    most_heading_deg: float = 30.0
-
-
-SETTINGS = FixSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class FixFit:
-    """T: (4, 4) to the fixes' world. scatter_m: of a fix, east or north. heading_std_deg: as if all
-    fixes shared one error, which those of one buoy on one rope nearly do: more of them do not make
-    the heading surer, a longer track does.
-    """
-
-    T: Array
-    scatter_m: float
-    heading_std_deg: float
-
-
-def at_fixes(
-    own: Placement, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
-) -> Placement:
-    """The track, level and z up, where the fixes say. Its mean height becomes theirs.
-
-    Components for which they do not tell are left out, and named. Raises MappingError if that is
-    the largest one.
-    """
-    fixes = assign(index, trajectory, config).T_world_camera[:, :3, 3]
-    T, components, unplaced, warnings = (
-        own.T_world_camera.copy(),
-        own.components.copy(),
-        [*own.unplaced],
-        [],
-    )
-    for component in range(len(own.sizes)):
-        frames = own.frames_of(component)
-        fixed = frames[np.isfinite(fixes[frames]).all(axis=1)]
-        fit = fit_to_fixes(T[fixed, :3, 3], fixes[fixed], config.prior_position_std_m)
-        if fit is not None:
-            T[frames] = fit.T @ T[frames]
-            warnings.append(
-                f"the track lies by {len(fixed)} fixes, which scatter by {fit.scatter_m:.1f} m "
-                f"about it; the standard error of its heading is {fit.heading_std_deg:.0f} degrees"
-            )
-            continue
-        reason = f"{len(fixed)} fixes along its track do not determine its heading"
-        if not len(fixed) and (fix := clock_difference(index, trajectory)):
-            raise MappingError(f"no frame has a fix at its time: {fix}")
-        if component == 0:
-            raise MappingError(
-                f"{reason}: the dive must be longer than they scatter; map it without --poses"
-            )
-        unplaced += [Unplaced(index.names[i], reason) for i in frames]
-        T[frames], components[frames] = np.nan, -1
-    kept = components >= 0
-    components[kept] = np.unique(components[kept], return_inverse=True)[1]
-    placed = replace(own, T_world_camera=T, components=components, unplaced=tuple(unplaced))
-    return placed.with_warnings(*warnings[:1])
-
-
-def fit_to_fixes(track_m: Array, fixes_m: Array, std_m: float | None) -> FixFit | None:
-    """The motion that keeps the vertical, from a track (n, 3) to fixes (n, 3), outliers apart; None
-    where they do not tell it.
-
-    std_m: standard error of a fix, east or north; None: from how they scatter.
-    """
-    if len(track_m) < SETTINGS.fewest:
-        return None
-    weights, known_m = np.ones(len(track_m)), std_m
-    for _ in range(SETTINGS.rounds):
-        T, arms = _weighted(track_m, fixes_m, weights)
-        off = (track_m @ T[:3, :3].T + T[:3, 3] - fixes_m)[:, :2]
-        scatter_m = known_m or max(deviation_about_zero(off), 1e-3)
-        weights = biweight(np.linalg.norm(off, axis=1) / (TUKEY * scatter_m))
-        if np.count_nonzero(weights) < SETTINGS.fewest:
-            return None
-    reach_m = float(np.sqrt((weights[:, None] * arms**2).sum() / weights.sum()))
-    heading_deg = float(np.degrees(scatter_m / max(reach_m, 1e-9)))
-    return FixFit(T, scatter_m, heading_deg) if heading_deg <= SETTINGS.most_heading_deg else None
-
-
-def _weighted(track_m: Array, fixes_m: Array, weights: Array) -> tuple[Array, Array]:
-    """The best turn about the vertical and shift, and where the track lies about its middle, east
-    and north (n, 2).
-    """
-    middle, there = (np.average(points, axis=0, weights=weights) for points in (track_m, fixes_m))
-    a, b = (track_m - middle)[:, :2], (fixes_m - there)[:, :2]
-    yaw = np.arctan2(
-        weights @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), weights @ (a * b).sum(axis=1)
-    )
-    R = rotation_from_vector(np.array([0.0, 0.0, float(yaw)]))
-    return pose(R, there - R @ middle), a
-
-
-# The upright direction of a track: checked where the poses know it, estimated from the bottom
-# where they do not.
-
-MAX_ABOVE = 0.3
-"""The bottom may lie above the cameras by this fraction of its range, as an overhang does; more is
-a map upside down.
-"""
-SAMPLE = 20_000
-"""Points that the plane through the bottom is fitted to, at least."""
-
-
-def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
-    """Check that the bottom lies below the cameras; where the trajectory does not know up, level
-    the map to its bottom.
-
-    Raises MappingError for a map upside down.
-    """
-    seen = [int(i) for i in np.flatnonzero(placement.components >= 0) if len(index.points_m[i])]
-    if not seen:
-        raise MappingError("no placed frame has a measured range: there is nothing to fuse")
-    if up == "z":
-        _check(placement.T_world_camera, index, seen)
-        return placement
-    T = placement.T_world_camera.copy()
-    for component in range(placement.components.max() + 1):
-        own = [i for i in seen if placement.components[i] == component]
-        if own:
-            members = placement.frames_of(component)
-            T[members] = _level(index, T, own) @ T[members]
-    return replace(placement, T_world_camera=T).with_warnings(
-        "the vertical is not known: the map was leveled to its mean bottom"
-    )
-
-
-def _check(T: NDArray[np.float64], index: FrameIndex, frames: list[int]) -> None:
-    above_m = [float(np.median(index.points_m[i] @ T[i, 2, :3])) for i in frames]
-    reach_m = [float(np.median(np.linalg.norm(index.points_m[i], axis=1))) for i in frames]
-    if np.median(np.array(above_m) / np.array(reach_m)) > MAX_ABOVE:
-        raise MappingError(
-            f"the trajectory puts the bottom {np.median(above_m):.1f} m above the cameras: its z "
-            "axis points down, or its poses "
-            "are world-to-camera: give east-north-up, camera-to-world poses"
-        )
-
-
-def _level(index: FrameIndex, T: NDArray[np.float64], frames: list[int]) -> NDArray[np.float64]:
-    """(4, 4) turn that makes the plane through all that was seen horizontal, below the cameras."""
-    points = np.concatenate([transformed(T[i], index.points_m[i]) for i in frames])
-    center = points.mean(axis=0)
-    normal = np.linalg.svd(points[:: max(1, len(points) // SAMPLE)] - center, full_matrices=False)[
-        2
-    ][2]
-    towards_cameras = T[frames, :3, 3].mean(axis=0) - center
-    return pose(rotation_to_z(normal * np.sign(normal @ towards_cameras)), np.zeros(3))
