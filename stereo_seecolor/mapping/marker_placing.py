@@ -130,7 +130,7 @@ class MarkerSettings:
     fewest_views: int = 2  # a marker seen once may be none
 
 
-MARKER_MAP_SETTINGS = MarkerSettings()
+MARKER_SETTINGS = MarkerSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,10 +171,7 @@ class ScaleCheck:
     def wrong(self) -> bool:
         """Tell whether the scale is further off than any rig's can be."""
         off = abs(self.ratio - 1)
-        return (
-            off > MARKER_MAP_SETTINGS.wrong_size
-            and off > MARKER_MAP_SETTINGS.wrong_sigmas * self.std
-        )
+        return off > MARKER_SETTINGS.wrong_size and off > MARKER_SETTINGS.wrong_sigmas * self.std
 
 
 def placed_markers(
@@ -190,7 +187,7 @@ def placed_markers(
     return [
         _marker(number, own, T_world_camera)
         for number, own in sorted(by_number.items())
-        if len(own) >= MARKER_MAP_SETTINGS.fewest_views
+        if len(own) >= MARKER_SETTINGS.fewest_views
     ]
 
 

@@ -19,7 +19,7 @@ from stereo_seecolor.config import MarkersConfig
 from stereo_seecolor.mapping.control_points import FEWEST
 from stereo_seecolor.mapping.kept_frames import Frames
 from stereo_seecolor.mapping.marker_detection import MarkerDetector
-from stereo_seecolor.mapping.marker_placing import MARKER_MAP_SETTINGS as MARKER
+from stereo_seecolor.mapping.marker_placing import MARKER_SETTINGS as MARKER
 from stereo_seecolor.mapping.marker_placing import (
     PlacedMarker,
     PlacedSighting,
