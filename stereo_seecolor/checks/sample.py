@@ -14,7 +14,7 @@ from stereo_seecolor.compute.process import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.file_form import ImageFacts
+from stereo_seecolor.inputs.image_facts import ImageFacts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image

@@ -39,7 +39,7 @@ from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.layout import refuse_own_place
 

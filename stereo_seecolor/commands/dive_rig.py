@@ -19,10 +19,11 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.dive_pairs import is_half, pair_sides
+from stereo_seecolor.inputs.dive_pairs import pair_sides
+from stereo_seecolor.inputs.halves import is_half
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.plugins import load
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
 from stereo_seecolor.run_folder.cache import KeptRefinement

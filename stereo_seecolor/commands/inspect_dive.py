@@ -16,7 +16,7 @@ from stereo_seecolor.checks.neighbors import images_overlap, neighbor_that_fits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.matching.gray import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline

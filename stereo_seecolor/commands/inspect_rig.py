@@ -32,7 +32,7 @@ from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measur
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import folder_keys, natural_key, stem_of_path
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.sides import DEEPEST
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format

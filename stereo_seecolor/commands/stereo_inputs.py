@@ -23,7 +23,7 @@ from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_not
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.sides import video_of
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.cache import KeptRigCheck

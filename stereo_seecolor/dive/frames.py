@@ -24,7 +24,7 @@ from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Capture, Correction, FrameRow, Image, Map, Mask, RangeMap, Water

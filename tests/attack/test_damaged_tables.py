@@ -32,7 +32,7 @@ from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map, encode_png
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.text_documents import load_object
-from stereo_seecolor.inputs.capture import ExposureTable
+from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.mapping.marker_tables import read_bars
 from stereo_seecolor.run_folder.cache import kept
 from stereo_seecolor.run_folder.finished_run import FinishedFrame

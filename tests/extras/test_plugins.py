@@ -30,7 +30,7 @@ from stereo_seecolor.errors import PluginError
 from stereo_seecolor.extras.export.command import export_formats
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import encode_srgb
-from stereo_seecolor.inputs import images
+from stereo_seecolor.inputs.opened_paths import container_of
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.matching.matcher import Matcher
@@ -391,7 +391,7 @@ class Entry:
         (
             "containers",
             None,
-            lambda: images._container(Path("a.x")),
+            lambda: container_of(Path("a.x")),
             "type NoneType to stereo_seecolor.containers, which cannot be called",
         ),
     ],

@@ -7,18 +7,10 @@ import re
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import (
-    VehicleTrack,
-    from_degrees,
-    step_of,
-)
-from stereo_seecolor.inputs.trajectories.table import (
-    Lines,
-    Table,
-    TimeError,
-    column_seconds,
-)
+from stereo_seecolor.inputs.trajectories.table import Lines, Table
+from stereo_seecolor.inputs.trajectories.times import TimeError, column_seconds
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
+from stereo_seecolor.inputs.trajectories.vehicle_track import VehicleTrack, from_degrees, step_of
 from stereo_seecolor.records import Trajectory
 
 _NEEDED = ("date", "time", "latitude", "longitude", "depth", "heading", "pitch", "roll")

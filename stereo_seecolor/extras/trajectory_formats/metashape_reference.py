@@ -5,9 +5,9 @@ given or as estimated.
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import VehicleTrack, from_degrees
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
+from stereo_seecolor.inputs.trajectories.vehicle_track import VehicleTrack, from_degrees
 from stereo_seecolor.records import Trajectory
 
 _AXES = ("x", "y", "z", "yaw", "pitch", "roll")

@@ -17,6 +17,7 @@ from stereo_seecolor.inputs.trajectories import (
     column_map,
     converted,
     foreign,
+    pose_table,
     poses,
     receivers,
 )
@@ -29,7 +30,7 @@ from stereo_seecolor.inputs.trajectories.trajectory_format import (
 from stereo_seecolor.records import Trajectory
 
 TABLES = (
-    TextFormat("table of poses", poses.is_pose_table, poses.read_pose_table),
+    TextFormat("table of poses", pose_table.is_pose_table, pose_table.read_pose_table),
     TextFormat("table of navigation", column_map.recognizes, column_map.read_by_names),
 )
 FORMATS = (
