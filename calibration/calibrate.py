@@ -8,16 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.boards.bundle import Array, Bundle, CornerObservation, Lens, rms, solve
-from calibration.boards.lens import (
-    fit_camera,
-    fit_rig,
-    target_pose,
-    to_camera,
-    view_errors,
-    without_outliers,
-)
+from calibration.boards.lens import fit_camera, fit_rig, target_pose, to_camera
+from calibration.boards.outlying_views import view_errors, without_outliers
 from calibration.boards.report import CalibrationReport, LensScore, ViewReport
-from calibration.boards.targets import Target, TargetView, common_ids, observations_of, usable_views
+from calibration.boards.target_views import TargetView, common_ids, observations_of, usable_views
+from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
 from calibration.field_checks.matches import jackknife, no_worse
 from calibration.geometry import inverse_transform

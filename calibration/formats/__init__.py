@@ -14,12 +14,8 @@ from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.formats import colmap, euroc, kalibr, matlab, native, opencv, rectified, ros
 from calibration.formats.calibration_format import CameraFormat, RigFormat, added_formats
-from calibration.formats.reading.document import (
-    calibration_files,
-    left_first,
-    load_document,
-    merged,
-)
+from calibration.formats.reading.document import load_document
+from calibration.formats.reading.rig_files import calibration_files, left_first, merged
 from calibration.formats.reading.section import Section, naming
 from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig

@@ -11,18 +11,21 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.boards import printing
 from calibration.boards.report import CalibrationReport
-from calibration.boards.targets import TargetView, detect_view, parse_target
+from calibration.boards.target_views import TargetView, detect_view
+from calibration.boards.targets import parse_target
 from calibration.calibrate import calibrate as fit_rig
-from calibration.checks import RowCheck, judge_matches, port_error, suspicions
+from calibration.checks import RowCheck, judge_matches
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong, settle_matches
 from calibration.field_checks.matches import Images, Matches, raw_match, rectified_matches
 from calibration.field_checks.motion import find_motion
 from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
 from calibration.port import FlatPort
+from calibration.port_errors import port_error
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import RowCheck, judge_matches, suspicions
+from calibration.checks import RowCheck, judge_matches
 from calibration.field_checks.hypotheses import (
     Hypothesis,
     likely_hypothesis,
@@ -24,6 +24,7 @@ from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.rig import for_channels
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.rig import RangeLimits, range_limits
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads, neighbors

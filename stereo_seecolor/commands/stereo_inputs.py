@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
-from calibration.checks import suspicions
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.changes import LEFT_OUT, DiveChange, find_change
 from stereo_seecolor.checks.image_files import image_notes

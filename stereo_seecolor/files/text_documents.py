@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
-from calibration.files import YAML_ERRORS, decode_text, load_json, load_yaml
+from calibration.bounded_text import YAML_ERRORS, decode_text, load_json, load_yaml
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes, regular_bytes
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.formats.reading.section import METERS
+from calibration.formats.reading.units import METERS
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.text_documents import is_unit, read_text, separator_of, split_fields

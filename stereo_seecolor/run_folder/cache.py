@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration import CalibrationError, StereoRig
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from calibration.formats import native
 from calibration.formats.reading.section import Section
 from stereo_seecolor.compute.sequences import Names

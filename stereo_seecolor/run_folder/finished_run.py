@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from calibration import CalibrationError, RectifiedPair, StereoRig
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError

@@ -8,8 +8,8 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
+from calibration.bounded_text import load_toml
 from calibration.errors import CalibrationError
-from calibration.files import load_toml
 from calibration.formats import colmap
 from calibration.formats.reading.leaves import MAX_NUMBERS, side_marks, words
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself
 from stereo_seecolor.files.contained import read_bytes

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from calibration.formats import native
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef

@@ -4,7 +4,7 @@ the axes of OpenGL.
 
 import numpy as np
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories.table import LARGEST, Lines

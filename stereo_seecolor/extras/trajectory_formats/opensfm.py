@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import pose, rotation_from_vector

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats.reading.binary import read_npz, read_one
+from calibration.formats.reading.numpy_files import read_npz, read_one
 from stereo_seecolor.errors import InputError
 
 MAX_ARRAY_BYTES = 1 << 28

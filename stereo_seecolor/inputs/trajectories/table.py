@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.files import decode_text
+from calibration.bounded_text import decode_text
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.text_documents import is_unit, split_fields
