@@ -35,7 +35,7 @@ from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.mapping.surface import engines
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 ENGINES = ("tiles", "open3d")
 DRAWN = {

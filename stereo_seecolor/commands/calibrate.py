@@ -44,7 +44,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.layout import refuse_own_place
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 # Calibrate a stereo rig from two folders of images of a target, or print the target.
 

@@ -31,10 +31,12 @@ from stereo_seecolor.run_folder.finished_run import (
     open_run,
     track_points,
 )
-from stereo_seecolor.run_folder.folder import RunFolder, building_map, fusion_folder
+from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
-from stereo_seecolor.run_folder.reports import ProgressFile, renew_frames_table
+from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
+from stereo_seecolor.run_folder.reports import renew_frames_table
+from stereo_seecolor.run_folder.run_progress import ProgressFile
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary

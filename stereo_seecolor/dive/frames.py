@@ -31,15 +31,15 @@ from stereo_seecolor.records import Capture, Correction, FrameRow, Image, Map, M
 from stereo_seecolor.run_folder import cache
 from stereo_seecolor.run_folder.cache import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frame_products import (
+from stereo_seecolor.run_folder.layout import table_file
+from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
+from stereo_seecolor.run_folder.pair_files import (
     Files,
     correction_files,
     mask_codes,
     original_files,
     range_files,
 )
-from stereo_seecolor.run_folder.layout import table_file
-from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 
 
 class PairSource(Protocol):

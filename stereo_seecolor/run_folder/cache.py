@@ -36,8 +36,8 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.files.text_documents import Record, as_record
 from stereo_seecolor.records import Image, Map, Mask
-from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.layout import WATER, cache_file, scratch_folder
+from stereo_seecolor.run_folder.water_file import read_waters
 from stereo_seecolor.water.model import Water
 
 KEY_CHARACTERS = 64

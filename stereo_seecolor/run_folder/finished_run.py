@@ -23,8 +23,9 @@ from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.text_documents import as_record, load_object, table_rows
 from stereo_seecolor.records import GeoOrigin, Map
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER, refuse_links_out
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
+from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
 RUN_FORMAT, RUN_VERSION = "stereo-seecolor/run", 2
 YEAR_2000 = 946_684_800

@@ -20,7 +20,7 @@ from stereo_seecolor.extras.fleet.campaign import CampaignFile
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
 from stereo_seecolor.extras.reef.outlines import read_outlines
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
-from stereo_seecolor.run_folder.dive_files import read_waters
+from stereo_seecolor.run_folder.water_file import read_waters
 
 ROOT = Path(__file__).resolve().parents[2]
 BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(

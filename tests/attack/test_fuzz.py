@@ -34,8 +34,7 @@ from stereo_seecolor.inputs.video_file import sound, video_file
 from stereo_seecolor.inputs.video_frames import frame_path
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
-from stereo_seecolor.run_folder.layout import Stage, Stamp, state
+from stereo_seecolor.run_folder.layout import Stage, state
 from stereo_seecolor.run_folder.manifest import (
     DiveRecord,
     FrameRecord,
@@ -43,6 +42,8 @@ from stereo_seecolor.run_folder.manifest import (
     Manifest,
     StageRecord,
 )
+from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 CASES = 420  # of each of the kinds below: well over 2,000 in all
 SECONDS, BYTES = 1.5, 1 << 30

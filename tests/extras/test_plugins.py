@@ -34,8 +34,8 @@ from stereo_seecolor.inputs.opened_paths import container_of
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.matching.matcher import Matcher
-from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.water_file import read_waters
 
 PROJECT_FILE = tomllib.loads(
     (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")

@@ -33,7 +33,7 @@ from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 pytestmark = [
     pytest.mark.real_data,

@@ -26,7 +26,7 @@ from stereo_seecolor.files.text_documents import load_object
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.records import Map, Mask
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 Score = TypeVar("Score", "RangeScore", TruthScore)
 NOT_MEASURED = (1, 2)

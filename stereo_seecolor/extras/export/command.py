@@ -16,7 +16,8 @@ from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
-from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN, refuse_own_place
+from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 GEOTIFFS = f"{MAP}/{MOSAIC} and {MAP}/{TERRAIN} of OUT are GeoTIFFs, to be opened as they are"

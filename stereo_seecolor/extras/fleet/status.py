@@ -13,9 +13,9 @@ from stereo_seecolor.extras.fleet.campaign_files import load_states
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_csv import RunSummary, read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
-from stereo_seecolor.run_folder.lock import writer
+from stereo_seecolor.run_folder.lease import writer
 from stereo_seecolor.run_folder.manifest import Manifest
-from stereo_seecolor.run_folder.reports import Progress
+from stereo_seecolor.run_folder.run_progress import Progress
 
 State = Literal["running", "killed", "stopped", "complete", "no run"]
 Basis = Literal["", "the plan", "the usual shares of passes"]

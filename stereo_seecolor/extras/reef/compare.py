@@ -26,7 +26,7 @@ from stereo_seecolor.mapping.raster.products import known_area_m2
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.layout import refuse_own_place
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 SECOND_TRACK = "second_track.tum"
 CLICK_PX = 0.5

@@ -26,8 +26,9 @@ from stereo_seecolor.mapping.marker_placing import (
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
-from stereo_seecolor.run_folder.layout import refuse_own_place
-from stereo_seecolor.run_folder.posed_run import PosedRun, SurveyFrames, open_posed_run
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 
 @dataclass(frozen=True)

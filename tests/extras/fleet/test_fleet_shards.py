@@ -22,8 +22,8 @@ from stereo_seecolor.extras.fleet.cli import status_text
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
 from stereo_seecolor.extras.fleet.status import status
-from stereo_seecolor.run_folder import reports
-from stereo_seecolor.run_folder.reports import ExpectedPasses, Progress
+from stereo_seecolor.run_folder import run_progress
+from stereo_seecolor.run_folder.run_progress import ExpectedPasses, Progress
 
 
 @pytest.mark.parametrize(("items", "of"), [(10, 3), (2, 5), (0, 2), (100, 7)])
@@ -119,7 +119,7 @@ def _fitted(part: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
-    monkeypatch.setattr(reports, "EVERY_S", 0.0)
+    monkeypatch.setattr(run_progress, "EVERY_S", 0.0)
     dive = make_dive(3)
     (dive.root / "R/0001.png").write_bytes(b"")
     seen = []
