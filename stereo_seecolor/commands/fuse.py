@@ -17,7 +17,8 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.earth import degrees_from_north_east
-from stereo_seecolor.files.encode import EXIF_PREFIX, with_exif
+from stereo_seecolor.files.exif_blocks import with_exif
+from stereo_seecolor.files.image_marks import EXIF_PREFIX
 from stereo_seecolor.inputs.headers import exif_block
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_files

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import has_exif, is_compiled, quickly_decoded
-from stereo_seecolor.files.encode import SIGNATURE
+from stereo_seecolor.files.image_marks import PNG_SIGNATURE
 from stereo_seecolor.inputs.headers import (
     TIFF_SIGNATURES,
     image_size,
@@ -43,7 +43,7 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
     # OpenCV turns what EXIF says is turned
     if (
         "numba" in sys.modules
-        and content.startswith(SIGNATURE)
+        and content.startswith(PNG_SIGNATURE)
         and not has_exif(content)
         and is_compiled()
     ):

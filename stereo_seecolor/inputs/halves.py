@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container, read_bytes
-from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.files.names import product_name
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.decoding import decode_raw
 from stereo_seecolor.inputs.listing import (

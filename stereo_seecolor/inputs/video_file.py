@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.files.contained import special_kind
-
-MAX_PIXELS = 150_000_000  # more is a damaged header
+from stereo_seecolor.inputs.decoding import MAX_PIXELS
 
 SOUND_RATE_HZ = 8000
 """Enough for voices, clicks and motors; a sample is 0.1 ms."""

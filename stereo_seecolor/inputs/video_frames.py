@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container
-from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.halves import SIDES, half_of
 from stereo_seecolor.inputs.video_file import gray, video_file
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.encode import deflated as compress
+from stereo_seecolor.files.deflate import deflated as compress
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun

@@ -16,9 +16,10 @@ from calibration.errors import counted
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy, Names, SomeNames
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION, track_points
+from stereo_seecolor.run_folder.finished_run import RUN_VERSION, track_points
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import (
     CurrentFrames,

@@ -45,7 +45,7 @@ which are all that is used of it.
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """The progress of a pass over a dive. began_s, updated_s: seconds since 1970. failures: reason,
     how often, first frame.
 
@@ -101,7 +101,7 @@ class Progress:
         return ends_s + pace * self.total * sum(each[name] for name in self.to_come)
 
     @classmethod
-    def load(cls, root: Path) -> "Progress | None":
+    def load(cls, root: Path) -> "RunProgress | None":
         """Read the latest progress; None where there is none, or it is damaged."""
         try:
             return as_record(cls, load_object(progress_file(root)))
@@ -151,7 +151,7 @@ class ProgressFile:
         self._written_s = time.time()
         done, failed = self._done.total(), self._done["failed"]
         counts = self._stage, self._total, done, failed, self._began_s, self._written_s, self._new
-        progress = Progress(
+        progress = RunProgress(
             *counts, self._earlier, self._expected, RunSummary(self._failed).problems()
         )
         write_replaceable(progress_file(self._root), json.dumps(asdict(progress)).encode())

@@ -29,8 +29,9 @@ from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files import text_documents
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import encode_map, encode_png
+from stereo_seecolor.files.encode import encode_map
 from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.files.png import encode_png
 from stereo_seecolor.files.text_documents import load_object
 from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.mapping.marker_tables import read_bars

@@ -24,9 +24,9 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.extras.streams.videos.motion import video_signals
-from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.files.ply import FACE, VERTEX, header, read_triangles, read_vertices
 from stereo_seecolor.files.rasters import open_raster
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.mapping.surface.kernels import color_weight
+from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M, color_weight
 
 Float = NDArray[np.float32]
 
@@ -131,8 +131,6 @@ def _around(chosen: NDArray[np.bool_]) -> tuple[slice, slice] | None:
 # Compiled loops of the orthomosaic: a frame's colors of its cells, and how far they are from the
 # other frames' colors.
 
-NEAREST_M = 0.05
-"""Nearer than the cameras' housing nothing is seen, meters."""
 NEIGHBOR = 1e-3
 """Weight of a pixel, in bilinear interpolation, below which it need not be known."""
 
@@ -175,7 +173,7 @@ def see(
             x = x_m[c]
             for z in (z_m[r, c], other_m[r, c]):
                 depth = depth_x * x + depth_y * y + depth_z * z + depth_0
-                if not depth > NEAREST_M:
+                if not depth > NEAREST_DEPTH_M:
                     continue
                 across = right_x * x + right_y * y + right_z * z + right_0
                 down = down_x * x + down_y * y + down_z * z + down_0
@@ -192,7 +190,7 @@ def see(
                 if not _blended(rgb, range_m, u, v, color, r, c):
                     continue
                 east, north, above = x - center_m[0], y - center_m[1], center_m[2] - z
-                slant = np.sqrt(east * east + north * north) / max(above, NEAREST_M)
+                slant = np.sqrt(east * east + north * north) / max(above, NEAREST_DEPTH_M)
                 cost[r, c] = slant + doubtful_cost * doubtful[row, column]
                 weight[r, c] = color_weight(
                     distance * np.sqrt(1 + slant * slant) / (focal_px * cell_m),

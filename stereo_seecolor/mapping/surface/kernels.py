@@ -100,7 +100,7 @@ BLOCK = 8
 
 CELL = 16
 """Pixels along the edge of the cells whose deepest measurement is known."""
-NEAREST_M = 0.05
+NEAREST_DEPTH_M = 0.05
 """Nearer than the cameras' housing nothing is measured, meters."""
 BITS = 21
 """Of a block's coordinate in a packed number: three of them fit into 63."""
@@ -280,7 +280,7 @@ def integrate(
             for i in range(BLOCK):
                 along = i * voxel_m
                 z = start[2] + T[2, 0] * along
-                if z <= NEAREST_M:
+                if z <= NEAREST_DEPTH_M:
                     continue
                 across, down = (start[0] + T[0, 0] * along) / z, (start[1] + T[1, 0] * along) / z
                 u, v = camera[0] * across + camera[1] + 0.5, camera[0] * down + camera[2] + 0.5

@@ -23,7 +23,7 @@ from stereo_seecolor.records import SurveyFrame
 
 LIBRARY = open3d("mapping.engine: open3d")
 MAX_STD_VOXELS = float(np.sqrt(1 / MIN_WEIGHT))
-FARTHEST_M = 1000.0
+FARTHEST_DEPTH_M = 1000.0
 """Open3D must be given a farthest depth; frames hold none beyond matching.max_range_m."""
 
 
@@ -62,7 +62,7 @@ def fuse_tile(
                 K,
                 T,
                 1.0,
-                FARTHEST_M,
+                FARTHEST_DEPTH_M,
                 float(TRUNCATION_VOXELS),
             )
     if not grid.hashmap().size():
