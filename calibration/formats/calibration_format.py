@@ -14,6 +14,8 @@ from calibration.formats.reading.section import Section
 from calibration.rig import StereoRig
 
 GROUP = "calibration.formats"
+NATIVE = "stereo-seecolor/rig"
+"""In every native file, which no other format is asked about."""
 Size = tuple[int, int]
 Decode = Callable[[bytes], dict[str, Any] | None]
 """Makes keys and values of the bytes of a file, and None of a file of another format.

@@ -37,8 +37,9 @@ from stereo_seecolor.checks.sample import (
 from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.files.atomic import refuse_existing, write_atomic
+from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair

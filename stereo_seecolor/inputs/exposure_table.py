@@ -10,7 +10,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.text_documents import dict_reader, read_text
+from stereo_seecolor.files.csv_tables import dict_reader
+from stereo_seecolor.files.text_documents import read_text
 from stereo_seecolor.records import Capture
 
 NAMES = (

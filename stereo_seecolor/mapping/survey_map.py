@@ -22,8 +22,8 @@ from stereo_seecolor.compute.threads import Threads, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
+from stereo_seecolor.files.csv_tables import guarded
 from stereo_seecolor.files.ply import write_tum
-from stereo_seecolor.files.text_documents import guarded
 from stereo_seecolor.mapping.frame_index import FrameIndex, PointSampling, Progress, silent
 from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel

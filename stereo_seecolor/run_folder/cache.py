@@ -31,10 +31,10 @@ from stereo_seecolor.files.atomic import (
     write_replaceable,
 )
 from stereo_seecolor.files.contained import regular_bytes
+from stereo_seecolor.files.json_records import Record, as_record
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
-from stereo_seecolor.files.text_documents import Record, as_record
 from stereo_seecolor.records import Image, Map, Mask
 from stereo_seecolor.run_folder.layout import WATER, cache_file, scratch_folder
 from stereo_seecolor.run_folder.water_file import read_waters

@@ -21,8 +21,9 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.csv_tables import table_rows
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.text_documents import as_record, load_object, table_rows
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import GeoOrigin, Map
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest

@@ -20,7 +20,7 @@ from pathlib import Path
 from stereo_seecolor.compute.background import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
-from stereo_seecolor.files.text_documents import as_record, load_object
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.layout import lease_file
 
 

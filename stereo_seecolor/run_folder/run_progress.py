@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from stereo_seecolor.files.atomic import write_replaceable
-from stereo_seecolor.files.text_documents import as_record, load_object
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frames_csv import (
     RunSummary,

@@ -29,7 +29,7 @@ from calibration.bounded_text import (
     load_yaml,
 )
 from calibration.errors import CalibrationError
-from calibration.formats.calibration_format import added_formats
+from calibration.formats.calibration_format import NATIVE, added_formats
 from calibration.formats.reading.binary import is_binary, load_binary
 from calibration.formats.reading.notations import named_numbers, numbers_of_text, read
 from calibration.formats.reading.section import Section, naming
@@ -79,15 +79,16 @@ def load_document(path: Path) -> Section:
 
 def _of_added_format(path: Path) -> dict[str, Any] | None:
     """The content of a file in a notation of a format's own; None for other files."""
-    formats = added_formats().values()
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
             return None
         raw = path.read_bytes()
     except OSError:
         return None  # named where its text is read
+    if NATIVE.encode() in raw:
+        return None
     with naming(str(path)):
-        found = (format.decode(raw) for format in formats if format.decode)
+        found = (format.decode(raw) for format in added_formats().values() if format.decode)
         return next((content for content in found if content is not None), None)
 
 

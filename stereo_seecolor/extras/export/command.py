@@ -11,9 +11,10 @@ import numpy as np
 
 from stereo_seecolor.errors import InputError, PluginError
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.files.atomic import files_below, new_folder
+from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN

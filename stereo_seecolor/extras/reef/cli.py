@@ -391,9 +391,7 @@ def _doubt(check: "ScaleCheck") -> str:
 def measures_text(results: "list[Measurement]") -> str:
     """Measurements as CSV, in meters and square meters; "" for none."""
     # loads pydantic, which --help does without
-    from stereo_seecolor.files.text_documents import (
-        csv_text,
-    )
+    from stereo_seecolor.files.csv_tables import csv_text
 
     return (
         csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""

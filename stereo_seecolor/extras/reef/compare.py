@@ -18,7 +18,8 @@ from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, cover, tables
 from stereo_seecolor.extras.reef.outlines import read_outlines
 from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_errors, terrain_of
 from stereo_seecolor.extras.reef.structure import structure
-from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.noise import height_stds

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.text_documents import separator_of, split_fields
+from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
 from stereo_seecolor.inputs.trajectories.times import (

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.files.text_documents import separator_of, split_fields
+from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.poses import trajectory_of
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
 from stereo_seecolor.inputs.trajectories.times import column_seconds
