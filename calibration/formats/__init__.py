@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
-from calibration.formats import colmap, euroc, kalibr, matlab, native, opencv, rectified, ros
+from calibration.formats import colmap, kalibr, matlab, native, opencv, rectified, ros
 from calibration.formats.calibration_format import CameraFormat, RigFormat, added_formats
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.rig_files import calibration_files, left_first, merged
@@ -39,10 +39,7 @@ RIG_FORMATS = {
     "matlab": RigFormat(matlab.matches, matlab.parse),
     "colmap": RigFormat(colmap.matches, colmap.parse),
 }
-CAMERA_FORMATS = {
-    "ros": CameraFormat("ROS", ros.matches, ros.parse),
-    "euroc": CameraFormat("EuRoC", euroc.matches, euroc.parse),
-}
+CAMERA_FORMATS = {"ros": CameraFormat("ROS", ros.matches, ros.parse)}
 # told by the form of its numbers: the formats that have names of their own are asked before
 RECTIFIED = RigFormat(rectified.matches, rectified.parse)
 NO_POSE = (
@@ -291,9 +288,9 @@ def _within(document: Section) -> Iterator[Section]:
 
 def _of_folder(folder: Path) -> list[Section]:
     """The one rig in a folder, or the files that make one, left before right."""
-    euroc_files = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
-    if all(file.is_file() for file in euroc_files):
-        return [load_document(file) for file in euroc_files]
+    of_cameras = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]  # as of EuRoC
+    if all(file.is_file() for file in of_cameras):
+        return [load_document(file) for file in of_cameras]
     documents = _readable(calibration_files(folder))
     if (
         colmap.matches(parts := _together(documents))
@@ -348,6 +345,7 @@ def _kind(document: Section) -> str:
 
 
 def _readable(files: list[Path]) -> list[Section]:
+    added_formats()  # errors of a package are not those of a file
     documents = []
     for file in files:
         with suppress(CalibrationError):

@@ -20,7 +20,9 @@ from conftest import REEF, Cli, SampleRun
 from mapping_scene import PAIR
 
 from calibration import CalibrationError
+from calibration import plugins as everywhere
 from calibration.formats import load_rig
+from calibration.formats.calibration_format import added_formats as calibration_formats
 from stereo_seecolor import plugins
 from stereo_seecolor.cli import app
 from stereo_seecolor.commands.doctor import CORE, EXTRAS
@@ -32,6 +34,9 @@ from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs.opened_paths import container_of
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.trajectories.trajectory_format import (
+    added_formats as trajectory_formats,
+)
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -299,6 +304,18 @@ def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(
         fuse(out)
 
 
+@pytest.mark.parametrize("group", PROJECT_FILE["entry-points"])
+def test_what_this_package_adds_is_what_its_project_file_says(group: str) -> None:
+    added = {name: entry.value for name, entry in everywhere.added(group).items()}
+    said = PROJECT_FILE["entry-points"][group].items()
+    assert said <= added.items(), "install the package again: pip install -e ."
+
+
+def test_all_formats_of_this_package_are_formats() -> None:
+    assert {"kitti", "seagis"} <= calibration_formats().keys()
+    assert "oplab" in {one.title for one in trajectory_formats()}
+
+
 def test_a_part_that_no_package_adds_is_named_with_those_that_are_known() -> None:
     with pytest.raises(
         PluginError,
@@ -373,7 +390,7 @@ class Entry:
         (
             "calibration.formats",
             print,
-            lambda: load_rig("x"),
+            lambda: load_rig(__file__),
             "to calibration.formats, not of the class RigFormat or CameraFormat",
         ),
         (

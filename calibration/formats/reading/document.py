@@ -87,8 +87,9 @@ def _of_added_format(path: Path) -> dict[str, Any] | None:
         return None  # named where its text is read
     if NATIVE.encode() in raw:
         return None
+    formats = added_formats().values()
     with naming(str(path)):
-        found = (format.decode(raw) for format in added_formats().values() if format.decode)
+        found = (format.decode(raw) for format in formats if format.decode)
         return next((content for content in found if content is not None), None)
 
 

@@ -5,6 +5,7 @@ et al., IJRR 2016).
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import CameraFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import check_sides_named, make_camera
 from calibration.geometry import inverse_transform
@@ -51,3 +52,6 @@ def _camera(section: Section) -> Camera:
     return make_camera(
         section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name]
     )
+
+
+FORMAT = CameraFormat("EuRoC", matches, parse)
