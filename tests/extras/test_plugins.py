@@ -76,7 +76,7 @@ MORE_ENTRIES = {
 MODULE = """
 from dataclasses import replace
 
-from stereo_seecolor.mapping.surface.engines import fuse_tile
+from stereo_seecolor.mapping.surface.own_engine import fuse_tile
 from stereo_seecolor.matching.disparity import MatchedDisparity
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.markers import FoundMarkers
     from stereo_seecolor.extras.reef.measure import Measurement
     from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
-    from stereo_seecolor.mapping.marker_placing import ScaleCheck
+    from stereo_seecolor.mapping.placed_markers import ScaleCheck
 
 
 @command("Ecology", "metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS")

@@ -23,7 +23,7 @@ from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.noise import height_stds
-from stereo_seecolor.mapping.raster.products import known_area_m2
+from stereo_seecolor.mapping.raster.terrain import known_area_m2
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
 from stereo_seecolor.run_folder.finished_run import open_run

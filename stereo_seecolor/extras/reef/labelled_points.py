@@ -14,7 +14,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.mosaic_tiles import windows
 from stereo_seecolor.files import csv_tables
 from stereo_seecolor.files.rasters import open_raster
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun

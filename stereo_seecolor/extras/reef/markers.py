@@ -15,16 +15,15 @@ from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.marker_detection import MarkerDetector
-from stereo_seecolor.mapping.marker_placing import (
+from stereo_seecolor.mapping.marker_placing import PlacedSighting, place
+from stereo_seecolor.mapping.marker_tables import read_bars, read_places
+from stereo_seecolor.mapping.placed_markers import (
     PlacedMarker,
-    PlacedSighting,
     ScaleCheck,
     bar_checks,
-    place,
     placed_markers,
     size_check,
 )
-from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
 from stereo_seecolor.run_folder.own_paths import refuse_own_place

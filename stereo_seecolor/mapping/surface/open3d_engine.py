@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.surface.engines import PlacedFrame
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.open3d_library import open3d
+from stereo_seecolor.mapping.surface.own_engine import PlacedFrame
 from stereo_seecolor.mapping.surface.surface import Surface, only_used
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
 from stereo_seecolor.records import SurveyFrame

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
-from stereo_seecolor.mapping.marker_placing import ScaleCheck
+from stereo_seecolor.mapping.placed_markers import ScaleCheck
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import loops
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, Known, KnownPlace, State

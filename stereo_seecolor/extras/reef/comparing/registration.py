@@ -14,7 +14,7 @@ from stereo_seecolor.extras.reef.site_surface import Site, Terrain, grid_of, ter
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
 from stereo_seecolor.mapping.raster import georeference
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.track.features import keypoints, local_contrast, match_descriptors
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
