@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from arguments import words_of
 
-from calibration.boards.targets import Chessboard, TargetView, detect_view, parse_target
+from calibration.boards.target_views import TargetView, detect_view
+from calibration.boards.targets import Chessboard, parse_target
 from calibration.calibrate import calibrate
 from stereo_seecolor.compute.threads import Threads
 

@@ -16,8 +16,8 @@ import numpy as np
 from arguments import words_of
 
 from calibration import Camera, StereoRig
-from calibration.checks import port_error
 from calibration.port import FlatPort, FlatWindow, seawater_index
+from calibration.port_errors import port_error
 
 DEPTHS_M = np.array([0.5, 0.6, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0])
 

@@ -25,7 +25,7 @@ from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 
 FIRST = SurveySpec(
     seed=11,

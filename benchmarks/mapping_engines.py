@@ -32,10 +32,11 @@ from stereo_seecolor.extras.evaluation.measures import nearest_distance_m
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.mapping.surface import engines
+from stereo_seecolor.mapping.surface import tile_work
+from stereo_seecolor.mapping.surface.engines import FuseTile
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 ENGINES = ("tiles", "open3d")
 DRAWN = {
@@ -97,9 +98,9 @@ def measured(folder: Path, dive: str, engine: str) -> Rows:
 def one_map(folder: Path, dive: str, engine: str) -> Rows:
     seconds = 0.0
 
-    own = engines.engine
+    own = tile_work.engine
 
-    def timed(name: str) -> engines.FuseTile:
+    def timed(name: str) -> FuseTile:
         fuse_tile = own(name)
 
         def fuse(*args: Any) -> Any:
@@ -112,7 +113,7 @@ def one_map(folder: Path, dive: str, engine: str) -> Rows:
 
         return fuse
 
-    engines.engine = timed  # type: ignore[assignment]
+    tile_work.engine = timed  # type: ignore[assignment]
     config, workspace = MappingConfig(engine=engine), Workspace(compute=Threads(cores()))
     if dive in DRAWN:
         survey = Survey(folder / dive, DRAWN[dive])

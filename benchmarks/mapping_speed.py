@@ -30,7 +30,7 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 SPEC = SurveySpec(pairs=24, lines=2, image_size=(640, 512), altitude_m=(2.0, 2.0))
 SPACING_M = 8.0

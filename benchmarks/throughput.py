@@ -47,7 +47,7 @@ def plain_loop(dive: Path, out: Path) -> None:
     from stereo_seecolor.inputs.images import read_image
     from stereo_seecolor.pipeline import Pipeline
     from stereo_seecolor.records import StereoFrame
-    from stereo_seecolor.run_folder.frame_products import correction_files, range_files
+    from stereo_seecolor.run_folder.pair_files import correction_files, range_files
 
     pipeline = Pipeline(
         load_rig(dive / "rendered/cam.yaml"), load_config(None, ["color.lock=frame"])

@@ -371,6 +371,19 @@ class StereoRig:
         )
 
 
+COLOR_TAKEN, GRAY_TAKEN = "color is taken", "gray is taken, as the images are"
+"""Readings of a file that holds a rig of color cameras, and as its alternative one of gray ones."""
+
+
+def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
+    """Select, of a file that holds two rigs, the one that took images in color, or in gray; other
+    rigs are returned as they are.
+    """
+    if rig.reading != COLOR_TAKEN or not rig.alternatives:
+        return rig
+    return rig.alternatives[0] if monochrome else replace(rig, alternatives=())
+
+
 def _check_rotation(R: NDArray[np.float64]) -> None:
     error = float(np.abs(R @ R.T - np.eye(3)).max()) if np.abs(R).max() < 2 else np.inf
     if not error <= ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:

@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 
 from stereo_seecolor.cli.app import every_command, program
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.run_folder import ownership
+from stereo_seecolor.run_folder import replaced_results
 
 HERE = Path(__file__).parent
 BOUNDS = {Gt: "above", Ge: "from", Lt: "below", Le: "to"}
@@ -270,7 +270,9 @@ def output_folder_page() -> str:
     head, begin, rest = (
         (HERE / "output-folder.md").read_text(encoding="utf-8").partition(REPLACED_BEGIN)
     )
-    return f"{head}{begin}\n{ownership.table()}{REPLACED_END}{rest.partition(REPLACED_END)[2]}"
+    return (
+        f"{head}{begin}\n{replaced_results.table()}{REPLACED_END}{rest.partition(REPLACED_END)[2]}"
+    )
 
 
 def main(check: bool) -> int:

@@ -28,7 +28,9 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.images import FrameReader, as_image, open_around, read_image
+from stereo_seecolor.inputs.frame_reader import FrameReader
+from stereo_seecolor.inputs.images import as_image, read_image
+from stereo_seecolor.inputs.opened_paths import open_around
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.diagnostics import PairCheck
 from stereo_seecolor.matching.reduced import DetailMatcher

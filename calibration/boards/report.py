@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.boards.bundle import Lens
-from calibration.checks import placement_suspicions
 from calibration.rig import StereoRig
+from calibration.suspicions import placement_suspicions
 
 Array = NDArray[np.float64]
 Verdict = Literal["good", "usable", "do it again"]

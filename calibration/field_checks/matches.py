@@ -61,7 +61,7 @@ class MatchLimits:
         return SIFT_BYTES_A_PIXEL * min(math.prod(image_size), self.most_pixels)
 
 
-MATCHES_LIMITS = MatchLimits()
+MATCH_LIMITS = MatchLimits()
 QUICK = MatchLimits(max_features=500, step_px=3)
 """An eighth of the time, and some 300 matches a pair on a coral reef: enough for a median."""
 
@@ -80,7 +80,7 @@ def find_matches(
     rectification: Rectification,
     left: NDArray[np.generic],
     right: NDArray[np.generic],
-    limits: MatchLimits = MATCHES_LIMITS,
+    limits: MatchLimits = MATCH_LIMITS,
 ) -> Matches:
     """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical
     flow there and back.
@@ -116,14 +116,14 @@ def describe(image: NDArray[np.uint8], limits: MatchLimits) -> Described:
 
 
 def describe_left(
-    rectification: Rectification, image: NDArray[np.generic], limits: MatchLimits = MATCHES_LIMITS
+    rectification: Rectification, image: NDArray[np.generic], limits: MatchLimits = MATCH_LIMITS
 ) -> Described:
     """Find the features of a raw left image, rectified."""
     return describe(clear(rectification.apply_left(to_gray(image))), limits)
 
 
 def describe_right(
-    rectification: Rectification, image: NDArray[np.generic], limits: MatchLimits = MATCHES_LIMITS
+    rectification: Rectification, image: NDArray[np.generic], limits: MatchLimits = MATCH_LIMITS
 ) -> Described:
     """Find the features of a raw right image, rectified."""
     return describe(clear(rectification.apply_right(to_gray(image))), limits)
@@ -150,7 +150,7 @@ def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int
 
 
 def raw_matches(
-    rig: StereoRig, pairs: Iterable[Images], limits: MatchLimits = MATCHES_LIMITS
+    rig: StereoRig, pairs: Iterable[Images], limits: MatchLimits = MATCH_LIMITS
 ) -> list[Matches]:
     """Find matched points of both raw images of each pair, by matching the rectified ones."""
     rectification = Rectification.from_rig(rig)
@@ -162,7 +162,7 @@ def raw_match(
     rig: StereoRig,
     left: NDArray[np.generic],
     right: NDArray[np.generic],
-    limits: MatchLimits = MATCHES_LIMITS,
+    limits: MatchLimits = MATCH_LIMITS,
 ) -> Matches:
     """Find matched points of both raw images of a pair. rectification: of the rig."""
     found = find_matches(rectification, left, right, limits)
@@ -174,7 +174,7 @@ def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Mat
     are turned; some are wrong.
     """
     at_left, at_right = _alike(
-        *(describe(clear(to_gray(image)), MATCHES_LIMITS) for image in (left, right))
+        *(describe(clear(to_gray(image)), MATCH_LIMITS) for image in (left, right))
     )
     return Matches(at_left.astype(np.float64), at_right.astype(np.float64))
 
@@ -222,7 +222,7 @@ def _clearly_nearest(squared: NDArray[np.float32]) -> NDArray[np.int64]:
     nearest = squared.argmin(axis=1)
     first = squared[rows, nearest]
     squared[rows, nearest] = np.inf
-    clear = first < MATCHES_LIMITS.ratio**2 * squared.min(axis=1)
+    clear = first < MATCH_LIMITS.ratio**2 * squared.min(axis=1)
     return np.where(clear, nearest, -1)
 
 
@@ -236,8 +236,8 @@ def _refine(
     kept = (
         found
         & found_back
-        & (np.abs(back - left).max(axis=1) < MATCHES_LIMITS.return_px)
-        & (np.abs(there - right).max(axis=1) < MATCHES_LIMITS.stray_px)
+        & (np.abs(back - left).max(axis=1) < MATCH_LIMITS.return_px)
+        & (np.abs(there - right).max(axis=1) < MATCH_LIMITS.stray_px)
     )
     return Matches(left[kept].astype(np.float64), there[kept].astype(np.float64))
 
@@ -257,7 +257,7 @@ def _follow(
         second,
         points.reshape(-1, 1, 2),
         start.reshape(-1, 1, 2).copy(),
-        winSize=(MATCHES_LIMITS.window_px, MATCHES_LIMITS.window_px),
+        winSize=(MATCH_LIMITS.window_px, MATCH_LIMITS.window_px),
         maxLevel=0,
         criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
 from calibration.field_checks.matches import (
-    MATCHES_LIMITS,
+    MATCH_LIMITS,
     QUICK,
     Images,
     Matches,
@@ -447,7 +447,7 @@ def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> Seen
     """As ``find_motion`` makes a couple, of all features that there are. pairs: the first, and
     those that follow it.
     """
-    return _couple(rectification, pairs, MATCHES_LIMITS)
+    return _couple(rectification, pairs, MATCH_LIMITS)
 
 
 def find_motion(

@@ -1,52 +1,29 @@
-"""Calibration formats: ``load_rig`` reads every known one, ``write_rig`` writes some; each format
-is a module.
+"""Calibrations of any format: ``load_rig`` reads every known one, ``write_rig`` writes some.
+
+Formats of many users are modules here; packages add others (``calibration_format``).
 """
 
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
-from calibration.formats import (
-    bouguet,
-    colmap,
-    euroc,
-    kalibr,
-    kitti,
-    matlab,
-    metashape,
-    native,
-    okvis,
-    opencv,
-    orbslam,
-    ros,
-    seagis,
-)
-from calibration.formats.others import (
-    basalt,
-    calib_filter,
-    calib_io,
-    cityscapes,
-    depthai,
-    middlebury,
-    oplab,
-    rectified,
-    zed,
-)
-from calibration.formats.reading.document import (
-    calibration_files,
-    left_first,
-    load_document,
-    merged,
-)
+from calibration.formats import colmap, kalibr, matlab, native, opencv, rectified, ros
+from calibration.formats.calibration_format import CameraFormat, RigFormat, added_formats
+from calibration.formats.reading.document import load_document
+from calibration.formats.reading.rig_files import calibration_files, left_first, merged
 from calibration.formats.reading.section import Section, naming
 from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig
 
 __all__ = [
+    "CameraFormat",
+    "RigFormat",
+    "Section",
     "WritableFormat",
     "format_name",
     "load_rig",
@@ -56,25 +33,15 @@ __all__ = [
 ]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
-# these store the size of the images
-SIZED = (native, kalibr, oplab, orbslam, basalt, depthai, calib_filter, calib_io)
-# these hold a rig in one file
-WHOLE_RIG = (
-    *SIZED,
-    middlebury,
-    kitti,
-    matlab,
-    bouguet,
-    zed,
-    okvis,
-    colmap,
-    metashape,
-    cityscapes,
-    rectified,
-)
-# these hold a camera in each of two files
-ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}
-READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)
+RIG_FORMATS = {
+    "native": RigFormat(native.matches, lambda document, _: native.parse(document)),
+    "kalibr": RigFormat(kalibr.matches, lambda document, _: kalibr.parse(document)),
+    "matlab": RigFormat(matlab.matches, matlab.parse),
+    "colmap": RigFormat(colmap.matches, colmap.parse),
+}
+CAMERA_FORMATS = {"ros": CameraFormat("ROS", ros.matches, ros.parse)}
+# told by the form of its numbers: the formats that have names of their own are asked before
+RECTIFIED = RigFormat(rectified.matches, rectified.parse)
 NO_POSE = (
     "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into a "
     "third file and give a folder with all three"
@@ -119,11 +86,8 @@ def format_name(path: str | Path) -> str:
     is none.
     """
     for document in _within(_documents(path)[0]):
-        if cameras := _two_cameras(document):
-            return _name(cameras[0])
-        for reader in READERS:
-            if reader.matches(document):
-                return _name(reader)
+        if name := _format_of(document):
+            return name
     raise CalibrationError(
         f"{path}: is not a calibration known here; see docs/calibration.md for the formats"
     )
@@ -215,51 +179,77 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     )
 
 
-def _two_cameras(document: Section) -> tuple[Any, list[Section]] | None:
-    """The reader and the mappings of two cameras in one file; None if it holds no such two."""
+def _rig_formats() -> Iterator[tuple[str, RigFormat]]:
+    """The formats of whole rigs in the order in which they are asked."""
+    yield from RIG_FORMATS.items()
+    yield from ((name, one) for name, one in added_formats().items() if isinstance(one, RigFormat))
+    yield "rectified", RECTIFIED
+
+
+def _camera_formats() -> Iterator[tuple[str, CameraFormat]]:
+    """The formats of single cameras in the order in which they are asked."""
+    yield from CAMERA_FORMATS.items()
+    for name, one in added_formats().items():
+        if isinstance(one, CameraFormat):
+            yield name, one
+
+
+def _matching(document: Section) -> Iterator[str]:
+    """The names of the formats that a document is of."""
+    formats: Iterator[tuple[str, RigFormat | CameraFormat]] = chain(
+        _rig_formats(), _camera_formats()
+    )
+    yield from (name for name, one in formats if one.matches(document))
+    if opencv.matches(document):
+        yield "opencv"
+
+
+def _format_of(document: Section) -> str | None:
+    """The name of the format of a document, or of both cameras in it; None if it is of none."""
+    if cameras := _two_cameras(document):
+        return cameras[0]
+    return next(_matching(document), None)
+
+
+def _two_cameras(document: Section) -> tuple[str, CameraFormat, list[Section]] | None:
+    """The name of the format, the format, and the mappings of two cameras in one file; None if it
+    holds no such two.
+    """
     cameras = [
         document.section(key) for key, value in document.content.items() if isinstance(value, dict)
     ]
-    reader = next(
-        (
-            one
-            for one in ONE_CAMERA.values()
-            if len(cameras) == 2 and all(map(one.matches, cameras))
-        ),
-        None,
-    )
-    return (reader, cameras) if reader else None
+    if len(cameras) != 2:
+        return None
+    for name, format in _camera_formats():
+        if all(map(format.matches, cameras)):
+            return name, format, cameras
+    return None
 
 
 def _of_cameras(documents: list[Section]) -> StereoRig | None:
     """The rig of a left and a right camera of the same format; None if they are not."""
-    for reader in ONE_CAMERA.values():
+    for _, format in _camera_formats():
         left, right = (
-            next(filter(reader.matches, _within(document)), None) for document in documents
+            next(filter(format.matches, _within(document)), None) for document in documents
         )
         if left and right:
-            rig: StereoRig = reader.parse(left, right)
-            return rig
+            return format.parse(left, right)
     return None
 
 
 def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
-    document = next(
-        (found for found in _within(document) if any(reader.matches(found) for reader in READERS)),
-        document,
-    )
-    rig: StereoRig
-    for reader in WHOLE_RIG:
-        if reader.matches(document):
-            rig = reader.parse(document) if reader in SIZED else reader.parse(document, image_size)
-            return rig
-    if cameras := _two_cameras(document):
-        rig = cameras[0].parse(*left_first(cameras[1], document.where))
-        return rig
-    for name, reader in ONE_CAMERA.items():
-        if reader.matches(document):
+    document = next((found for found in _within(document) if any(_matching(found))), document)
+    for _, format in _rig_formats():
+        if format.matches(document):
+            return format.parse(document, image_size)
+    if found := _two_cameras(document):
+        _, of_camera, cameras = found
+        return of_camera.parse(*left_first(cameras, document.where))
+    for _, of_camera in _camera_formats():
+        if of_camera.matches(document):
             raise CalibrationError(
-                f"is one camera of a {name} pair: give both files, as left.yaml,right.yaml"
+                f"is one camera of a {of_camera.title} pair: give both files, as "
+                "left.yaml,right.yaml"
             )
     if opencv.is_one_lens(document):
         raise CalibrationError(
@@ -298,9 +288,9 @@ def _within(document: Section) -> Iterator[Section]:
 
 def _of_folder(folder: Path) -> list[Section]:
     """The one rig in a folder, or the files that make one, left before right."""
-    euroc_files = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
-    if all(file.is_file() for file in euroc_files):
-        return [load_document(file) for file in euroc_files]
+    of_cameras = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]  # as of EuRoC
+    if all(file.is_file() for file in of_cameras):
+        return [load_document(file) for file in of_cameras]
     documents = _readable(calibration_files(folder))
     if (
         colmap.matches(parts := _together(documents))
@@ -308,18 +298,16 @@ def _of_folder(folder: Path) -> list[Section]:
         and len(parts.content) > 1
     ):
         return [Section(str(folder), parts.content)]
-    # the configuration names them
-    documents = [document for document in documents if not okvis.is_lens(document)]
     whole = [
         d
         for d in documents
-        if any(reader.matches(inner) for inner in _within(d) for reader in WHOLE_RIG)
+        if any(format.matches(inner) for inner in _within(d) for _, format in _rig_formats())
         or _is_opencv_rig(d)
     ]
     if len(whole) == 1:
         return whole
-    for reader in ONE_CAMERA.values():
-        cameras = [document for document in documents if reader.matches(document)]
+    for _, of_camera in _camera_formats():
+        cameras = [document for document in documents if of_camera.matches(document)]
         if not whole and len(cameras) == 2:
             return left_first(cameras, folder)
     if not whole and not any(map(ros.matches, documents)):
@@ -351,17 +339,13 @@ def _is_opencv_rig(document: Section) -> bool:
 
 
 def _kind(document: Section) -> str:
-    for reader in READERS:
-        if reader.matches(document):
-            return f"of {_name(reader)} format"
+    if name := next(_matching(document), None):
+        return f"of {name} format"
     return "one lens" if opencv.is_one_lens(document) else "no calibration"
 
 
-def _name(reader: object) -> str:
-    return str(getattr(reader, "__name__", reader)).rsplit(".", 1)[1]
-
-
 def _readable(files: list[Path]) -> list[Section]:
+    added_formats()  # errors of a package are not those of a file
     documents = []
     for file in files:
         with suppress(CalibrationError):

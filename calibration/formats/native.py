@@ -9,6 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import NATIVE
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.section import Section, naming
 from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
@@ -23,7 +24,6 @@ from calibration.rig import (
     StereoRig,
 )
 
-FORMAT = "stereo-seecolor/rig"
 VERSION = 1
 
 
@@ -118,7 +118,7 @@ def read(path: Path) -> StereoRig:
 
 def matches(document: Section) -> bool:
     """True for a native rig file, of any version."""
-    return document.content.get("format") == FORMAT
+    return document.content.get("format") == NATIVE
 
 
 def parse(document: Section) -> StereoRig:
@@ -146,7 +146,7 @@ def to_bytes(rig: StereoRig) -> bytes:
 def to_content(rig: StereoRig) -> dict[str, Any]:
     """The content of a native rig file, from which ``parse`` makes the same numbers exactly."""
     content: dict[str, Any] = {
-        "format": FORMAT,
+        "format": NATIVE,
         "version": VERSION,
         "medium": rig.medium,
         "rms_px": rig.rms_px,

@@ -12,7 +12,8 @@ from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, 
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.headers import PNG_SIGNATURE, png_chunk
+from stereo_seecolor.files.image_marks import PNG_SIGNATURE
+from stereo_seecolor.inputs.headers import png_chunk
 from stereo_seecolor.inputs.images import read_image, read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image

@@ -17,10 +17,9 @@ from calibration.errors import counted
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
 from stereo_seecolor.inputs.capture import framing
 from stereo_seecolor.inputs.headers import (
-    JPEG_SIGNATURE,
-    PNG_SIGNATURE,
     TIFF_SIGNATURES,
     image_size,
     jpeg_segments,

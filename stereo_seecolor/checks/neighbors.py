@@ -11,7 +11,7 @@ import numpy as np
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
 from calibration.field_checks.matches import (
-    MATCHES_LIMITS,
+    MATCH_LIMITS,
     QUICK,
     Described,
     MatchLimits,
@@ -63,7 +63,7 @@ def agreeing_points(
     rectification: Rectification,
     left: Described,
     right: Described,
-    limits: MatchLimits = MATCHES_LIMITS,
+    limits: MatchLimits = MATCH_LIMITS,
 ) -> int:
     """Count the features of the rectified left image that are found in the right one on the same
     row, in front of the cameras.
@@ -88,7 +88,7 @@ def images_overlap(rectification: Rectification, left: Image, right: Image) -> b
             limits,
         )
         >= _LIMITS.points
-        for limits in (QUICK, MATCHES_LIMITS)
+        for limits in (QUICK, MATCH_LIMITS)
     )
 
 

@@ -9,12 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibration.field_checks.matches import MATCHES_LIMITS
+from calibration.field_checks.matches import MATCH_LIMITS
 from stereo_seecolor.compute.process import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.file_form import ImageFacts
+from stereo_seecolor.inputs.image_facts import ImageFacts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
@@ -50,7 +50,7 @@ def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:
 
 def matching_threads(image_size: tuple[int, int]) -> Threads:
     """Threads that match images of this size: as many as there are cores, and free memory for."""
-    return Threads(at_once(cores(), MATCHES_LIMITS.bytes_of(image_size)))
+    return Threads(at_once(cores(), MATCH_LIMITS.bytes_of(image_size)))
 
 
 def neighbors(

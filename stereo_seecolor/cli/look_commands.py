@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.inspect_dive import SampleMeasures
     from stereo_seecolor.commands.inspect_rig import CalibrationFacts, FoundPoses
     from stereo_seecolor.config.file import Setting
-    from stereo_seecolor.inputs.file_form import ImageFacts
-    from stereo_seecolor.inputs.video_file import VideoFacts
+    from stereo_seecolor.inputs.image_facts import ImageFacts
+    from stereo_seecolor.inputs.video_frames import VideoFacts
 
 
 # The command inspect, which examines a dive before a run.
@@ -87,7 +87,7 @@ def inspection_text(found: "Inspection") -> str:
 
 
 def _image_text(image: "ImageFacts | VideoFacts") -> str:
-    from stereo_seecolor.inputs.video_file import VideoFacts
+    from stereo_seecolor.inputs.video_frames import VideoFacts
 
     width, height = image.size
     if isinstance(image, VideoFacts):

@@ -11,18 +11,21 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.boards import printing
 from calibration.boards.report import CalibrationReport
-from calibration.boards.targets import TargetView, detect_view, parse_target
+from calibration.boards.target_views import TargetView, detect_view
+from calibration.boards.targets import parse_target
 from calibration.calibrate import calibrate as fit_rig
-from calibration.checks import RowCheck, judge_matches, port_error, suspicions
+from calibration.checks import RowCheck, judge_matches
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong, settle_matches
 from calibration.field_checks.matches import Images, Matches, raw_match, rectified_matches
 from calibration.field_checks.motion import find_motion
 from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
 from calibration.port import FlatPort
+from calibration.port_errors import port_error
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
@@ -34,14 +37,15 @@ from stereo_seecolor.checks.sample import (
 from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.files.atomic import refuse_existing, write_atomic
+from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.layout import refuse_own_place
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 # Calibrate a stereo rig from two folders of images of a target, or print the target.
 

@@ -11,18 +11,19 @@ from calibration import CalibrationError, StereoRig
 from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, resolve_convention
 from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig_of_images, native
-from calibration.formats.kitti import for_channels
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
+from calibration.rig import for_channels
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.dive_pairs import is_half, pair_sides
+from stereo_seecolor.inputs.dive_pairs import pair_sides
+from stereo_seecolor.inputs.halves import is_half
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.plugins import load
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
 from stereo_seecolor.run_folder.cache import KeptRefinement

@@ -17,7 +17,8 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.earth import degrees_from_north_east
-from stereo_seecolor.files.encode import EXIF_PREFIX, with_exif
+from stereo_seecolor.files.exif_blocks import with_exif
+from stereo_seecolor.files.image_marks import EXIF_PREFIX
 from stereo_seecolor.inputs.headers import exif_block
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_files
@@ -31,10 +32,12 @@ from stereo_seecolor.run_folder.finished_run import (
     open_run,
     track_points,
 )
-from stereo_seecolor.run_folder.folder import RunFolder, building_map, fusion_folder
+from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
-from stereo_seecolor.run_folder.reports import ProgressFile, renew_frames_table
+from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
+from stereo_seecolor.run_folder.reports import renew_frames_table
+from stereo_seecolor.run_folder.run_progress import ProgressFile
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
@@ -155,7 +158,7 @@ def fuse(
         MappingError: If the frames cannot be placed or fused.
         OutputError: If the map cannot be written, or another process writes into ``out`` now.
     """
-    from stereo_seecolor.mapping.surface.surface import connected_parts
+    from stereo_seecolor.mapping.surface.connected_parts import connected_parts
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
     out, poses = Path(out), Path(poses) if poses else None

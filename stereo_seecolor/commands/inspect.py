@@ -32,19 +32,15 @@ from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.file_form import ImageFacts, image_facts
-from stereo_seecolor.inputs.images import FrameReader
-from stereo_seecolor.inputs.listing import BAG, EXTENSIONS, folder_of, is_pattern, unread_hint
+from stereo_seecolor.inputs.frame_reader import FrameReader
+from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
+from stereo_seecolor.inputs.listing import BAG, EXTENSIONS, unread_hint
 from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.inputs.patterns import folder_of, is_pattern
 from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.video_file import (
-    VideoFacts,
-    is_video,
-    recorded_at,
-    size_of_side,
-    video_facts,
-)
+from stereo_seecolor.inputs.video_file import recorded_at
+from stereo_seecolor.inputs.video_frames import VideoFacts, is_video, size_of_side, video_facts
 
 # Files that were named to ``inspect`` and that it cannot use.
 

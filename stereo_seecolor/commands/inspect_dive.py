@@ -16,12 +16,12 @@ from stereo_seecolor.checks.neighbors import images_overlap, neighbor_that_fits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.matching.gray import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameResult, Image
-from stereo_seecolor.run_folder.frame_products import correction_files, range_files
+from stereo_seecolor.run_folder.pair_files import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
 """Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import RowCheck, judge_matches, suspicions
+from calibration.checks import RowCheck, judge_matches
 from calibration.field_checks.hypotheses import (
     Hypothesis,
     likely_hypothesis,
@@ -23,7 +23,8 @@ from calibration.field_checks.matches import find_matches
 from calibration.field_checks.motion import NO_MOTION, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
-from calibration.formats.kitti import for_channels
+from calibration.rig import for_channels
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.rig import RangeLimits, range_limits
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads, neighbors
@@ -32,7 +33,7 @@ from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measur
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import folder_keys, natural_key, stem_of_path
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.sides import DEEPEST
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format

@@ -26,8 +26,9 @@ from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.progress import Both
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
+from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.folder import DiskSpace, RunFolder, need_bytes
+from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import CurrentFrames, RunSummary
 from stereo_seecolor.run_folder.layout import INDEX, RIG, RUN, WATER, Stage, state
 from stereo_seecolor.run_folder.ownership import FolderRequest, Owner

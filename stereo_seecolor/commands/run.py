@@ -34,13 +34,13 @@ from stereo_seecolor.inputs.listing import RANGE_EXTENSIONS, folders_of
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameRow, Water
-from stereo_seecolor.run_folder.dive_files import read_known_waters, read_waters, waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frame_products import rectified_files
 from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import RECTIFIED_RIG, WATER
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.ownership import Owner
+from stereo_seecolor.run_folder.pair_files import rectified_files
+from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters, waters_content
 
 
 def run(

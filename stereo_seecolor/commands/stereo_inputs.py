@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
-from calibration.checks import suspicions
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.changes import LEFT_OUT, DiveChange, find_change
 from stereo_seecolor.checks.image_files import image_notes
@@ -23,7 +23,7 @@ from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_not
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.sides import video_of
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.cache import KeptRigCheck

@@ -17,7 +17,8 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.page import PageSummary, write_page
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX, refuse_links_out
+from stereo_seecolor.run_folder.layout import INDEX
+from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
 # ``view``: open the page of a run in a browser, or its map in a window, of rerun where it is
 # installed, else of Open3D.

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from calibration.files import YAML_ERRORS, TooMuchError, load_json, load_yaml
+from calibration.bounded_text import YAML_ERRORS, TooMuchError, load_json, load_yaml
 from stereo_seecolor.config import RobustConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
 from stereo_seecolor.files.text_documents import read_text

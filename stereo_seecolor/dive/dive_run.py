@@ -22,7 +22,7 @@ from stereo_seecolor.run_folder.cache import KeptPixels, KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary
 from stereo_seecolor.run_folder.layout import SET_ASIDE, Stage
-from stereo_seecolor.run_folder.reports import USUAL, ExpectedPasses, ProgressFile
+from stereo_seecolor.run_folder.run_progress import USUAL, ExpectedPasses, ProgressFile
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")

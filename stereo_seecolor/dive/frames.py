@@ -24,22 +24,22 @@ from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Capture, Correction, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder import cache
 from stereo_seecolor.run_folder.cache import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frame_products import (
+from stereo_seecolor.run_folder.layout import table_file
+from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
+from stereo_seecolor.run_folder.pair_files import (
     Files,
     correction_files,
     mask_codes,
     original_files,
     range_files,
 )
-from stereo_seecolor.run_folder.layout import table_file
-from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 
 
 class PairSource(Protocol):

@@ -45,9 +45,9 @@ from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, FrameRow, Water
 from stereo_seecolor.run_folder.cache import KeptFit, KeptLight
-from stereo_seecolor.run_folder.dive_files import waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import Stage
+from stereo_seecolor.run_folder.water_file import waters_content
 
 NO_SHARED_SPOTS = (
     "light: no two frames were found to show the same spots, so that lamps, lens and "

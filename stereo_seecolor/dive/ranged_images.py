@@ -12,9 +12,10 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, memory_of
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.decoding import seam_row, seam_text
-from stereo_seecolor.inputs.images import FrameReader, read_image, read_image_bytes, read_range_map
+from stereo_seecolor.inputs.frame_reader import FrameReader
+from stereo_seecolor.inputs.images import read_image, read_image_bytes, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.inputs.seams import seam_row, seam_text
 from stereo_seecolor.records import Image, Mask, RangeMap
 from stereo_seecolor.version import __version__
 

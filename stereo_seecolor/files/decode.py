@@ -1,4 +1,6 @@
-"""Decoding of the program's own image files to arrays."""
+"""Decoding of the program's own image files to arrays: of 8-bit PNG and of its own TIFF (png.py,
+tiff.py) in at most half the time that OpenCV takes.
+"""
 
 import struct
 import sys
@@ -15,22 +17,11 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
-from stereo_seecolor.files.encode import (
-    AVERAGE,
-    BLACK_IS_ZERO,
-    DEFLATED,
-    FLOAT,
-    FLOATING_POINT,
-    GRAY,
-    PNG_RGB,
-    SIGNATURE,
-    UNCOMPRESSED,
-    inflated,
-)
+from stereo_seecolor.files.deflate import inflated
+from stereo_seecolor.files.image_marks import PNG_SIGNATURE
+from stereo_seecolor.files.png import AVERAGE, GRAY, PNG_RGB
 from stereo_seecolor.files.srgb import encode_srgb
-
-# Fast decoding of 8-bit PNG and of the program's own TIFF (encode.py), in at most half the time
-# that OpenCV takes.
+from stereo_seecolor.files.tiff import BLACK_IS_ZERO, DEFLATED, FLOAT, FLOATING_POINT, UNCOMPRESSED
 
 COMPRESSION, PREDICTOR, WIDTH, HEIGHT, STRIP, STRIP_BYTES = 259, 317, 256, 257, 273, 279
 FLOAT_GRAY = {258: 32, 262: BLACK_IS_ZERO, 277: 1, 339: FLOAT}
@@ -57,7 +48,7 @@ def quickly_decoded(content: bytes) -> NDArray[Any] | None:
     truncated or damaged.
     """
     try:
-        if content.startswith(SIGNATURE):
+        if content.startswith(PNG_SIGNATURE):
             return _png(content)
         return _tiff(content) if content.startswith(b"II*\0") else None
     except (ValueError, KeyError, struct.error):
@@ -78,7 +69,7 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
     """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
     that is cut short.
     """
-    at = len(SIGNATURE)
+    at = len(PNG_SIGNATURE)
     while at < len(content):
         length, kind = struct.unpack_from(">I4s", content, at)
         yield kind, at + 8, at + 8 + length
@@ -239,7 +230,7 @@ def read_array(path: Path, size: tuple[int, int] | None = None) -> NDArray[Any]:
 def _stored_size(content: bytes) -> tuple[int, int] | tuple[()]:
     """(width, height) by the header of a PNG, TIFF or JPEG; () where it says none."""
     try:
-        if content.startswith(SIGNATURE):
+        if content.startswith(PNG_SIGNATURE):
             width, height = struct.unpack_from(">2I", content, 16)
             return width, height
         if content.startswith(b"II*\0"):
@@ -262,7 +253,7 @@ def _is_whole(content: bytes) -> bool:
     than its bytes can hold: OpenCV decodes it to a picture that is partly black.
     """
     try:
-        if content.startswith(SIGNATURE):
+        if content.startswith(PNG_SIGNATURE):
             chunks = list(_chunks(content))
             sums = (struct.unpack_from(">I", content, end)[0] for _, _, end in chunks)
             if any(

@@ -20,7 +20,7 @@ VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1",
 """A vertex of a map."""
 FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 """A triangle of a map."""
-HEADER_BYTES, FARTHEST_M = 1 << 16, 1e7
+HEADER_BYTES, FARTHEST_VERTEX_M = 1 << 16, 1e7
 """A longer header, and a vertex farther from the map's origin, are damage."""
 
 _PROPERTIES = {
@@ -53,7 +53,7 @@ def read_vertices(path: Path) -> NDArray[np.void]:
     """
     head = _read_header(path)
     found = _records(path, VERTEX, len(head), _count(path, head, b"vertex"))
-    if not bool((np.abs(found["position"]) < FARTHEST_M).all()):
+    if not bool((np.abs(found["position"]) < FARTHEST_VERTEX_M).all()):
         raise _damaged(path, "a vertex is nowhere")
     return found
 

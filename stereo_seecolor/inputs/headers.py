@@ -10,9 +10,15 @@ import struct
 import zlib
 from collections.abc import Iterator
 
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+from stereo_seecolor.files.image_marks import (
+    EXIF_PREFIX,
+    JPEG_APP1,
+    JPEG_SCAN,
+    JPEG_SIGNATURE,
+    PNG_SIGNATURE,
+)
+
 PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
-JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 BMP_SIGNATURE = b"BM"
 # pgm and ppm of the netpbm manual: binary
@@ -21,8 +27,6 @@ TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 TIFF_SHORT = 3  # kind of a value: two bytes
 TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a mask
 TIFF_COMPRESSION, TIFF_UNCOMPRESSED = 259, 1
-JPEG_APP1, JPEG_SCAN = 0xFFE1, 0xFFDA  # markers (ITU T.81)
-EXIF_PREFIX = b"Exif\x00\x00"
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 

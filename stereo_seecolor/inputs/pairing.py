@@ -16,6 +16,7 @@ from stereo_seecolor.compute.sequences import Lazy, Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, short_hash, stem_of
+from stereo_seecolor.inputs.clock_offset import clock_offset_s, drift_notes
 from stereo_seecolor.inputs.listing import (
     RANGE_EXTENSIONS,
     FolderFiles,
@@ -23,19 +24,8 @@ from stereo_seecolor.inputs.listing import (
     Unpaired,
     list_images,
 )
-from stereo_seecolor.inputs.name_keys import (
-    Keys,
-    affix_keys,
-    clock_offset_s,
-    distances_s,
-    drift_notes,
-    nearest,
-    number_pairs,
-    side_keys,
-    stem_keys,
-    timed,
-    timestamp_from_name,
-)
+from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_pairs, side_keys, stem_keys
+from stereo_seecolor.inputs.name_times import distances_s, nearest, timed, timestamp_from_name
 
 SEVERAL = "several files are called"
 

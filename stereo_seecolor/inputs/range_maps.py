@@ -26,7 +26,7 @@ from stereo_seecolor.inputs.headers import (
 )
 from stereo_seecolor.records import Map
 
-FARTHEST_M, NEAREST_M = 100.0, 0.03
+FARTHEST_SCENE_M, NEAREST_SCENE_M = 100.0, 0.03
 """No camera sees farther than this under water, or has a scene nearer."""
 
 PFM = re.compile(rb"P([fF])\s+(\d+)\s+(\d+)\s+(\S+?)\s")
@@ -258,7 +258,7 @@ def _plausible(range_m: Map, path: Path, units_per_m: float) -> Map:
     if not known.any():
         return range_m
     middle = float(np.median(range_m[known]))
-    if not NEAREST_M <= middle <= FARTHEST_M:
+    if not NEAREST_SCENE_M <= middle <= FARTHEST_SCENE_M:
         read_as = (
             "meters"
             if units_per_m == 1
@@ -271,4 +271,4 @@ def _plausible(range_m: Map, path: Path, units_per_m: float) -> Map:
             f"is: {_SET_UNITS}; a disparity or an inverse depth is to be converted first"
         )
     with np.errstate(invalid="ignore"):
-        return np.where(range_m <= FARTHEST_M, range_m, np.float32(np.nan))
+        return np.where(range_m <= FARTHEST_SCENE_M, range_m, np.float32(np.nan))

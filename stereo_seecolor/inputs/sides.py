@@ -26,7 +26,7 @@ from stereo_seecolor.inputs.listing import (
 )
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.range_maps import holds_floats
-from stereo_seecolor.inputs.video_file import is_video
+from stereo_seecolor.inputs.video_frames import is_video
 
 DEPTH = 3
 """Levels of folders that are searched for images: a dive, a camera, a format;"""

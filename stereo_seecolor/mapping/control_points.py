@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import rigid_alignment, transformed
-from stereo_seecolor.mapping.marker_placing import PlacedMarker
 from stereo_seecolor.mapping.marker_tables import USUAL_STD_M
+from stereo_seecolor.mapping.placed_markers import PlacedMarker
 
 Array = NDArray[np.float64]
 FEWEST = 3

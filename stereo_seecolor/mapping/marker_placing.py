@@ -5,8 +5,6 @@ A corner's own range is as rough as any pixel's; the plane averages all of the m
 are known to a twentieth of a pixel.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.marker_detection import MarkerObservation
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
@@ -115,123 +112,3 @@ def _plane(pixels: Array, disparity: Array) -> tuple[Array, float]:
         spread_px = max(deviation_about_zero(off), 1e-6 / TUKEY)
         weight = biweight(off / (TUKEY * spread_px))
     return plane, spread_px
-
-
-# Markers in the map: position, agreement of the observations, and size compared with the given one.
-
-
-@dataclass(frozen=True)
-class MarkerSettings:
-    """When a size disagrees."""
-
-    wrong_size: float = 0.02  # off by more than this fraction, and by more than
-    # standard errors: no rig's scale is off so far, so it is the size that was given
-    wrong_sigmas: float = 5.0
-    fewest_views: int = 2  # a marker seen once may be none
-
-
-MARKER_MAP_SETTINGS = MarkerSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedMarker:
-    """A marker in the map.
-
-    number: of the marker. views: frames behind it. x_m, y_m, z_m: its middle in the map's world.
-    residual_m: RMS distance of the middles of its observations, through the track, from that.
-    edge_m: mean length of its sides, with its standard error.
-    """
-
-    number: int
-    views: int
-    x_m: float
-    y_m: float
-    z_m: float
-    residual_m: float
-    edge_m: float
-    edge_std_m: float
-
-    @property
-    def place_m(self) -> Array:
-        """The middle of the marker: (3,)."""
-        return np.array([self.x_m, self.y_m, self.z_m])
-
-
-@dataclass(frozen=True)
-class ScaleCheck:
-    """Lengths measured over lengths given: 1 where the rig's scale is right, with its standard
-    error. wrong: it cannot be.
-    """
-
-    ratio: float
-    std: float
-    lengths: int
-
-    @property
-    def wrong(self) -> bool:
-        """Tell whether the scale is further off than any rig's can be."""
-        off = abs(self.ratio - 1)
-        return (
-            off > MARKER_MAP_SETTINGS.wrong_size
-            and off > MARKER_MAP_SETTINGS.wrong_sigmas * self.std
-        )
-
-
-def placed_markers(
-    observations: Sequence[PlacedSighting], T_world_camera: dict[str, Array]
-) -> list[PlacedMarker]:
-    """Place markers from all observations in frames with a pose (4, 4), by number. Markers seen
-    once are left out.
-    """
-    by_number: dict[int, list[PlacedSighting]] = defaultdict(list)
-    for observation in observations:
-        if observation.frame in T_world_camera:
-            by_number[observation.number].append(observation)
-    return [
-        _marker(number, own, T_world_camera)
-        for number, own in sorted(by_number.items())
-        if len(own) >= MARKER_MAP_SETTINGS.fewest_views
-    ]
-
-
-def _marker(number: int, observations: list[PlacedSighting], T: dict[str, Array]) -> PlacedMarker:
-    middles = np.array(
-        [transformed(T[each.frame], each.corners_m).mean(axis=0) for each in observations]
-    )
-    place = np.median(middles, axis=0)
-    edges = np.array([each.edges_m.mean() for each in observations])
-    residual = float(np.sqrt(((middles - place) ** 2).sum(axis=1).mean()))
-    std = float(edges.std(ddof=1) / np.sqrt(len(edges)))
-    x_m, y_m, z_m = (float(value) for value in place)
-    return PlacedMarker(
-        number, len(observations), x_m, y_m, z_m, residual, float(edges.mean()), std
-    )
-
-
-def size_check(markers: Sequence[PlacedMarker], edge_m: float) -> ScaleCheck | None:
-    """The markers' edges against the length that all of them have; None without markers."""
-    if not markers:
-        return None
-    weights = np.array([marker.views for marker in markers], np.float64)
-    ratios = np.array([marker.edge_m for marker in markers]) / edge_m
-    stds = np.array([marker.edge_std_m for marker in markers]) / edge_m
-    share = weights / weights.sum()
-    return ScaleCheck(float(share @ ratios), float(np.sqrt((share**2) @ (stds**2))), len(markers))
-
-
-def bar_checks(
-    markers: Sequence[PlacedMarker], bars: dict[tuple[int, int], float]
-) -> dict[tuple[int, int], ScaleCheck]:
-    """Distances of markers' middles against known lengths; a bar of which an end was not found is
-    left out.
-    """
-    found = {marker.number: marker for marker in markers}
-    checks = {}
-    for (first, second), length_m in bars.items():
-        if first in found and second in found:
-            a, b = found[first], found[second]
-            std = float(np.hypot(a.residual_m / np.sqrt(a.views), b.residual_m / np.sqrt(b.views)))
-            checks[first, second] = ScaleCheck(
-                float(np.linalg.norm(a.place_m - b.place_m)) / length_m, std / length_m, 1
-            )
-    return checks

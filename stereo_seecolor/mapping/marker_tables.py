@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.formats.reading.section import METERS
+from calibration.formats.reading.units import METERS
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.text_documents import is_unit, read_text, separator_of, split_fields
+from stereo_seecolor.files.csv_tables import is_unit, separator_of, split_fields
+from stereo_seecolor.files.text_documents import read_text
 from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]

@@ -4,12 +4,10 @@ It places the frames, fuses their ranges tile by tile into a surface, and writes
 terrain, mosaic and metrics.
 """
 
-import csv
-import json
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,27 +19,28 @@ from stereo_seecolor.compute.process import one_thread_in_products
 from stereo_seecolor.compute.threads import Threads, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.files.atomic import atomic_path, write_atomic
-from stereo_seecolor.files.ply import write_tum
-from stereo_seecolor.files.text_documents import guarded
 from stereo_seecolor.mapping.frame_index import FrameIndex, PointSampling, Progress, silent
 from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
-from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel, with_voxel
-from stereo_seecolor.mapping.navigation_comparison import Navigation
+from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
+from stereo_seecolor.mapping.map_records import comment, write_description, write_poses, write_track
+from stereo_seecolor.mapping.navigation.comparison import Navigation
+from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.raster import georeference
-from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
-from stereo_seecolor.mapping.raster.mosaic import with_mosaic_cell
+from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
-from stereo_seecolor.mapping.surface import parts
-from stereo_seecolor.mapping.surface.engines import PlacedTile, TileFusion, engine
+from stereo_seecolor.mapping.surface import small_parts
+from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.parts import write_map
-from stereo_seecolor.mapping.surface.tiles import TileStore, Tiling, cut
+from stereo_seecolor.mapping.surface.tile_store import TileStore
+from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
+from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.survey import Component, Survey
 from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit
 from stereo_seecolor.mapping.track.fiducials import read_known
-from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
+from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = (
@@ -252,7 +251,7 @@ def _build_component(
     ]
     store = TileStore.of(scratch / "tiles" / f"{number}", tiling, component, config.engine)
     _fuse_tiles(component, tiling, store, config, lost)
-    parts.drop(store, tiling)
+    small_parts.drop(store, tiling)
     surfaces = partial(store.surfaces, tiling)
     with in_background(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
         with in_background(partial(write_preview, folder, surfaces)) as preview:
@@ -284,78 +283,3 @@ def _fuse_tiles(
     ):
         lost.update(gone)
         survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
-
-
-# Records beside a map: its track, its frames' poses with their errors, and its coordinates.
-
-
-def write_track(path: Path, component: Component) -> Path:
-    """Write the component's poses in the world as a TUM trajectory. Raises OutputError."""
-    index, chosen = component.survey.index, component.frames
-    T = component.T_local_camera[chosen].copy()
-    T[:, :3, 3] += component.offset_m
-    times = np.where(np.isfinite(index.timestamps_s[chosen]), index.timestamps_s[chosen], chosen)
-    write_tum(path, Trajectory(tuple(index.names[i] for i in chosen), times, T))
-    return path
-
-
-def write_poses(path: Path, component: Component, placed: PlacedSurvey) -> Path:
-    """Write poses.csv: each frame's position, the residual of the pose that was given for it, and
-    standard errors. Raises OutputError.
-    """
-    index, placement = component.survey.index, placed.placement
-    unknown = np.full(len(index.names), np.nan)
-    columns = {
-        "position_residual_m": placed.position_residual_m,
-        "attitude_residual_deg": placed.attitude_residual_deg,
-        "position_std_m": unknown if placement.position_std_m is None else placement.position_std_m,
-        "attitude_std_deg": unknown
-        if placement.attitude_std_deg is None
-        else placement.attitude_std_deg,
-    }
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["name", "timestamp_s", "x_m", "y_m", "z_m", *columns])
-        for i in component.frames:
-            position = component.T_local_camera[i, :3, 3] + component.offset_m
-            values = (index.timestamps_s[i], *position, *(column[i] for column in columns.values()))
-            numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in values]
-            writer.writerow([guarded(index.names[i]), *numbers])
-    return path
-
-
-def write_description(
-    path: Path, place: Georeference, config: MappingConfig, range_scale: float, area_m2: float
-) -> Path:
-    """Write map.json: the place of the map's local coordinates, the planar area that it shows, the
-    sizes of its voxels and cells, the factor on all ranges, the engine that fused it.
-    """
-    content = {
-        "format": "stereo-seecolor/map",
-        "offset_m": place.offset_m.tolist(),
-        "origin": asdict(place.origin) if place.origin else None,
-        "crs": crs_name(place.origin),
-        "area_m2": area_m2,
-        "range_scale": range_scale,
-        "engine": config.engine,
-        "voxel_m": config.voxel_edge_m,
-        "dem_m": config.terrain_cell_m,
-        "mosaic_m": config.mosaic_cell_m,
-        "metrics_m": config.square_m,
-    }
-    write_atomic(path, (json.dumps(content, indent=2) + "\n").encode())
-    return path
-
-
-def comment(place: Georeference) -> str:
-    """The comment for the headers of the map's PLY files: units, axes, coordinate system,
-    offset.
-    """
-    lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {crs_name(place.origin)}"]
-    if place.offset_m.any():
-        lines.append(
-            "offset "
-            + " ".join(f"{value:.3f}" for value in place.offset_m)
-            + ": add it to get world coordinates"
-        )
-    return "\n".join(lines)

@@ -22,7 +22,8 @@ from stereo_seecolor.report.squares import Squares
 from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN, Stamp
+from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
+from stereo_seecolor.run_folder.stamp import Stamp
 
 FORMAT = "6"
 STRIP_VOXELS = 1

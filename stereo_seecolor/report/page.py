@@ -37,8 +37,6 @@ from stereo_seecolor.run_folder.manifest import FrameRecord
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
 """The program of the page, built from web/."""
 
-Progress = Callable[[int, int], None]
-
 
 @dataclass(frozen=True)
 class PageSummary:
@@ -54,7 +52,9 @@ class PageSummary:
     left_out: dict[str, str]
 
 
-def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progress) -> PageSummary:
+def write_page(
+    folder: RunFolder, run: FinishedRun, brief: bool, progress: Callable[[int, int], None]
+) -> PageSummary:
     """Write OUT/index.html and OUT/page. Frames that an earlier page shows are not read again.
 
     brief: show only some frames of a long dive in full, so that a run takes hardly longer.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.encode import deflated as compress
+from stereo_seecolor.files.deflate import deflated as compress
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -69,8 +69,8 @@ class RangeCode:
     std_block_px: int = 4  # standard errors vary slowly
 
 
-RANGE_CODE_CODE = RangeCode()
-STRIP = 64 * RANGE_CODE_CODE.std_block_px
+RANGE_CODE = RangeCode()
+STRIP = 64 * RANGE_CODE.std_block_px
 """Rows whose blocks are sorted together, while they are in the processor's cache."""
 
 
@@ -92,7 +92,7 @@ class CodedRanges:
         """
         known = range_m > 0
         nearest_m = float(np.min(range_m, where=known, initial=np.inf))
-        step = max(RANGE_CODE_CODE.step_per_m, 1 / (65535 * nearest_m))
+        step = max(RANGE_CODE.step_per_m, 1 / (65535 * nearest_m))
         codes = np.empty(range_m.shape, np.int32)
         _code(range_m, step, codes)
         return cls(step, predicted(codes), known)
@@ -123,17 +123,16 @@ def std_codes(range_std_m: Map) -> NDArray[np.uint8]:
     blocks = std_blocks(range_std_m)
     known = np.isfinite(blocks)
     octaves = np.log2(
-        np.maximum(np.where(known, blocks, 1), RANGE_CODE_CODE.std_floor_m)
-        / RANGE_CODE_CODE.std_floor_m
+        np.maximum(np.where(known, blocks, 1), RANGE_CODE.std_floor_m) / RANGE_CODE.std_floor_m
     )
-    codes = 1 + np.rint(octaves * RANGE_CODE_CODE.std_steps_per_octave)
+    codes = 1 + np.rint(octaves * RANGE_CODE.std_steps_per_octave)
     return np.where(known, np.clip(codes, 1, 255), 0).astype(np.uint8)
 
 
 def std_from_codes(codes: NDArray[np.uint8]) -> Map:
     """The standard errors of ``std_codes`` in meters, NaN where unknown."""
-    values = RANGE_CODE_CODE.std_floor_m * 2 ** (
-        (codes.astype(np.float64) - 1) / RANGE_CODE_CODE.std_steps_per_octave
+    values = RANGE_CODE.std_floor_m * 2 ** (
+        (codes.astype(np.float64) - 1) / RANGE_CODE.std_steps_per_octave
     )
     return np.where(codes > 0, values, np.nan).astype(np.float32)
 
@@ -147,7 +146,7 @@ def std_blocks(range_std_m: Map) -> Map:
 
 
 def _medians(range_std_m: Map) -> Map:
-    step = RANGE_CODE_CODE.std_block_px
+    step = RANGE_CODE.std_block_px
     height, width = range_std_m.shape
     rows, columns = -(-height // step), -(-width // step)
     padded = np.full((rows * step, columns * step), np.inf, np.float32)
@@ -211,7 +210,7 @@ class HeightCode:
     sampled_frames: int = 12
 
 
-HEIGHT_CODE_CODE = HeightCode()
+HEIGHT_CODE = HeightCode()
 
 
 def coded_heights(heights_m: Map) -> dict[str, Any]:
@@ -222,7 +221,7 @@ def coded_heights(heights_m: Map) -> dict[str, Any]:
     low_m, high_m = (
         (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
     )
-    step_m = max(HEIGHT_CODE_CODE.step_m, (high_m - low_m) / 65535)
+    step_m = max(HEIGHT_CODE.step_m, (high_m - low_m) / 65535)
     codes = np.where(
         known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), UNKNOWN
     ).astype(np.int32)
@@ -242,19 +241,19 @@ def height_tiles(
     """(COLUMN_ROW, content) of all tiles with a known height. read: (left, top, width, height) ->
     heights, NaN where unknown.
     """
-    for top in range(0, height, HEIGHT_CODE_CODE.tile_px):
-        for left in range(0, width, HEIGHT_CODE_CODE.tile_px):
+    for top in range(0, height, HEIGHT_CODE.tile_px):
+        for left in range(0, width, HEIGHT_CODE.tile_px):
             heights_m = read(
                 (
                     left,
                     top,
-                    min(HEIGHT_CODE_CODE.tile_px, width - left),
-                    min(HEIGHT_CODE_CODE.tile_px, height - top),
+                    min(HEIGHT_CODE.tile_px, width - left),
+                    min(HEIGHT_CODE.tile_px, height - top),
                 )
             )
             if np.isfinite(heights_m).any():
                 yield (
-                    f"{left // HEIGHT_CODE_CODE.tile_px}_{top // HEIGHT_CODE_CODE.tile_px}",
+                    f"{left // HEIGHT_CODE.tile_px}_{top // HEIGHT_CODE.tile_px}",
                     coded_heights(heights_m),
                 )
 
@@ -266,7 +265,7 @@ def height_std_m(run: FinishedRun) -> float:
     Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be
     read.
     """
-    frames = run.frames[:: max(1, len(run.frames) // HEIGHT_CODE_CODE.sampled_frames)]
+    frames = run.frames[:: max(1, len(run.frames) // HEIGHT_CODE.sampled_frames)]
     known = [
         value for value in (_typical_std_m(run, frame) for frame in frames) if np.isfinite(value)
     ]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.text_documents import table_rows
+from stereo_seecolor.files.csv_tables import table_rows
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
 from stereo_seecolor.mapping.raster.reef_metrics import (
     HORN_CELLS,

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 import jinja2
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 
 STATIC = files("stereo_seecolor.report") / "static"
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration import CalibrationError, StereoRig
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from calibration.formats import native
 from calibration.formats.reading.section import Section
 from stereo_seecolor.compute.sequences import Names
@@ -31,13 +31,13 @@ from stereo_seecolor.files.atomic import (
     write_replaceable,
 )
 from stereo_seecolor.files.contained import regular_bytes
+from stereo_seecolor.files.json_records import Record, as_record
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
-from stereo_seecolor.files.text_documents import Record, as_record
 from stereo_seecolor.records import Image, Map, Mask
-from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.layout import WATER, cache_file, scratch_folder
+from stereo_seecolor.run_folder.water_file import read_waters
 from stereo_seecolor.water.model import Water
 
 KEY_CHARACTERS = 64

@@ -15,20 +15,23 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from calibration import CalibrationError, RectifiedPair, StereoRig
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.csv_tables import table_rows
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.text_documents import as_record, load_object, table_rows
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import GeoOrigin, Map
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER, refuse_links_out
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
+from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
-RUN_FORMAT, RUN_VERSION = "stereo-seecolor/run", 2
+RUN_VERSION = 2
 YEAR_2000 = 946_684_800
-FARTHEST_M = 1e4
+LONGEST_RANGE_M = 1e4
 """Of a range: more is damage, as 0 is; what is unknown is NaN."""
 
 
@@ -119,7 +122,7 @@ def _problem(product: str, pixels: NDArray[Any]) -> str:
         return "" if pixels.ndim == 2 or pixels.shape[2] == 3 else "has another number of channels"
     if pixels.ndim != 2 or (pixels.dtype.kind == "f") != what.startswith("range"):
         return "holds another kind of image"
-    if what == "range" and ((pixels <= 0) | (pixels > FARTHEST_M)).any():
+    if what == "range" and ((pixels <= 0) | (pixels > LONGEST_RANGE_M)).any():
         return "holds ranges that are none"
     return ""
 

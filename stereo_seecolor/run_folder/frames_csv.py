@@ -17,8 +17,8 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Names, Packed, SomeNames
 from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.files.contained import regular_bytes
+from stereo_seecolor.files.csv_tables import guarded, table_rows
 from stereo_seecolor.files.keys import ContentKey
-from stereo_seecolor.files.text_documents import guarded, table_rows
 from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.cache import Compared
 from stereo_seecolor.run_folder.finished_run import TrackPoint

@@ -16,17 +16,14 @@ from typing import Any, Literal
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, write_atomic
 from stereo_seecolor.files.contained import contained, read_bytes
-from stereo_seecolor.files.text_documents import as_record, load_object
-from stereo_seecolor.run_folder.layout import (
-    DIGEST_BYTES,
+from stereo_seecolor.files.json_records import as_record, load_object
+from stereo_seecolor.run_folder.layout import Stage, record_subfolder, state
+from stereo_seecolor.run_folder.own_paths import (
     ForeignPathError,
-    Stage,
-    Stamp,
     check_own_paths,
     check_product_paths,
-    record_subfolder,
-    state,
 )
+from stereo_seecolor.run_folder.stamp import DIGEST_BYTES, Stamp
 
 FORMAT, VERSION = "stereo-seecolor/manifest", 2
 SPREAD = "spread"

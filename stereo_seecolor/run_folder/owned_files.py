@@ -11,16 +11,9 @@ from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.files.atomic import Content, output_errors
-from stereo_seecolor.run_folder.layout import (
-    MAP,
-    PAGE,
-    PAGE_PRODUCTS,
-    PRODUCTS,
-    SET_ASIDE,
-    Stamp,
-    state,
-)
-from stereo_seecolor.run_folder.ownership import ALL_RESULTS
+from stereo_seecolor.run_folder.layout import MAP, PAGE, PAGE_PRODUCTS, PRODUCTS, SET_ASIDE, state
+from stereo_seecolor.run_folder.replaced_results import ALL_RESULTS
+from stereo_seecolor.run_folder.stamp import Stamp
 
 
 class OwnedFiles:

@@ -1,118 +1,26 @@
-"""Finished runs as others read them: posed frames for exports, frames for a map, and the part of a
-shard.
-"""
+"""The input of every export: corrected frames, the camera they share, and its pose for each."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from calibration.errors import counted
-from stereo_seecolor.compute.interface import Shard
-from stereo_seecolor.compute.sequences import Lazy
-from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.geometry import estimated_range_std_m, inverse, pose, rotation_from_quaternion
-from stereo_seecolor.records import FrameRow, GeoOrigin, Map, SurveyFrame, Water
-from stereo_seecolor.run_folder.dive_files import read_waters
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.geometry import inverse, pose, rotation_from_quaternion
+from stereo_seecolor.records import GeoOrigin, Map
 from stereo_seecolor.run_folder.finished_run import (
     FinishedFrame,
     FinishedMap,
     FinishedRun,
-    geometry_of,
     open_map,
     open_run,
 )
-from stereo_seecolor.run_folder.frame_products import MASK_CODES
-from stereo_seecolor.run_folder.frames_csv import read_rows
-from stereo_seecolor.run_folder.layout import CLOUD, FRAMES_TABLE, MAP, MESH, RIG, WATER
-from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
-
-# The frames of a finished run as a map reads them, one at a time.
-
-
-class SurveyFrames(Lazy[SurveyFrame]):
-    """The current frames of a run, in the dive's order, or those that are given.
-
-    geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
-    range_scale: how many times as long to take their ranges.
-    Raises InputError if the run has no calibration, holds no finished frame, or holds frames of two
-    settings.
-    """
-
-    def __init__(
-        self,
-        run: FinishedRun,
-        range_scale: float = 1.0,
-        frames: Sequence[FinishedFrame] | None = None,
-    ) -> None:
-        geometry, T_rectified_left = geometry_of(run, "a map"), run.T_rectified_left
-        assert T_rectified_left is not None
-        if run.stale or run.unfinished:
-            others = {"of earlier settings": run.stale, "not finished": run.unfinished}
-            said = " and ".join(
-                f"{len(names)} are {what} ({names[0]})" for what, names in others.items() if names
-            )
-            raise InputError(
-                f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
-                f"latest settings, {said}: run the same line again first"
-            )
-        if not run.frames or any("corrected" not in frame.products for frame in run.frames):
-            raise InputError(
-                f"{run.root}: holds no frame that went through all stages: run it to its end first"
-            )
-        self.geometry, self.T_rectified_left = geometry, T_rectified_left
-        self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
-
-    @property
-    def finished(self) -> Sequence[FinishedFrame]:
-        """The finished frames, in order."""
-        return self._frames
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def item(self, number: int) -> SurveyFrame:
-        """Read one frame. Raises FrameError if one of its files is gone or damaged."""
-        frame = self._frames[number]
-        try:
-            return self._read(frame).scaled(self._range_scale)
-        except InputError as error:
-            raise FrameError(frame.name, str(error)) from error
-
-    def _read(self, frame: FinishedFrame) -> SurveyFrame:
-        confidence = self._pixels(frame, "confidence")
-        range_m: Map = self._pixels(frame, "range")
-        range_m[confidence == 0] = np.nan
-        has_std = "range_std" in frame.products
-        return SurveyFrame(
-            name=frame.name,
-            timestamp_s=frame.timestamp_s,
-            color=eight_bit(self._pixels(frame, "corrected")),
-            range_m=range_m,
-            range_std_m=self._pixels(frame, "range_std")
-            if has_std
-            else estimated_range_std_m(range_m, self.geometry),
-            confidence=confidence,
-            unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
-        )
-
-    def _pixels(self, frame: FinishedFrame, product: str) -> NDArray[Any]:
-        pixels = frame.read(product)
-        if pixels.shape[1::-1] != self.geometry.image_size:
-            raise InputError(
-                f"{frame.products[product]}: is gone or damaged: run again, which makes it again"
-            )
-        return pixels
-
-
-# The input of every export: corrected frames, the camera they share, and its pose for each of
-# them.
+from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 SOME = 20
 """Frames that tell how large a pixel is."""
@@ -239,76 +147,3 @@ def open_posed_run(out: Path) -> PosedRun:
     return PosedRun(
         run, made, run.geometry, tuple(current[made.track[i].name] for i in chosen), T[chosen]
     )
-
-
-# The folder of one shard's results, as ``merge`` reads it.
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A run's folder of some pairs of a dive; made by ``open``. run: the finished run. rows: of
-    frames.csv.
-    """
-
-    root: Path
-    run: FinishedRun
-    rows: tuple[FrameRow, ...]
-
-    @classmethod
-    def open(cls, root: Path) -> "Part":
-        """Read a folder. Raises InputError if it holds no run over stereo pairs, or one that did
-        not come to its end.
-        """
-        run = open_run(root)
-        geometry_of(run, "a merge")
-        rows = read_rows(root / FRAMES_TABLE)
-        pending = [row.name for row in rows if row.status == "pending"]
-        if pending or run.state != "complete":
-            left = (
-                f"not done: {counted(len(pending), 'pair')} ({pending[0]})"
-                if pending
-                else f"it is {run.state}"
-            )
-            raise InputError(f"{root}: did not come to its end, {left}: run its line again first")
-        return cls(root, run, rows)
-
-    @cached_property
-    def shard(self) -> Shard | None:
-        """The shard of the dive that was run; None where the run was of all pairs that it was
-        given.
-        """
-        kind = Manifest(self.root).dive().identity.get("kind", "")
-        return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
-
-    @cached_property
-    def settings(self) -> str:
-        """The hash of the rig and the settings that its range maps were made with."""
-        return Manifest(self.root).dive().settings["range"]
-
-    @property
-    def ranges_are_wrong(self) -> bool:
-        """Tell whether the run's checks found ranges of the dive as a whole wrong."""
-        return bool(self.run.totals.get("ranges_are_wrong"))
-
-    @property
-    def rig_notes(self) -> tuple[str, ...]:
-        """The notes of its run on the calibration."""
-        return tuple(note for note in self.run.totals["notes"] if note.startswith("calibration: "))
-
-    @property
-    def rig(self) -> Path:
-        """The calibration as the run used it."""
-        return self.root / RIG
-
-    def frames(self) -> Iterator[FrameRecord]:
-        """Read the records of its finished frames."""
-        return Manifest(self.root).frames()
-
-    def waters(self) -> Mapping[str, Water] | None:
-        """Read the water of each finished frame by name; None where no water was taken out yet."""
-        path = self.root / WATER
-        return (
-            read_waters(path, [row.name for row in self.rows if row.status == "ok"])
-            if path.exists()
-            else None
-        )

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from calibration import CalibrationError
-from calibration.files import MAX_DEPTH, TooMuchError, load_json, load_yaml
+from calibration.bounded_text import MAX_DEPTH, TooMuchError, load_json, load_yaml
 from calibration.formats import load_rig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
@@ -20,7 +20,7 @@ from stereo_seecolor.extras.fleet.campaign import CampaignFile
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
 from stereo_seecolor.extras.reef.outlines import read_outlines
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
-from stereo_seecolor.run_folder.dive_files import read_waters
+from stereo_seecolor.run_folder.water_file import read_waters
 
 ROOT = Path(__file__).resolve().parents[2]
 BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -95,7 +95,7 @@ def test_nothing_else_parses_text_of_users() -> None:
         for line in path.read_text(encoding="utf-8").splitlines()
         if parsers.search(line) and "JSONDecodeError" not in line
     ]
-    assert [line.partition(":")[0] for line in found] == 2 * ["calibration/files.py"], found
+    assert [line.partition(":")[0] for line in found] == 2 * ["calibration/bounded_text.py"], found
 
 
 @pytest.mark.parametrize(

@@ -27,12 +27,13 @@ from stereo_seecolor.extras.fleet.status import status
 from stereo_seecolor.extras.reef.compare import compare, metrics
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.extras.reef.measure import measure
-from stereo_seecolor.files import text_documents
+from stereo_seecolor.files import csv_tables
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import encode_map, encode_png
+from stereo_seecolor.files.encode import encode_map
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.files.text_documents import load_object
-from stereo_seecolor.inputs.capture import ExposureTable
+from stereo_seecolor.files.png import encode_png
+from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.mapping.marker_tables import read_bars
 from stereo_seecolor.run_folder.cache import kept
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
@@ -320,7 +321,7 @@ def test_a_cell_of_any_length_is_one_line(tmp_path: Path) -> None:
     path.write_text("name,exposure_s\na," + "9" * 200_000 + "\n")
 
     def read_rows(path: Path) -> None:
-        list(text_documents.rows(path, ("name",)))
+        list(csv_tables.rows(path, ("name",)))
 
     for read in (ExposureTable.read, read_bars, read_rows):
         with pytest.raises(InputError):

@@ -13,7 +13,8 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.run_folder.folder import RunFolder, building_map
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.map_folder import building_map
 
 PRODUCTS = ("range", "range_std", "confidence", "corrected", "mask", "clouds")
 LARGE = bytes(range(256)) * 400

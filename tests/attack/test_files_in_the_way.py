@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.atomic import new_folder
+from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 
 POSES = "# time x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n"

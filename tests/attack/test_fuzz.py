@@ -24,17 +24,17 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.extras.streams.videos.motion import video_signals
-from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.files.ply import FACE, VERTEX, header, read_triangles, read_vertices
 from stereo_seecolor.files.rasters import open_raster
-from stereo_seecolor.inputs.capture import ExposureTable
+from stereo_seecolor.files.tiff import encode_tiff
+from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.video_file import frame_path, sound, video_file
+from stereo_seecolor.inputs.video_file import sound, video_file
+from stereo_seecolor.inputs.video_frames import frame_path
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
-from stereo_seecolor.run_folder.layout import Stage, Stamp, state
+from stereo_seecolor.run_folder.layout import Stage, state
 from stereo_seecolor.run_folder.manifest import (
     DiveRecord,
     FrameRecord,
@@ -42,6 +42,8 @@ from stereo_seecolor.run_folder.manifest import (
     Manifest,
     StageRecord,
 )
+from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 CASES = 420  # of each of the kinds below: well over 2,000 in all
 SECONDS, BYTES = 1.5, 1 << 30

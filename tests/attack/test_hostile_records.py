@@ -16,7 +16,8 @@ from stereo_seecolor.commands.view import view
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth, true_frames
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import encode_map, encode_png
+from stereo_seecolor.files.encode import encode_map
+from stereo_seecolor.files.png import encode_png
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest, StageRecord
 

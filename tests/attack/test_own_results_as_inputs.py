@@ -18,7 +18,7 @@ from stereo_seecolor.errors import OutputError
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.run_folder.layout import RIG, WATER
 from stereo_seecolor.run_folder.manifest import Manifest
-from stereo_seecolor.run_folder.ownership import REPLACES, refuse_inputs
+from stereo_seecolor.run_folder.replaced_results import REPLACES, refuse_inputs
 
 BOTH = pytest.mark.parametrize("overwrite", [False, True])
 REFUSED = r"is an input of this run.*nothing was touched"

@@ -50,7 +50,7 @@ from stereo_seecolor.extras.reef.compare import compare, metrics
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 from stereo_seecolor.extras.streams.out_mcap import check_mcap, write_mcap
-from stereo_seecolor.run_folder.layout import Stamp
+from stereo_seecolor.run_folder.stamp import Stamp
 
 MINUTES = float(os.environ.get("STEREO_SEECOLOR_ATTACK_MINUTES", "0"))
 SEED = int(os.environ.get("STEREO_SEECOLOR_ATTACK_SEED", "1"))

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.files.atomic import new_folder, temporary_path
+from stereo_seecolor.files.atomic import temporary_path
+from stereo_seecolor.files.free_places import new_folder
 
 PROGRAM = (sys.executable, "-m", "stereo_seecolor")
 NAMES = (".writing-notes.txt", ".writing-0", ".writing-2024-05-01-dive.csv", ".writing-thesis")

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, StereoRig
-from calibration.checks import suspicions
 from calibration.formats import load_rig, write_rig
+from calibration.suspicions import suspicions
 
 RIG = small_rig()
 

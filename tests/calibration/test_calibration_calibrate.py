@@ -20,7 +20,8 @@ from calibration_boards import (
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.aprilgrid import AprilGrid, Corners, marker
 from calibration.boards.printing import print_target
-from calibration.boards.targets import Charuco, Chessboard, TargetView, detect_view, parse_target
+from calibration.boards.target_views import TargetView, detect_view
+from calibration.boards.targets import Charuco, Chessboard, parse_target
 from calibration.calibrate import calibrate
 from calibration.field_checks.matches import to_gray
 from calibration.formats import load_rig

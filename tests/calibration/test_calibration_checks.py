@@ -13,19 +13,14 @@ from calibration_boards import fisheye_rig, mismatched, pinhole_rig, seen_by
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import (
-    RowCheck,
-    judge_matches,
-    lens_folds,
-    suspicions,
-    vertical_disparity,
-)
+from calibration.checks import RowCheck, judge_matches, vertical_disparity
 from calibration.field_checks.enlargement import Enlargement, enlarged
 from calibration.field_checks.matches import Matches, MatchLimits, find_matches
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import load_rig
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.refine import moved_rig
+from calibration.suspicions import lens_folds, suspicions
 
 REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]

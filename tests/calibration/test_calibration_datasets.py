@@ -9,7 +9,7 @@ import pytest
 
 from calibration import CalibrationError
 from calibration.formats import format_name, load_rig
-from calibration.formats.kitti import for_channels
+from calibration.rig import for_channels
 from stereo_seecolor.commands.inspect_rig import find_calibration
 
 P = {

@@ -259,8 +259,10 @@ def test_vins_fusion(mei: bool, tmp_path: Path) -> None:
     )
     for given in (tmp_path, tmp_path / "vins.yaml"):
         assert_sees(load_rig(given), omni_pixels if mei else LENS.project, 0.1 if mei else 1e-6)
-    with pytest.raises(CalibrationError, match="one lens of CamOdoCal"):
+    with pytest.raises(CalibrationError, match="one camera of a CamOdoCal pair"):
         load_rig(tmp_path / "left.yaml")
+    with pytest.raises(CalibrationError, match="give the configuration of VINS"):
+        load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml")
 
 
 def ds_pixels(points: np.ndarray) -> np.ndarray:

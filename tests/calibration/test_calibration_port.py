@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis.strategies import floats
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import port_error
 from calibration.formats import load_rig, write_rig
 from calibration.port import FLAT_PORT, DomePort, FlatPort, FlatWindow, flat_port, seawater_index
+from calibration.port_errors import port_error
 from calibration.rectification import plan_rectification
 from calibration.refraction import CameraInWater
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, RectifiedPair, StereoRig
-from calibration.checks import kept_fractions, suspicions
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.rig import quarter_turn, quarter_turns_of
+from calibration.suspicions import kept_fractions, suspicions
 
 Array = NDArray[np.float64]
 SIZE = (320, 240)

@@ -19,7 +19,7 @@ from calibration.formats import native
 from calibration.rectification import OriginalView
 from calibration.refraction import cameras_in_water
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.run_folder.finished_run import open_run
 

@@ -9,7 +9,7 @@ import pytest
 
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 
 def some_water(**parts: object) -> Water:

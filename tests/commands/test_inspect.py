@@ -20,7 +20,7 @@ from stereo_seecolor.cli.look_commands import inspection_text
 from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.commands.inspect_rig import refused_calibrations
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.sides import find_sides
 
 

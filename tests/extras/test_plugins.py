@@ -1,5 +1,5 @@
-"""Packages add commands, export formats and formats of trajectories by entry points; the core loads
-none of its own extras.
+"""Packages add commands, formats, engines and color methods by entry points, as the page on them
+shows; the core loads none of its own extras.
 """
 
 import json
@@ -19,6 +19,10 @@ import pytest
 from conftest import REEF, Cli, SampleRun
 from mapping_scene import PAIR
 
+from calibration import CalibrationError
+from calibration import plugins as everywhere
+from calibration.formats import load_rig
+from calibration.formats.calibration_format import added_formats as calibration_formats
 from stereo_seecolor import plugins
 from stereo_seecolor.cli import app
 from stereo_seecolor.commands.doctor import CORE, EXTRAS
@@ -28,12 +32,15 @@ from stereo_seecolor.errors import PluginError
 from stereo_seecolor.extras.export.command import export_formats
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import encode_srgb
-from stereo_seecolor.inputs import images
+from stereo_seecolor.inputs.opened_paths import container_of
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.trajectories.trajectory_format import (
+    added_formats as trajectory_formats,
+)
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.matching.matcher import Matcher
-from stereo_seecolor.run_folder.dive_files import read_waters
 from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.water_file import read_waters
 
 PROJECT_FILE = tomllib.loads(
     (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
@@ -50,81 +57,32 @@ build-backend = "setuptools.build_meta"
 name = "reef-notes"
 version = "1.0"
 
-[project.entry-points."stereo_seecolor.commands"]
-note = "reef_notes:note"
-lost = "reef_notes.not_there:lost"
-
-[project.entry-points."stereo_seecolor.exports"]
-names = "reef_notes:NAMES"
-
-[project.entry-points."stereo_seecolor.trajectory_formats"]
-notes = "reef_notes"
-
 [project.entry-points."stereo_seecolor.engines"]
 raised = "reef_notes:fuse_raised"
 
 [project.entry-points."stereo_seecolor.matching_engines"]
 level = "reef_notes:Level"
 
-[project.entry-points."stereo_seecolor.color_methods"]
-slope = "reef_notes:fit_slope"
-nothing = "reef_notes:fit_nothing"
-
 [tool.setuptools]
 py-modules = ["reef_notes"]
 """
 
-MODULE = '''
+MORE_ENTRIES = {
+    'note = "reef_notes:note"': 'lost = "reef_notes.not_there:lost"',
+    'slope = "reef_notes:fit"': 'nothing = "reef_notes:fit_nothing"',
+}
+"""Entries of the page, and what stands below each here."""
+
+MODULE = """
 from dataclasses import replace
 
-import numpy as np
-
-from stereo_seecolor.cli import options as opt
-from stereo_seecolor.cli.command import command
-from stereo_seecolor.cli.report import BareReport
-from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.mapping.surface.engines import fuse_tile
+from stereo_seecolor.mapping.surface.own_engine import fuse_tile
 from stereo_seecolor.matching.disparity import MatchedDisparity
-from stereo_seecolor.records import Trajectory, Water
-
-
-@command("Notes", "note OUT")
-def note(out: opt.Finished, *, report: BareReport) -> None:
-    """Print the name of a run."""
-    report.end({"out": out}, f"noted {out.name}\\n")
-
-
-def write(posed, folder):
-    (folder / "names.txt").write_text("\\n".join(frame.name for frame in posed.frames))
-
-
-NAMES = ExportFormat("the names of the frames", "any editor", write)
-
-
-def recognizes(path):
-    return path.suffix == ".notes"
-
-
-def read(path, mount):
-    names = path.read_text().split()
-    T = np.tile(np.eye(4), (len(names), 1, 1))
-    T[:, 0, 3] = np.arange(len(names))
-    return Trajectory(tuple(names), np.full(len(names), np.nan), T)
 
 
 def fuse_raised(tile, tiling, frames, geometry):
     surface = fuse_tile(tile, tiling, frames, geometry)
     return replace(surface, points_m=surface.points_m + np.float32([0, 0, 1]))
-
-
-def fit_slope(table, config, start=None):
-    known = table.pixels > 100
-    light = (table.counts @ decode_srgb(table.values))[:, known] / table.pixels[known]
-    weight = np.sqrt(table.pixels[known])
-    slope, level = np.polyfit(table.range_m[known], np.log(light).T, 1, w=weight)
-    zero, white = np.zeros(3), np.exp(level)
-    return Water(zero, zero, zero, zero, zero, zero, np.maximum(-slope, 0), zero, white=white)
 
 
 def fit_nothing(table, config, start=None):
@@ -140,15 +98,27 @@ class Level:
     def find(self, frame, pair):
         found = np.full(frame.left.shape[:2], self.disparity_px, np.float32)
         return MatchedDisparity(found, found, np.full_like(found, 0.5))
-'''
+"""
+
+
+def documented(language: str) -> str:
+    """All blocks of a language on the page about packages."""
+    page = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+    return "\n".join(re.findall(rf"^```{language}\n(.*?)^```", page, re.DOTALL | re.MULTILINE))
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment of a Python in which a package of somebody else is installed."""
+    """The environment of a Python in which a package of somebody else is installed: that of the
+    page, with more in it.
+    """
     root = tmp_path_factory.mktemp("reef-notes")
-    (root / "pyproject.toml").write_text(PROJECT)
-    (root / "reef_notes.py").write_text(MODULE)
+    entries = documented("toml")
+    for entry, more in MORE_ENTRIES.items():
+        assert entry in entries
+        entries = entries.replace(entry, f"{entry}\n{more}")
+    (root / "pyproject.toml").write_text(PROJECT + entries)
+    (root / "reef_notes.py").write_text(documented("python") + MODULE)
     options = (
         "--no-deps",
         "--no-index",
@@ -181,7 +151,7 @@ def test_a_command_of_another_package_is_in_the_help_and_runs(
     assert " Notes " in printed and "Print the name of a run." in printed
     assert printed.index(" run ") < printed.index(" config ") < printed.index(" export ")
     assert said.startswith(
-        "lost: the package reef-notes, which adds it to commands, cannot be loaded: "
+        "lost: the package reef-notes, which adds it to stereo_seecolor.commands, cannot be loaded"
     )
     assert program(installed, "note", sample_run.out) == (0, f"noted {sample_run.out.name}\n", "")
     code, _, said = program(installed, "lost")
@@ -203,21 +173,36 @@ def test_an_export_format_of_another_package_is_written(
     assert (tmp_path / "names" / "names.txt").read_text().split()[0] == "reef_1790000000000"
 
 
+def said_by(installed: dict[str, str], code: str, path: Path) -> str:
+    """What a line of Python prints of a file, with the other package installed."""
+    command = [sys.executable, "-c", f"import sys; path = sys.argv[1]; {code}", path]
+    ended = subprocess.run(command, capture_output=True, text=True, env=installed)
+    assert not ended.stderr
+    return ended.stdout
+
+
 @pytest.mark.slow
 def test_a_trajectory_format_of_another_package_is_read(
     installed: dict[str, str], tmp_path: Path
 ) -> None:
-    notes = tmp_path / "track.notes"
-    notes.write_text("a b c")
+    log = tmp_path / "track.txt"
+    log.write_text("# tank log\na.png 1 2 3\nb.png 4 5 6\n")
     code = (
-        "import sys, pathlib; from stereo_seecolor.inputs.trajectories import read_trajectory "
-        "as read; "
+        "import pathlib; from stereo_seecolor.inputs.trajectories import read_trajectory as read; "
     )
-    code += "print(read(pathlib.Path(sys.argv[1])).T_world_camera[:, 0, 3].tolist())"
-    ended = subprocess.run(
-        [sys.executable, "-c", code, notes], capture_output=True, text=True, env=installed
-    )
-    assert ended.stdout == "[0.0, 1.0, 2.0]\n", ended.stderr
+    code += "track = read(pathlib.Path(path)); print(track.names, track.T_world_camera[1, :3, 3])"
+    assert said_by(installed, code, log) == "('a.png', 'b.png') [4. 5. 6.]\n"
+
+
+@pytest.mark.slow
+def test_a_calibration_format_of_another_package_is_read(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text("tank_rig: {size: [640, 480], focal_px: 500, baseline_mm: 120}")
+    code = "from calibration.formats import format_name, load_rig; "
+    code += "print(format_name(path), load_rig(path).baseline_m)"
+    assert said_by(installed, code, rig) == "tank 0.12\n"
 
 
 @pytest.mark.slow
@@ -281,7 +266,10 @@ def test_a_color_method_of_another_package_fits_the_water(
         installed, *words, "--out", tmp_path / "other", *method, "color.method=nothing"
     )
     assert code == 1
-    assert "the package reef-notes adds an object of type NoneType to color_methods" in said
+    assert (
+        "the package reef-notes adds an object of type NoneType to stereo_seecolor.color_methods"
+        in said
+    )
 
 
 @pytest.mark.parametrize(
@@ -312,13 +300,26 @@ def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(
     text = (out / "run.json").read_text()
     (out / "run.json").write_text(text.replace('"engine": "tiles"', '"engine": "voxblox"'))
     assert open_run(out).config.mapping.engine == "voxblox"
-    with pytest.raises(PluginError, match="voxblox: no installed package adds it to engines"):
+    with pytest.raises(PluginError, match=r"voxblox: no installed package adds it to .*engines"):
         fuse(out)
+
+
+@pytest.mark.parametrize("group", PROJECT_FILE["entry-points"])
+def test_what_this_package_adds_is_what_its_project_file_says(group: str) -> None:
+    added = {name: entry.value for name, entry in everywhere.added(group).items()}
+    said = PROJECT_FILE["entry-points"][group].items()
+    assert said <= added.items(), "install the package again: pip install -e ."
+
+
+def test_all_formats_of_this_package_are_formats() -> None:
+    assert {"kitti", "seagis"} <= calibration_formats().keys()
+    assert "oplab" in {one.title for one in trajectory_formats()}
 
 
 def test_a_part_that_no_package_adds_is_named_with_those_that_are_known() -> None:
     with pytest.raises(
-        PluginError, match=r"^fax: no installed package adds it to recordings \(known: mcap\)$"
+        PluginError,
+        match=r"^fax: no installed package adds it to stereo_seecolor.recordings \(known: mcap\)$",
     ):
         plugins.load("recordings", "fax")
 
@@ -372,32 +373,43 @@ class Entry:
             "commands",
             print,
             lambda: app._needed(["x"]),
-            "an object of type builtin_function_or_method to commands, not of the class Command",
+            "builtin_function_or_method to stereo_seecolor.commands, not of the class Command",
         ),
         (
             "exports",
             "names",
             export_formats,
-            "an object of type str to exports, not of the class ExportFormat",
+            "an object of type str to stereo_seecolor.exports, not of the class ExportFormat",
         ),
         (
             "trajectory_formats",
             SimpleNamespace(recognizes=bool),
             lambda: read_trajectory(Path("x")),
-            "to trajectory_formats, which has no function 'read'",
+            "to stereo_seecolor.trajectory_formats, not of the class TextFormat or FileFormat",
         ),
-        ("engines", 3, lambda: engine("x"), "type int to engines, which cannot be called"),
+        (
+            "calibration.formats",
+            print,
+            lambda: load_rig(__file__),
+            "to calibration.formats, not of the class RigFormat or CameraFormat",
+        ),
+        (
+            "engines",
+            3,
+            lambda: engine("x"),
+            "type int to stereo_seecolor.engines, which cannot be called",
+        ),
         (
             "matching_engines",
             lambda *_: 3,
             lambda: Matcher(PAIR, MatchingConfig(engine="x")),
-            "type int to matching_engines, which has no function 'find'",
+            "type int to stereo_seecolor.matching_engines, which has no function 'find'",
         ),
         (
             "containers",
             None,
-            lambda: images._container(Path("a.x")),
-            "type NoneType to containers, which cannot be called",
+            lambda: container_of(Path("a.x")),
+            "type NoneType to stereo_seecolor.containers, which cannot be called",
         ),
     ],
 )
@@ -408,12 +420,10 @@ def test_what_is_not_of_the_kind_of_its_group_is_named_with_its_package(
     use: Callable[[], object],
     wanted: str,
 ) -> None:
-    known = {group: {"x": Entry(found)}}
-    for module in ("plugins", "cli.app", "extras.export.command", "inputs.trajectories"):
-        monkeypatch.setattr(
-            f"stereo_seecolor.{module}.added", lambda group: known.get(group, {}), raising=False
-        )
-    with pytest.raises(PluginError) as raised:
+    whole = group if "." in group else f"stereo_seecolor.{group}"
+    known = {whole: {"x": Entry(found)}}
+    monkeypatch.setattr("calibration.plugins.added", lambda group: known.get(group, {}))
+    with pytest.raises((PluginError, CalibrationError)) as raised:
         use()
     message = str(raised.value)
     assert message.startswith("x: the package reef-notes adds an object of type ")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.files.text_documents import csv_text, rows, split_fields, table_rows
-from stereo_seecolor.inputs.capture import ExposureTable
+from stereo_seecolor.files.csv_tables import csv_text, rows, split_fields, table_rows
+from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frames_csv import frames_csv, read_frames
 

@@ -15,9 +15,10 @@ from stereo_seecolor.checks.image_files import form_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.decoding import seam_row
-from stereo_seecolor.inputs.images import FrameReader, decode_image
+from stereo_seecolor.inputs.frame_reader import FrameReader
+from stereo_seecolor.inputs.images import decode_image
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.inputs.seams import seam_row
 
 LEFTS, RIGHTS = (sorted((REEF / side).iterdir()) for side in ("left", "right"))
 CONFIG = InputConfig()

@@ -19,8 +19,9 @@ from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.encode import ImageFormat, encode_image
-from stereo_seecolor.inputs.capture import ExposureTable, framing, read_capture
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.capture import framing, read_capture
+from stereo_seecolor.inputs.exposure_table import ExposureTable
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.records import Capture, is_monochrome
 

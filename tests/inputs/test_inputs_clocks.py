@@ -9,7 +9,7 @@ import pytest
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.name_keys import clock_offset_s
+from stereo_seecolor.inputs.clock_offset import clock_offset_s
 from stereo_seecolor.inputs.pairing import pair_folders
 
 RNG = np.random.default_rng(1)

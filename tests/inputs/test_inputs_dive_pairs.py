@@ -14,7 +14,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.images import FrameReader
+from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.listing import folders_of, list_images
 from stereo_seecolor.inputs.sides import find_sides
 

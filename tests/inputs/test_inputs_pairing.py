@@ -13,7 +13,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, sort_naturally
 from stereo_seecolor.inputs.listing import list_images
-from stereo_seecolor.inputs.name_keys import timestamp_from_name
+from stereo_seecolor.inputs.name_times import timestamp_from_name
 from stereo_seecolor.inputs.pairing import pair_by_stem, pair_folders
 
 

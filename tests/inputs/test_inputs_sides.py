@@ -8,7 +8,7 @@ import pytest
 from conftest import make_files
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.file_form import image_facts
+from stereo_seecolor.inputs.image_facts import image_facts
 from stereo_seecolor.inputs.sides import find_sides, video_of
 
 RNG = np.random.default_rng(0)

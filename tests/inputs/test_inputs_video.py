@@ -20,7 +20,8 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.pairs import Videos
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.inputs.video_file import VideoFile, frame_path, is_video, video_file
+from stereo_seecolor.inputs.video_file import VideoFile, video_file
+from stereo_seecolor.inputs.video_frames import frame_path, is_video
 
 TICKS = 90_000
 EXACT = {

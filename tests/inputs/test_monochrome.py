@@ -9,7 +9,7 @@ import pytest
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 
 def make_gray(folder: Path) -> None:

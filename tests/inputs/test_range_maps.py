@@ -21,8 +21,8 @@ from stereo_seecolor.checks.light_and_water import range_scale_notes
 from stereo_seecolor.color import Water, fit
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.waters import WaterName, lit_water
-from stereo_seecolor.files.encode import encode_tiff
 from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.images import read_range_map
 from stereo_seecolor.inputs.pairing import pair_by_stem
 

@@ -15,7 +15,7 @@ from stereo_seecolor.commands.inspect import unknown_files
 from stereo_seecolor.commands.inspect_rig import find_poses
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
-from stereo_seecolor.inputs.trajectories.table import AmbiguousDateError, TimeError, column_seconds
+from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds
 from stereo_seecolor.records import Trajectory
 
 HEADER = "timestamp,latitude,longitude,depth,heading"

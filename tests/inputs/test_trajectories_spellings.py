@@ -16,7 +16,7 @@ from test_trajectories import EAST_UP, NORTH_UP, write
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
-from stereo_seecolor.inputs.trajectories.table import column_seconds
+from stereo_seecolor.inputs.trajectories.times import column_seconds
 from stereo_seecolor.records import Trajectory
 
 NOON = 1792152000  # 2026-10-16 12:00:00 UTC

@@ -13,8 +13,8 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 USE = (
-    "from stereo_seecolor.mapping.surface.kernels import color_weight; print(color_weight(1.0, "
-    "False), color_weight.missing)"
+    "from stereo_seecolor.mapping.surface.color_weight import color_weight as weight; "
+    "print(weight(1.0, False), weight.missing)"
 )
 PLACE = "import stereo_seecolor as it; from stereo_seecolor import run; print(it.__file__)"
 INSTALL = ("-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation_deviations import deviations
+from stereo_seecolor.mapping.navigation.deviations import deviations
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Poses = NDArray[np.float64]

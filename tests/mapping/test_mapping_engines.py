@@ -26,7 +26,8 @@ from test_mapping_fusion import read_triangles, stopped_at_tile
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.mapping.surface.engines import engine, fuse_tile
+from stereo_seecolor.mapping.surface.engines import engine
+from stereo_seecolor.mapping.surface.own_engine import fuse_tile
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 

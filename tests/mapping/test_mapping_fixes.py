@@ -18,8 +18,8 @@ from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
+from stereo_seecolor.mapping.navigation.fixes import at_fixes, fit_to_fixes
 from stereo_seecolor.mapping.survey import Placement
-from stereo_seecolor.mapping.track.assignment import at_fixes, fit_to_fixes
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 Array = NDArray[np.float64]

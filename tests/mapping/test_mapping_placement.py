@@ -14,7 +14,8 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.track.assignment import place, upright
+from stereo_seecolor.mapping.navigation.assignment import place
+from stereo_seecolor.mapping.navigation.upright import upright
 from stereo_seecolor.records import Trajectory
 
 CONFIG = MappingConfig()

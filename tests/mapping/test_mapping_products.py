@@ -15,10 +15,12 @@ from mapping_scene import CONFIG, PAIR, flat_frame, track
 from PIL import Image
 
 from stereo_seecolor.mapping.raster import mosaic
-from stereo_seecolor.mapping.raster.block_raster import BlockRaster, Grid
+from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.georeference import Georeference, write_geotiff
-from stereo_seecolor.mapping.raster.products import render_preview, render_terrain
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import measure, measure_squares, site_of
+from stereo_seecolor.mapping.raster.terrain import render_terrain
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import GeoOrigin, Trajectory

@@ -21,7 +21,7 @@ from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.control_points import control_fit
-from stereo_seecolor.mapping.marker_placing import PlacedMarker, ScaleCheck
+from stereo_seecolor.mapping.placed_markers import PlacedMarker, ScaleCheck
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 RIG = RectifiedPair(531.0, 320.0, 318.0, 256.0, 0.12, (640, 512))

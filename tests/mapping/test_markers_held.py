@@ -19,12 +19,12 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import check
 from stereo_seecolor.mapping.track.bundle_adjustment import first_fit
 from stereo_seecolor.mapping.track.bundle_problem import KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.fiducials import Marks
-from stereo_seecolor.mapping.track.placing import PlacedSurvey, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 OFF = 1.012

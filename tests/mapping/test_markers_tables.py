@@ -11,8 +11,9 @@ from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.control_points import control_fit
-from stereo_seecolor.mapping.marker_placing import PlacedMarker, PlacedSighting
+from stereo_seecolor.mapping.marker_placing import PlacedSighting
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
+from stereo_seecolor.mapping.placed_markers import PlacedMarker
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.bundle_adjustment import at_places
 from stereo_seecolor.mapping.track.fiducials import Marks

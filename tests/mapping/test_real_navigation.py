@@ -25,15 +25,15 @@ from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation_comparison import Navigation, examine
+from stereo_seecolor.mapping.navigation.assignment import place
+from stereo_seecolor.mapping.navigation.comparison import Navigation, examine
+from stereo_seecolor.mapping.placing import place_survey
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.mapping.track.assignment import place
-from stereo_seecolor.mapping.track.placing import place_survey
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 pytestmark = [
     pytest.mark.real_data,

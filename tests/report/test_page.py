@@ -31,7 +31,7 @@ from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.overview import RowFacts, judge_so_far
 from stereo_seecolor.report.range_code import (
-    RANGE_CODE_CODE,
+    RANGE_CODE,
     CodedRanges,
     std_blocks,
     std_codes,
@@ -582,7 +582,7 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
 def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
     range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
     coded = CodedRanges.of(range_m)
-    assert coded.step_per_m > RANGE_CODE_CODE.step_per_m
+    assert coded.step_per_m > RANGE_CODE.step_per_m
     np.testing.assert_allclose(coded.range_m(), range_m, rtol=1e-3)
 
 

@@ -10,14 +10,14 @@ from conftest import Cli, Dive
 
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.run_folder import folder
-from stereo_seecolor.run_folder.folder import DiskSpace, need_bytes
+from stereo_seecolor.run_folder import disk_space
+from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
 
 PIXELS = 1280 * 1024
 
 
 def free(monkeypatch: pytest.MonkeyPatch, free_bytes: float) -> None:
-    monkeypatch.setattr(folder.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
+    monkeypatch.setattr(disk_space.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
 
 
 @pytest.mark.parametrize(

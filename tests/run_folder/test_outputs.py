@@ -16,23 +16,22 @@ from PIL import Image
 from stereo_seecolor.compute import sequences
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files import encode
+from stereo_seecolor.files import deflate, png
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import quickly_decoded, read_array
 from stereo_seecolor.files.encode import (
-    _file,
     encode_confidence,
     encode_image,
     encode_map,
     encode_mask,
-    encode_png,
     rounded,
 )
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.files.png import _file, encode_png
 from stereo_seecolor.records import FrameRow, Water
-from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
 from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary, frames_csv
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 RNG = np.random.default_rng(1)
 
@@ -64,9 +63,10 @@ def test_pictures_of_every_shape_keep_every_pixel(dtype: type) -> None:
 def test_pictures_are_written_without_the_fast_library_too(monkeypatch: pytest.MonkeyPatch) -> None:
     pixels = RNG.integers(0, 255, (6, 7, 3), dtype=np.uint8)
     monkeypatch.setitem(sys.modules, "isal.isal_zlib", None)
-    without = runpy.run_path(str(encode.__file__))
+    without = runpy.run_path(str(deflate.__file__))
     assert without["fast_error"] is zlib.error
-    np.testing.assert_array_equal(decoded(without["encode_png"](pixels))[..., ::-1], pixels)
+    monkeypatch.setattr(png, "deflated", without["deflated"])
+    np.testing.assert_array_equal(decoded(encode_png(pixels))[..., ::-1], pixels)
 
 
 def test_smooth_pictures_deflate() -> None:

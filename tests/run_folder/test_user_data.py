@@ -25,7 +25,7 @@ from stereo_seecolor.run_folder.layout import PRODUCTS
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 PRECIOUS = b"three years of field notes"
 PRODUCT_FOLDERS = (

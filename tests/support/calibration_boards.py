@@ -11,7 +11,8 @@ import numpy as np
 from calibration import Camera, StereoRig
 from calibration.aprilgrid import AprilGrid, Corners
 from calibration.boards.printing import print_target
-from calibration.boards.targets import Chessboard, TargetView, parse_target
+from calibration.boards.target_views import TargetView
+from calibration.boards.targets import Chessboard, parse_target
 from calibration.refraction import CameraInWater, cameras_in_water
 
 SIZE = (1280, 960)

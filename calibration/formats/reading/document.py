@@ -1,6 +1,11 @@
-"""A calibration file as keys and values, whatever it is written in."""
+"""A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML, JSON,
+INI, ``key=value``, or binary.
 
-import os
+Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nesting and alias bombs
+are refused before they cost time, and only plain data is ever built (no tags that run code, no XML
+entities).
+"""
+
 import re
 import stat
 import tomllib
@@ -14,27 +19,21 @@ from xml.etree import ElementTree
 
 import yaml
 
-from calibration.errors import CalibrationError
-from calibration.files import (
+from calibration.bounded_text import (
     MAX_VALUES,
     TooMuchError,
     decode_text,
     load_json,
     load_toml,
+    load_xml,
     load_yaml,
 )
-from calibration.formats import metashape
+from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import NATIVE, added_formats
 from calibration.formats.reading.binary import is_binary, load_binary
-from calibration.formats.reading.leaves import side_marks, words
 from calibration.formats.reading.notations import named_numbers, numbers_of_text, read
-from calibration.formats.reading.section import Section
-
-# A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML,
-# JSON, INI, ``key=value``, or binary.
-#
-# Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nesting and alias
-# bombs are refused before they cost time, and only plain data is ever built (no tags that run
-# code, no XML entities).
+from calibration.formats.reading.section import Section, naming
+from calibration.formats.reading.unread_formats import foreign
 
 MAX_BYTES = 256 * 1024  # a calibration as text is a few kB
 START_BYTES = 2048  # the first key of a file that is too large
@@ -55,6 +54,8 @@ def load_document(path: Path) -> Section:
     """
     if _is_binary(path):
         return load_binary(path)
+    if (decoded := _of_added_format(path)) is not None:
+        return Section(str(path), decoded)
     text = _read_text(path)
     if kind := foreign(text):
         raise CalibrationError(f"{path}: {kind}")
@@ -74,6 +75,22 @@ def load_document(path: Path) -> Section:
             ) from error
         raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
     return Section(str(path), content)
+
+
+def _of_added_format(path: Path) -> dict[str, Any] | None:
+    """The content of a file in a notation of a format's own; None for other files."""
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_BYTES:
+            return None
+        raw = path.read_bytes()
+    except OSError:
+        return None  # named where its text is read
+    if NATIVE.encode() in raw:
+        return None
+    formats = added_formats().values()
+    with naming(str(path)):
+        found = (format.decode(raw) for format in formats if format.decode)
+        return next((content for content in found if content is not None), None)
 
 
 def _is_binary(path: Path) -> bool:
@@ -247,7 +264,7 @@ def _repair(text: str) -> str:
 
 
 _JSON_COMMENTS = re.compile(r'("(?:\\.|[^"\\])*"?)|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
-# A text or comment without an end goes to the end of the file, so that each byte is seen once.
+"""A text or comment without an end goes to the end of the file, so that each byte is seen once."""
 
 
 def _parse_json(text: str) -> Any:
@@ -268,13 +285,7 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _parse_xml(text: str) -> dict[str, Any]:
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CalibrationError(
-            "its XML declares entities, which no calibration needs: remove the DOCTYPE"
-        )
-    root = ElementTree.fromstring(text.encode())
-    if root.tag == "document" and root.find("chunk") is not None:
-        return metashape.read(root)
+    root = load_xml(text)
     content = _xml_value(root)
     if not isinstance(content, dict):
         raise CalibrationError(f"is not a calibration: its XML holds nothing but <{root.tag}>")
@@ -324,134 +335,3 @@ def _check_bounded(content: Any) -> None:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).replace(' in "<unicode string>",', "").split())[:200]
-
-
-# Several files of one rig, and files of formats that are not read.
-
-# Rigs in several files of a folder: which files belong together, which is the left camera's, and
-# how their keys are merged.
-
-SUFFIXES = (
-    ".yaml",
-    ".yml",
-    ".xml",
-    ".json",
-    ".txt",
-    ".mat",
-    ".npz",
-    ".cam",
-    ".conf",
-    ".toml",
-    ".npy",
-    ".csv",
-    ".krtd",
-)
-MAX_FILES = 100  # read of one folder: a rig is a few files
-
-
-def calibration_files(folder: Path, pattern: str = "*") -> list[Path]:
-    """The files of a folder that could be calibrations; pattern: ``*/*`` for those of the folders
-    in it.
-
-    Raises CalibrationError if they are too many.
-    """
-    files = sorted(
-        file for file in folder.glob(pattern) if file.suffix.lower() in SUFFIXES and file.is_file()
-    )
-    if len(files) > MAX_FILES:
-        raise CalibrationError(
-            f"{folder}: holds {len(files)} files that could be calibrations: name the one"
-        )
-    return files
-
-
-def left_first(cameras: list[Section], where: Path | str) -> list[Section]:
-    """Two cameras' files, left before right, by their names or the projection that holds the
-    baseline. Raises CalibrationError if neither says which is which.
-    """
-
-    def of_name(camera: Section) -> tuple[str, ...]:
-        return side_marks(words(str(camera.content.get("camera_name", ""))))
-
-    def of_file(camera: Section) -> tuple[str, ...]:
-        return side_marks(words(Path(camera.where.rsplit(": ", 1)[-1]).stem))
-
-    def of_projection(camera: Section) -> tuple[str, ...]:
-        key = next((key for key in ("projection_matrix", "P", "p") if camera.has(key)), "")
-        with suppress(CalibrationError):
-            return ("right" if camera.numbers(key, 12)[[3, 7]].any() else "left",) if key else ()
-        return ()
-
-    sides = [("left", "right")]
-    numbers = [("0", "1"), ("1", "2")]
-    for said, pairs in (
-        (of_name, sides), (of_file, sides), (of_projection, sides), (of_file, numbers)
-    ):  # fmt: skip
-        by_side = {said(camera): camera for camera in cameras}
-        for left, right in pairs:
-            if set(by_side) == {(left,), (right,)}:
-                return [by_side[left,], by_side[right,]]
-    raise CalibrationError(
-        f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml"
-    )
-
-
-def merged(documents: list[Section]) -> Section:
-    """One or more files as one whose keys are their names: K1.xml ... R.xml T.xml, or left.xml,
-    right.xml and extrinsics.xml.
-
-    What the names have in common says nothing: ``calibration/camera1/intrinsics.csv`` is ``camera1
-    intrinsics``.
-    """
-    files = [Path(document.where).absolute() for document in documents]
-    top = os.path.commonpath([file.parent for file in files])
-    content = {
-        file.relative_to(top).as_posix(): document.content
-        for file, document in zip(files, documents, strict=True)
-    }
-    return Section(",".join(document.where for document in documents), content)
-
-
-# Calibration formats that are not read here, recognized so that the error says what the file is
-# and what to do.
-
-_NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
-_TWO = rf"{_NUMBER}[,\t ]+{_NUMBER}"
-_FIRST_KEY = r"\A(?:%YAML.*\n\s*---|<\?xml.*>\s*<opencv_storage>)\s*<?"
-"""Of a file of OpenCV."""
-
-FOREIGN = {
-    "one lens of Metashape": r"<calibration>\s*<projection>",
-    "a lens of Pix4D": r"\APix4D camera calibration",
-    "settings of a RealSense camera": r"RealSense",
-    "the lenses of a RealSense camera": r"\"ppx\"\s*:",
-    "what MATLAB's window shows of a calibration": (
-        r"^[ \t]*(?:stereoParams|stereoParameters)[ \t]*=[ \t]*$"
-        r"|^[ \t]*(?:RotationOfCamera2|CameraParameters1):[ \t]*\["
-    ),
-    "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",  # noqa: E501
-    "coefficients of a direct linear transformation (DLT)": (
-        rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z|<cal\.coeff\b|\bdlt_?coef"
-    ),
-    "a camera of RealityCapture (XMP)": r"capturingreality\.com",
-    "a project of Meshroom": r"\"intrinsicId\"\s*:",
-    "a reconstruction or rig of OpenSfM": (
-        r"\"projection_type\"\s*:|\A\s*\{\s*\"[^\"]*\"\s*:\s*\{\s*\"(?:rotation|translation)\"\s*:"
-    ),
-    "a lens of Gyroflow": r"\"calibrated_by\"\s*:|\"fisheye_params\"\s*:",
-    "a mission of oplab": r"\A(?:\s|#.*\n|version\s*:.*\n)*(?:origin|mission|vehicle)\s*:[\s\S]*?(?:records_|surge_m|latitude)",  # noqa: E501
-    "a camera of mrcal": r"^[ \t]*[\"']?lensmodel[\"']?\s*:",
-}
-
-
-def foreign(text: str) -> str | None:
-    """Name the calibration format of a text file that is not read here, with what to do; None if it
-    is none of these.
-    """
-    for name, pattern in FOREIGN.items():
-        if re.search(pattern, text, re.MULTILINE):
-            return (
-                f"holds {name}, which is not read here: write both cameras and the transform "
-                "between them as cam.yaml, the native file of docs/calibration.md"
-            )
-    return None

@@ -8,10 +8,9 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
+from calibration.bounded_text import load_toml
 from calibration.errors import CalibrationError
-from calibration.files import load_toml
 from calibration.formats import colmap
-from calibration.formats.others import calib_filter
 from calibration.formats.reading.leaves import MAX_NUMBERS, side_marks, words
 
 LEAST_FOCAL_PX = 10  # tells a projection from a pose, whose numbers are cosines
@@ -49,8 +48,6 @@ def read(text: str) -> dict[str, Any] | None:
         return {colmap.RIGS: _table(text)}
     if re.search(r"^\[[\w ]+\]\s*$", text, re.MULTILINE):
         return _parse_toml(text)
-    if (numbers := calib_filter.read(text)) is not None:
-        return numbers
     if (rows := _rows_of_twelve(text)) is not None:
         return {f"P{camera}": row for camera, row in enumerate(rows)}
     return _matrices(text) or _cells(text)

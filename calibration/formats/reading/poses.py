@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.formats.reading.finder import Parts, Role, Side, as_transform, is_rotation
 from calibration.formats.reading.leaves import Leaf, texts, words
-from calibration.formats.reading.section import METERS, Section, to_meters
+from calibration.formats.reading.section import Section
+from calibration.formats.reading.units import METERS, to_meters
 from calibration.formats.ros import transform_of_projections
 from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import MAX_BASELINE_M

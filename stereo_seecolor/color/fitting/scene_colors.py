@@ -17,7 +17,7 @@ from stereo_seecolor.color.fitting.water_prior import (
     water_prior,
 )
 from stereo_seecolor.config import RobustConfig
-from stereo_seecolor.files.text_documents import load_object
+from stereo_seecolor.files.json_records import load_object
 
 # The prior of the robust fit: reflectances and light, joined with the water (``water_prior``).
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.files.encode import deflated
+from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.records import Image, Map
 
 # The bins of a moment table: by range, 32 an octave, and by value.

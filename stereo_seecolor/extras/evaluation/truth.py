@@ -21,12 +21,12 @@ from stereo_seecolor.extras.evaluation.baselines import OtherResults
 from stereo_seecolor.extras.evaluation.measures import TruthScore, score_truth
 from stereo_seecolor.extras.evaluation.spread import ComparedFrame, SpreadReport, measure_spread
 from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.srgb import encode_srgb
-from stereo_seecolor.files.text_documents import load_object
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.records import Map, Mask
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 Score = TypeVar("Score", "RangeScore", TruthScore)
 NOT_MEASURED = (1, 2)

@@ -34,13 +34,13 @@ from stereo_seecolor.extras.evaluation.charts.targets import Targets, read_targe
 from stereo_seecolor.extras.evaluation.multiview import fit_observations, with_white_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_files
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.track.assignment import place
+from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.dive_files import read_waters, waters_content
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MEASURED_WATER
-from stereo_seecolor.run_folder.posed_run import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 from stereo_seecolor.water.model import read_water_document
 
 

@@ -11,12 +11,14 @@ import numpy as np
 
 from stereo_seecolor.errors import InputError, PluginError
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.files.atomic import files_below, new_folder
+from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.plugins import added, load
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
-from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN, refuse_own_place
+from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 GEOTIFFS = f"{MAP}/{MOSAIC} and {MAP}/{TERRAIN} of OUT are GeoTIFFs, to be opened as they are"

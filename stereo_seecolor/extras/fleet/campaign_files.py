@@ -17,9 +17,10 @@ from calibration import CalibrationError
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.extras.export import ifdo, stac
 from stereo_seecolor.files.atomic import Content, write_atomic
-from stereo_seecolor.files.text_documents import as_record, guarded, load_object
+from stereo_seecolor.files.csv_tables import guarded
+from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.finished_run import open_map
-from stereo_seecolor.run_folder.layout import is_plain_name
+from stereo_seecolor.run_folder.own_paths import is_plain_name
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 WRITTEN = ".campaign-files.json"

@@ -31,11 +31,11 @@ from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.dive_files import waters_content
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state
-from stereo_seecolor.run_folder.posed_run import Part
+from stereo_seecolor.run_folder.shard_part import Part
+from stereo_seecolor.run_folder.water_file import waters_content
 
 
 def merge(

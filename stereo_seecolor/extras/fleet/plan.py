@@ -23,8 +23,8 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.cache import KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import RunSummary
-from stereo_seecolor.run_folder.ownership import refuse_inputs
-from stereo_seecolor.run_folder.reports import USUAL
+from stereo_seecolor.run_folder.replaced_results import refuse_inputs
+from stereo_seecolor.run_folder.run_progress import USUAL
 
 MEASURED_PAIRS = 10
 """Spread over the dive: the times of its pairs differ by some 10 %."""

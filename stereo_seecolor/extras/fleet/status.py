@@ -13,9 +13,9 @@ from stereo_seecolor.extras.fleet.campaign_files import load_states
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_csv import RunSummary, read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
-from stereo_seecolor.run_folder.lock import writer
+from stereo_seecolor.run_folder.lease import writer
 from stereo_seecolor.run_folder.manifest import Manifest
-from stereo_seecolor.run_folder.reports import Progress
+from stereo_seecolor.run_folder.run_progress import RunProgress
 
 State = Literal["running", "killed", "stopped", "complete", "no run"]
 Basis = Literal["", "the plan", "the usual shares of passes"]
@@ -73,7 +73,7 @@ def statuses(outs: Sequence[Path]) -> list[RunStatus]:
 
 def status(out: Path) -> RunStatus:
     """The status of the run in ``out``. Raises InputError if it holds none."""
-    now, progress = writer(out), Progress.load(out)
+    now, progress = writer(out), RunProgress.load(out)
     if now:
         return (
             _pass_status(out, "running", progress, now)
@@ -91,7 +91,7 @@ def status(out: Path) -> RunStatus:
     return RunStatus(out, run.state, "", *counts, failures)
 
 
-def _pass_status(out: Path, state: State, progress: Progress, now: str) -> RunStatus:
+def _pass_status(out: Path, state: State, progress: RunProgress, now: str) -> RunStatus:
     left = progress.total - progress.done
     counts = progress.done - progress.failed, progress.failed, left
     found = RunStatus(out, state, progress.stage, *counts, progress.failures, now)

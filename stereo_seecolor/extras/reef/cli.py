@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.markers import FoundMarkers
     from stereo_seecolor.extras.reef.measure import Measurement
     from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
-    from stereo_seecolor.mapping.marker_placing import ScaleCheck
+    from stereo_seecolor.mapping.placed_markers import ScaleCheck
 
 
 @command("Ecology", "metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS")
@@ -391,9 +391,7 @@ def _doubt(check: "ScaleCheck") -> str:
 def measures_text(results: "list[Measurement]") -> str:
     """Measurements as CSV, in meters and square meters; "" for none."""
     # loads pydantic, which --help does without
-    from stereo_seecolor.files.text_documents import (
-        csv_text,
-    )
+    from stereo_seecolor.files.csv_tables import csv_text
 
     return (
         csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""

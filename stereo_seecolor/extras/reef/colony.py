@@ -14,7 +14,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import planar_area, polygon_a
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import REDRAW_SETTINGS, added_by_noise, spread_of
+from stereo_seecolor.mapping.raster.noise import CORRECTION_SETTINGS, added_by_noise, spread_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -149,7 +149,7 @@ def _without_noise(
     added = added_by_noise(by_terrain, terrain.height_m, errors.noise_m, alike_cells)
     by_draws = spread_of(by_terrain, terrain.height_m, errors.std_m, alike_cells)
     return by_terrain(terrain.height_m) - added, np.hypot(
-        by_draws, REDRAW_SETTINGS.of_noise * added
+        by_draws, CORRECTION_SETTINGS.of_noise * added
     )
 
 

@@ -18,15 +18,16 @@ from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, cover, tables
 from stereo_seecolor.extras.reef.outlines import read_outlines
 from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_errors, terrain_of
 from stereo_seecolor.extras.reef.structure import structure
-from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.noise import height_stds
-from stereo_seecolor.mapping.raster.products import known_area_m2
+from stereo_seecolor.mapping.raster.terrain import known_area_m2
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.layout import refuse_own_place
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 SECOND_TRACK = "second_track.tum"
 CLICK_PX = 0.5

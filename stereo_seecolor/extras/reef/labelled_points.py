@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.mosaic_tiles import windows
-from stereo_seecolor.files import text_documents
+from stereo_seecolor.files import csv_tables
 from stereo_seecolor.files.rasters import open_raster
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -54,11 +54,11 @@ def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
     Name: a tile of ``export --to tiles``, or a corrected frame. Row, Column: its pixel, from 0.
     Raises InputError if the table cannot be used, names another image, or a pixel beside it.
     """
-    names = text_documents.header(path)
+    names = csv_tables.header(path)
     label = next((name for name in LABELS if name in names), LABELS[0])
     images = _PlacedImages(posed)
     found = []
-    for where, row in text_documents.rows(path, (*PLACE, label)):
+    for where, row in csv_tables.rows(path, (*PLACE, label)):
         if not row[label]:
             continue
         try:

@@ -9,25 +9,26 @@ import numpy as np
 
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.extras.reef.metric_tables import write_tables
-from stereo_seecolor.files.atomic import files_below, new_folder, refuse_filled
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.marker_detection import MarkerDetector
-from stereo_seecolor.mapping.marker_placing import (
+from stereo_seecolor.mapping.marker_placing import PlacedSighting, place
+from stereo_seecolor.mapping.marker_tables import read_bars, read_places
+from stereo_seecolor.mapping.placed_markers import (
     PlacedMarker,
-    PlacedSighting,
     ScaleCheck,
     bar_checks,
-    place,
     placed_markers,
     size_check,
 )
-from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
-from stereo_seecolor.run_folder.layout import refuse_own_place
-from stereo_seecolor.run_folder.posed_run import PosedRun, SurveyFrames, open_posed_run
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
-from stereo_seecolor.files import text_documents
+from stereo_seecolor.files import csv_tables
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.map_images import TerrainImages
@@ -263,12 +263,12 @@ def read_wanted(path: Path) -> list[Wanted]:
     """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming
     the line, if it is bad.
     """
-    names = text_documents.header(path)
+    names = csv_tables.header(path)
     places = (
         FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
     )
     found: dict[str, Wanted] = {}
-    for where, row in text_documents.rows(path, (*COLUMNS, *places)):
+    for where, row in csv_tables.rows(path, (*COLUMNS, *places)):
         each = _wanted(row, where)
         earlier = found.get(each.measure)
         if earlier and (earlier.frame, earlier.kind) != (each.frame, each.kind):

@@ -10,7 +10,7 @@ from stereo_seecolor.extras.reef.colony import Colony
 from stereo_seecolor.extras.reef.labelled_points import PointCover
 from stereo_seecolor.extras.reef.structure import StructureAtScale
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.text_documents import csv_text
+from stereo_seecolor.files.csv_tables import csv_text
 
 # Cover of the bottom by label: as a fraction of what was seen, and of what was outlined.
 

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself
 from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.rasters import open_raster
-from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 

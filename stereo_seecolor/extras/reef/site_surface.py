@@ -10,9 +10,9 @@ from calibration import RectifiedPair
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.geometry import inverse, scale_of, transformed
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.noise import averaged
-from stereo_seecolor.mapping.raster.products import rasterize
+from stereo_seecolor.mapping.raster.rasterize import rasterize
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.layout import MAP, MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration import CalibrationError
-from calibration.checks import suspicions
+from calibration.suspicions import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
 from stereo_seecolor.commands.stereo_inputs import Opened, calibration_files, sample, settle_storage

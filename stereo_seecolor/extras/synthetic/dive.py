@@ -10,16 +10,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from calibration.formats import native
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef
 from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES
-from stereo_seecolor.files.atomic import atomic_path, refuse_filled
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.free_places import refuse_filled
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.ply import write_tum
-from stereo_seecolor.files.text_documents import load_object
 from stereo_seecolor.records import Water
 
 _FOLDERS = {

@@ -1,8 +1,9 @@
-"""Trajectories in the formats of vehicles and other programs: ``read_trajectory`` recognizes the
-format; each is a module.
+"""Trajectories of any format: ``read_trajectory`` recognizes the format by the content of the file.
+
+Formats of many users are modules here; packages add others (``trajectory_format``).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,44 +13,36 @@ from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.name_keys import side_of, without_side
 from stereo_seecolor.inputs.trajectories import (
+    colmap,
     column_map,
     converted,
     foreign,
-    models,
+    pose_table,
     poses,
     receivers,
-    vehicles,
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
-from stereo_seecolor.plugins import added, load
+from stereo_seecolor.inputs.trajectories.trajectory_format import (
+    FileFormat,
+    TextFormat,
+    added_formats,
+)
 from stereo_seecolor.records import Trajectory
 
+TABLES = (
+    TextFormat("table of poses", pose_table.is_pose_table, pose_table.read_pose_table),
+    TextFormat("table of navigation", column_map.recognizes, column_map.read_by_names),
+)
 FORMATS = (
-    "TUM, KITTI, TartanAir, transforms.json (NeRF), reconstruction.json (OpenSfM), COLMAP "
-    "images.txt, Metashape cameras (XML) and reference (text), oplab, ACFR stereo_pose_est.data, "
-    "ORCA, Matisse (CSV and dim2), NMEA, GPX, KML tracks, ROS bags, tables of poses or navigation "
-    "whose header names the columns; or any table with a map of its columns,  "
-    "nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
+    TextFormat("COLMAP images.txt", colmap.is_colmap, colmap.read_colmap),
+    TABLES[0],
+    TextFormat("KITTI", poses.is_kitti, poses.read_kitti),
+    TextFormat("TartanAir", poses.is_tartanair, poses.read_tartanair),
+    TextFormat("NMEA, GPX or KML track", receivers.recognizes, receivers.read),
+    TextFormat("TUM", poses.is_tum, poses.read_tum),
+    TABLES[1],
 )
-
-_Reader = Callable[[Lines, MountConfig], Trajectory]
-_FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
-    ("Metashape cameras", models.is_metashape_xml, models.read_metashape_xml),
-    ("Metashape reference", models.is_metashape_reference, models.read_metashape_reference),
-    ("ACFR stereo_pose_est.data", vehicles.is_acfr, vehicles.read_acfr),
-    ("COLMAP images.txt", models.is_colmap, models.read_colmap),
-    ("oplab", vehicles.is_oplab, vehicles.read_oplab),
-    ("ORCA", vehicles.is_orca, vehicles.read_orca),
-    ("Matisse", vehicles.is_matisse, vehicles.read_matisse),
-    ("table of poses", poses.is_pose_table, poses.read_pose_table),
-    ("KITTI", poses.is_kitti, poses.read_kitti),
-    ("TartanAir", poses.is_tartanair, poses.read_tartanair),
-    ("NMEA, GPX or KML track", receivers.recognizes, receivers.read),
-    ("reconstruction.json", models.is_opensfm, models.read_opensfm),
-    ("transforms.json", models.is_nerf, models.read_nerf),
-    ("TUM", poses.is_tum, poses.read_tum),
-    ("table of navigation", column_map.recognizes, column_map.read_by_names),
-)
+"""In the order in which they are asked, after those that packages add."""
 
 
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
@@ -71,11 +64,10 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     Raises:
         InputError: If the file cannot be read, is of no known format, or holds no pose.
     """
-    for name in added("trajectory_formats"):
-        plugin = load("trajectory_formats", name, needs=("recognizes", "read"))
-        if plugin.recognizes(path):
-            return _of_left(plugin.read(path, mount or MountConfig()))
     mount = mount or MountConfig()
+    for format in added_formats():
+        if isinstance(format, FileFormat) and format.recognizes(path):
+            return _of_left(format.read(path, mount))
     parts = [column_map.split_spec(part) for part in column_map.split_files(path)]
     if len(parts) > 1:
         tables = [_table(read_lines(file), columns) for file, columns in parts]
@@ -83,8 +75,8 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     elif parts[0][1]:
         trajectory = column_map.read(*_table(read_lines(parts[0][0]), parts[0][1]), mount)
     else:
-        reader, lines = _reader(read_lines(parts[0][0]))
-        trajectory = reader(lines, mount)
+        known, lines = _known(read_lines(parts[0][0]))
+        trajectory = known.read(lines, mount)
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
     return _of_left(trajectory)
@@ -95,7 +87,7 @@ def trajectory_format(path: Path) -> str | None:
     first lines. Raises InputError.
     """
     found = _recognized(read_lines(path))
-    return found[0] if found else None
+    return found[0].title if found else None
 
 
 def rectified_trajectory(
@@ -181,31 +173,31 @@ def _of_left(trajectory: Trajectory) -> Trajectory:
     )
 
 
-def _recognized(lines: Lines) -> tuple[str, _Reader, Lines] | None:
-    """The format, its reader, and the lines that it reads: a table may stand below other lines, or
-    be JSON.
-    """
+def _recognized(lines: Lines) -> tuple[TextFormat, Lines] | None:
+    """The format, and the lines that it reads: a table may stand below other lines, or be JSON."""
     is_json = lines.first[:1] in ("{", "[")
-    for name, recognizes, read in _FORMATS:
-        if is_json == name.endswith(".json") and recognizes(lines):
-            return name, read, lines
+    added = (format for format in added_formats() if isinstance(format, TextFormat))
+    for format in (*added, *FORMATS):
+        if is_json == format.is_json and format.recognizes(lines):
+            return format, lines
     if is_json:
         records = converted.of_json(lines)
         return _recognized(records) if records else None
-    tables = [format_ for format_ in _FORMATS if format_[0].startswith("table of")]
     for table in converted.below(lines):
-        for name, recognizes, read in tables:
-            if recognizes(table):
-                return name, read, table
+        for format in TABLES:
+            if format.recognizes(table):
+                return format, table
     return None
 
 
-def _reader(lines: Lines) -> tuple[_Reader, Lines]:
+def _known(lines: Lines) -> tuple[TextFormat, Lines]:
     if found := _recognized(lines):
-        return found[1:]
+        return found
     if kind := foreign.named("\n".join(lines.all[:50])):
         raise InputError(f"{lines.path}: is {kind}")
+    titles = ", ".join(format.title for format in (*FORMATS, *added_formats()))
     raise InputError(
-        f"{lines.path}: is not a trajectory that is known here ({FORMATS}); first line: "
+        f"{lines.path}: is not a trajectory that is known here ({titles}; or any table with a map "
+        "of its columns, nav.csv:time=...,lat=...,lon=...,depth=...,heading=...); first line: "
         f"{lines.first[:60]!r}"
     )

@@ -13,17 +13,20 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.text_documents import separator_of, split_fields
-from stereo_seecolor.inputs.trajectories.axes import Column, VehicleTrack, from_degrees, step_of
+from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
-from stereo_seecolor.inputs.trajectories.table import (
+from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
+from stereo_seecolor.inputs.trajectories.times import (
     AmbiguousDateError,
-    Lines,
-    Table,
     TimeError,
     column_seconds,
-    is_number,
     is_unknown,
+)
+from stereo_seecolor.inputs.trajectories.vehicle_track import (
+    Column,
+    VehicleTrack,
+    from_degrees,
+    step_of,
 )
 from stereo_seecolor.records import Trajectory
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from stereo_seecolor.inputs.trajectories.columns import named
 from stereo_seecolor.inputs.trajectories.table import Lines
 

@@ -1,29 +1,23 @@
-"""Tables of poses: rows of numbers (TUM, KITTI, TartanAir), and any with a header."""
+"""Rows of numbers that are poses: TUM, KITTI, TartanAir.
 
-import re
-from collections.abc import Callable
+TUM: ``timestamp tx ty tz qx qy qz qw``, seconds, camera to world, w last; with a name of an image
+in place of the time too. KITTI: a row-major 3x4 camera-to-world matrix a line, line i is frame i;
+``times.txt`` beside it where there is one; also a time or a name before it, and 4x4 matrices on one
+line or on four. TartanAir's ``pose_left.txt``: ``x y z qx qy qz qw`` a line, north-east-down,
+without times; line i is frame i.
+"""
+
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.files.text_documents import separator_of, split_fields
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
-from stereo_seecolor.inputs.trajectories.table import (
-    Lines,
-    Table,
-    column_seconds,
-    is_number,
-    read_lines,
-    seconds,
-)
+from stereo_seecolor.inputs.trajectories.table import Lines, is_number, read_lines
+from stereo_seecolor.inputs.trajectories.times import seconds
 from stereo_seecolor.records import Trajectory
-
-# TUM: ``timestamp tx ty tz qx qy qz qw``, seconds, camera to world, w last; with a name of an image
-# in place of the time too.
 
 
 def is_tum(lines: Lines) -> bool:
@@ -86,9 +80,6 @@ def _fields(line: str) -> list[str]:
     return line.replace(",", " ").split()
 
 
-# KITTI: a row-major 3x4 camera-to-world matrix a line, line i is frame i; ``times.txt`` beside it
-# where there is one. Also a time or a name before it, and 4x4 matrices on one line or on four.
-
 _LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 _WIDTHS = (12, 13, 16, 17)
 
@@ -147,9 +138,6 @@ def _times(lines: Lines, count: int) -> np.ndarray:
     return np.array(values)
 
 
-# TartanAir's ``pose_left.txt``: ``x y z qx qy qz qw`` a line, north-east-down, without times;
-# line i is frame i.
-
 R_FORWARD_RIGHT_DOWN_CAMERA = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 """The camera's x right, y down, z forward to the axes of the file's poses."""
 
@@ -172,67 +160,3 @@ def read_tartanair(lines: Lines, mount: MountConfig) -> Trajectory:
         rotation_from_quaternion(table[:, 3:]) @ R_FORWARD_RIGHT_DOWN_CAMERA, table[:, :3]
     )
     return Trajectory(("",) * len(T), np.full(len(T), np.nan), T)
-
-
-# A table of poses with a header: time, x, y, z and a quaternion by the names of their columns, as
-# of EuRoC and ROS.
-
-_TIME = re.compile(r"(.*[._])?(time_?)?stamps?([._](sec|s|ns|us|ms))?|%?time|t")
-_POSITION = {"", "t", "p", "pos", "position", "translation"}
-_ROTATION = {"q", "quat", "quaternion", "orientation", "rotation"}
-
-
-def is_pose_table(lines: Lines) -> bool:
-    """A header that names a time, a position and a quaternion."""
-    return _columns(lines) is not None
-
-
-def read_pose_table(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Camera to world, as TUM's; times in seconds, ms, us or ns since 1970, or ISO 8601."""
-    columns = _columns(lines)
-    assert columns
-    rows = tuple(row for row in lines.content if row[1].lstrip("#% ") != lines.header)
-    table = Table.read(lines, separator_of(lines.header), _names(lines), rows, is_whole=True)
-    try:
-        times = column_seconds(table.text(columns[0]))
-    except ValueError as error:
-        raise lines.error(rows[0][0], f"no time in column {columns[0]!r}: {error}") from error
-    return trajectory_of(
-        np.array(times), np.column_stack([table.column(name) for name in columns[1:]])
-    )
-
-
-def _columns(lines: Lines) -> list[str] | None:
-    """Of time, x, y, z, qx, qy, qz, qw, in this order; None where one is missing."""
-    names = _names(lines)
-    bare = [re.sub(r"(?<!\s)\s*[\[(][^\[\]()]*[\])]", "", name) for name in names]
-    found: list[str] = []
-    wanted: list[Callable[[str], object]] = [
-        _TIME.fullmatch,
-        *(partial(_is_of, _POSITION, axis) for axis in "xyz"),
-        *(partial(_is_of, _ROTATION, axis) for axis in "xyzw"),
-    ]
-    for fits in wanted:
-        fitting = (
-            name
-            for name, plain in zip(names, bare, strict=True)
-            if name not in found and fits(plain)
-        )
-        if (first := next(fitting, None)) is None:
-            return None
-        found.append(first)
-    return found
-
-
-def _is_of(quantity: set[str], axis: str, name: str) -> bool:
-    """Tell whether a name says an axis of a quantity: ``pose.position.x`` and ``px`` of a
-    position.
-    """
-    parts = re.split("[._]", name.removesuffix(axis))
-    return name.endswith(axis) and not quantity.isdisjoint(parts)
-
-
-def _names(lines: Lines) -> list[str]:
-    """In lower case, with points between the parts of a message's name."""
-    names = split_fields(lines.header, separator_of(lines.header))
-    return [name.lower().replace("/", ".").strip("._") for name in names]

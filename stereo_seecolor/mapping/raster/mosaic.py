@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
-from stereo_seecolor.mapping.limits import rounded
-from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster, Grid
-from stereo_seecolor.mapping.raster.mosaic_blend import agree, blend, see
-from stereo_seecolor.mapping.surface.kernels import BLOCK
-from stereo_seecolor.mapping.surface.tiles import Tiling
+from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.mosaic_blend import blend
+from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.survey import Component
 
 Float = NDArray[np.float32]
@@ -338,41 +336,3 @@ def _project(
         camera, sight.color, sight.range_m, sight.doubtful, limits, color, cost, weight,
     )  # fmt: skip
     return count > 0
-
-
-# The cell size of an orthomosaic where the settings leave it open.
-
-
-@dataclass(frozen=True)
-class MosaicCellSettings:
-    """How the cell size is chosen."""
-
-    # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
-    cells: float = 16e6
-
-
-MOSAIC_CELL_SETTINGS = MosaicCellSettings()
-
-
-def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
-    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where
-    the area is large.
-
-    Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
-    """
-    points = [
-        component.survey.index.points_m[i]
-        for i in component.frames
-        if len(component.survey.index.points_m[i])
-    ]
-    if config.mosaic_m or not points:
-        return config
-    pixel_m = (
-        float(np.median([np.median(own[:, 2]) for own in points]))
-        / component.survey.geometry.focal_px
-    )
-    area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
-    cell_m = max(
-        pixel_m, min(float(np.sqrt(area_m2 / MOSAIC_CELL_SETTINGS.cells)), config.mosaic_cell_m)
-    )
-    return config.model_copy(update={"mosaic_m": rounded(cell_m)})

@@ -42,7 +42,7 @@ class CorrectionSettings:
     steepest: float = 1.5
 
 
-REDRAW_SETTINGS = CorrectionSettings()
+CORRECTION_SETTINGS = CorrectionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,10 @@ class Smoothing:
         """
         own, added = self.kernel_cells * cells, resolved**2 - cells**2
         at_fine = np.sqrt(own**2 + added)
-        at_coarse = np.sqrt(own**2 + added + (REDRAW_SETTINGS.smoother**2 - 1) * resolved**2)
+        at_coarse = np.sqrt(own**2 + added + (CORRECTION_SETTINGS.smoother**2 - 1) * resolved**2)
         ratio, falling = at_coarse / at_fine, (coarse * fine > 0) & (np.abs(coarse) < np.abs(fine))
         falls = np.divide(fine, coarse, out=np.ones_like(fine), where=falling)
-        falls = np.minimum(falls, ratio**REDRAW_SETTINGS.steepest)
+        falls = np.minimum(falls, ratio**CORRECTION_SETTINGS.steepest)
         steps = np.where(
             self.of_ranges,
             (at_fine - own) / (at_coarse - at_fine),
@@ -102,10 +102,10 @@ def corrected(
         The numbers, their standard errors by the draws, and by how well the corrections are known:
         (M,) each.
     """
-    lost = np.hypot(REDRAW_SETTINGS.of_match * correlation_cells, REDRAW_SETTINGS.of_voxel)
-    resolved = float(np.sqrt(scale_cells**2 + REDRAW_SETTINGS.steps * lost**2))
+    lost = np.hypot(CORRECTION_SETTINGS.of_match * correlation_cells, CORRECTION_SETTINGS.of_voxel)
+    resolved = float(np.sqrt(scale_cells**2 + CORRECTION_SETTINGS.steps * lost**2))
     blur_cells = resolved * float(
-        np.sqrt((REDRAW_SETTINGS.smoother**2 - 1) / REDRAW_SETTINGS.steps)
+        np.sqrt((CORRECTION_SETTINGS.smoother**2 - 1) / CORRECTION_SETTINGS.steps)
     )
 
     def both(heights: Array) -> Array:
@@ -119,7 +119,8 @@ def corrected(
     sharp = smoothing.undone(fine, coarse, scale_cells, resolved)
     raw, smooth, values = derive(mapped[0]), derive(fine), derive(sharp)
     of_corrections = np.hypot(
-        REDRAW_SETTINGS.of_noise * (raw - smooth), REDRAW_SETTINGS.of_scale * (values - smooth)
+        CORRECTION_SETTINGS.of_noise * (raw - smooth),
+        CORRECTION_SETTINGS.of_scale * (values - smooth),
     )
     by_draws = np.array([derive(draw) for draw in drawn[:, 0]]).std(axis=0, ddof=1)
     return values, by_draws, of_corrections

@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.mapping.raster.block_raster import BlockRaster, Grid
+from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.grid import Grid
 
 MIN_COVERAGE = 0.5
 """Fraction of a square's cells that must be known."""

@@ -1,106 +1,19 @@
 """Weighted TSDF integration of one frame into a range of voxel blocks."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.compute.threads import in_parts
-from stereo_seecolor.records import Map, SurveyFrame
-
-# The weight of a view's color where several views are averaged, in the fused surface and in the
-# mosaic alike.
-
-DOUBTFUL_WEIGHT = 0.02
-"""Weight of a color that is clipped or beyond recovery: counts only where there is no other."""
-
-
-@compiled
-def color_weight(coarseness: Any, doubtful: Any) -> Any:
-    """Compute the weight 1 / (1 + coarseness^2) of a pixel whose size on the bottom is
-    ``coarseness`` voxels or cells.
-
-    Not more than that: with light and water taken out, caustics, shadows and what is left of the
-    lamps' pattern are the larger part of a color's error, and they are independent of range; the
-    average over many views is truer than the nearest one.
-    """
-    weight = 1 / (1 + coarseness * coarseness)
-    return weight * DOUBTFUL_WEIGHT if doubtful else weight
-
-
-# The slant of measured surfaces: where one is seen at a grazing angle, the truncation along the
-# ray is longer.
-
-SLANT_PX = 8
-"""Pixels over which the slant of a surface is measured: an error of a fifth of a pixel of disparity
-slants it by 30 degrees at a disparity of 10 px and a focal length of 350 px.
-"""
-LEAST_SINE = 0.35
-"""Of the angle between ray and surface, from which on the truncation of 3 voxels reaches a whole
-voxel below the surface. At 10 degrees it is half a voxel, and ground then comes out in stripes.
-"""
-MOST_STRETCH = 4.0
-"""Rays at 5 degrees: what is seen from farther aside is too uncertain."""
-
-
-@compiled
-def stretches(
-    # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32, 1 / depth inside a frame of zeros: 0 where nothing
-    # was measured
-    inverse: Any,
-    camera: Any,  # (3,) float64: focal_px, cx, cy
-    # (H, W) float32, written: by how much the truncation grows along a pixel's ray, 1 for none
-    stretch: Any,
-    left: int,
-    right: int,
-    first: int,
-    last: int,
-) -> None:
-    """Write by how much the truncation grows along each pixel's ray, in the columns from left to
-    right - 1 and the rows from first to last - 1.
-
-    The inverse depth of a plane is linear in pixels, so that its slopes and its value give the
-    normal. Without branches, for vector instructions.
-    """
-    focal_px, cx, cy = np.float32(camera[0]), np.float32(camera[1]), np.float32(camera[2])
-    one, least_sine, most = np.float32(1), np.float32(LEAST_SINE), np.float32(MOST_STRETCH)
-    scale = focal_px / np.float32(SLANT_PX)
-    for row in range(first, last):
-        y = (np.float32(row) - cy) / focal_px
-        above, here = inverse[row], inverse[row + SLANT_PX]
-        below = inverse[row + 2 * SLANT_PX]
-        for column in range(left, right):
-            x = (np.float32(column) - cx) / focal_px
-            middle = here[column + SLANT_PX]
-            a = scale * _slope(here[column], middle, here[column + 2 * SLANT_PX])
-            b = scale * _slope(above[column + SLANT_PX], middle, below[column + SLANT_PX])
-            c = middle - a * x - b * y
-            sine = middle / np.sqrt((a * a + b * b + c * c) * (one + x * x + y * y))
-            stretch[row, column] = min(max(least_sine / sine, one), most)
-
-
-@compiled
-def _slope(before: Any, middle: Any, behind: Any) -> Any:
-    """Change of the inverse depth over SLANT_PX along one axis: the smaller of both sides, so that
-    it holds on both.
-
-    0 where they differ in sign (a branch, a ridge) or one is not measured (an edge of what was
-    seen).
-    """
-    rise, fall = behind - middle, middle - before
-    slope = rise if abs(rise) < abs(fall) else fall
-    return slope if (before > 0) & (behind > 0) & (rise * fall > 0) else np.float32(0)
-
+from stereo_seecolor.mapping.surface.color_weight import color_weight
+from stereo_seecolor.mapping.surface.slant import SLANT_PX
 
 BLOCK = 8
 """Voxels along the edge of a block."""
 
 CELL = 16
 """Pixels along the edge of the cells whose deepest measurement is known."""
-NEAREST_M = 0.05
+NEAREST_DEPTH_M = 0.05
 """Nearer than the cameras' housing nothing is measured, meters."""
 BITS = 21
 """Of a block's coordinate in a packed number: three of them fit into 63."""
@@ -280,7 +193,7 @@ def integrate(
             for i in range(BLOCK):
                 along = i * voxel_m
                 z = start[2] + T[2, 0] * along
-                if z <= NEAREST_M:
+                if z <= NEAREST_DEPTH_M:
                     continue
                 across, down = (start[0] + T[0, 0] * along) / z, (start[1] + T[1, 0] * along) / z
                 u, v = camera[0] * across + camera[1] + 0.5, camera[0] * down + camera[2] + 0.5
@@ -336,83 +249,3 @@ def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
 def packed(x: Any, y: Any, z: Any) -> Any:
     """Pack the int64 coordinates of a block into one number, which sorts as (x, y, z) does."""
     return ((x + OFFSET) << (2 * BITS)) | ((y + OFFSET) << BITS) | (z + OFFSET)
-
-
-# Depths and weights of a frame's pixels, computed where blocks of the tile project into the
-# image.
-
-Cells = tuple[int, int, int, int]
-"""A window of cells of CELL x CELL pixels: top, bottom, left, right; the rows top to bottom - 1,
-the columns left to right - 1.
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredPixels:
-    """Buffers that one frame after the other is weighed in: new memory for each would take as long
-    as the work.
-
-    camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, stretch: as the kernels
-    write them, valid in the cells that were weighed last.
-    """
-
-    geometry: RectifiedPair
-    camera: NDArray[np.float64]
-    depth_m: Map
-    weight: Map
-    inverse: Map
-    deepest_m: Map
-    stretch: Map
-
-    @classmethod
-    def room(cls, geometry: RectifiedPair) -> "MeasuredPixels":
-        """Allocate the buffers for images of this geometry; their content is undefined until
-        ``weigh`` is called.
-        """
-        width, height = geometry.image_size
-        camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
-        depth_m, weight, stretch = (np.empty((height, width), np.float32) for _ in range(3))
-        inverse = np.zeros((height + 2 * SLANT_PX, width + 2 * SLANT_PX), np.float32)
-        deepest_m = np.empty((-(-height // CELL), -(-width // CELL)), np.float32)
-        return cls(geometry, camera, depth_m, weight, inverse, deepest_m, stretch)
-
-    def weigh(self, frame: SurveyFrame, cells: Cells, voxel_m: float) -> None:
-        """Compute depths, weights and stretches of a frame's pixels in these cells.
-
-        Depths are also computed in the cells next to them, since the slant of a surface is measured
-        over its neighborhood.
-        """
-        top, bottom, left, right = cells
-        if top >= bottom or left >= right:
-            return
-        self._weigh_cells(frame, voxel_m, self._wider(cells))
-        self._stretch_cells(cells)
-
-    def _wider(self, cells: Cells) -> Cells:
-        """The window with one cell more on each side, within the image."""
-        top, bottom, left, right = cells
-        rows, columns = self.deepest_m.shape
-        return max(top - 1, 0), min(bottom + 1, rows), max(left - 1, 0), min(right + 1, columns)
-
-    def _weigh_cells(self, frame: SurveyFrame, voxel_m: float, cells: Cells) -> None:
-        top, bottom, left, right = cells
-
-        def weigh_rows(first: int, last: int) -> None:
-            weigh(
-                frame.range_m, frame.range_std_m, frame.confidence, self.geometry.ray_length,
-                voxel_m,
-                self.depth_m, self.weight, self.inverse, self.deepest_m, left, right, top + first,
-                top + last,
-            )  # fmt: skip
-
-        in_parts(weigh_rows, bottom - top)
-
-    def _stretch_cells(self, cells: Cells) -> None:
-        height, width = self.depth_m.shape
-        top, bottom = cells[0] * CELL, min(cells[1] * CELL, height)
-        left, right = cells[2] * CELL, min(cells[3] * CELL, width)
-
-        def stretch_rows(first: int, last: int) -> None:
-            stretches(self.inverse, self.camera, self.stretch, left, right, top + first, top + last)
-
-        in_parts(stretch_rows, bottom - top)

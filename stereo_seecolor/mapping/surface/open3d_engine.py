@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.surface.engines import PlacedFrame
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.open3d_library import open3d
+from stereo_seecolor.mapping.surface.own_engine import PlacedFrame
 from stereo_seecolor.mapping.surface.surface import Surface, only_used
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
 from stereo_seecolor.records import SurveyFrame
 
 LIBRARY = open3d("mapping.engine: open3d")
 MAX_STD_VOXELS = float(np.sqrt(1 / MIN_WEIGHT))
-FARTHEST_M = 1000.0
+FARTHEST_DEPTH_M = 1000.0
 """Open3D must be given a farthest depth; frames hold none beyond matching.max_range_m."""
 
 
@@ -62,7 +62,7 @@ def fuse_tile(
                 K,
                 T,
                 1.0,
-                FARTHEST_M,
+                FARTHEST_DEPTH_M,
                 float(TRUNCATION_VOXELS),
             )
     if not grid.hashmap().size():

@@ -166,7 +166,7 @@ class ContrastSettings:
     fill_known: float = 0.02  # of such a window: fewer known pixels make no mean
 
 
-LOCAL_CONTRAST_SETTINGS = ContrastSettings()
+CONTRAST_SETTINGS = ContrastSettings()
 
 
 def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
@@ -176,12 +176,12 @@ def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
     filled = _filled(gray)
     if scale < 1:
         filled = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    logarithm = np.log(filled + np.float32(LOCAL_CONTRAST_SETTINGS.offset))
-    detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), LOCAL_CONTRAST_SETTINGS.mean_px)
-    spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), LOCAL_CONTRAST_SETTINGS.spread_px))
+    logarithm = np.log(filled + np.float32(CONTRAST_SETTINGS.offset))
+    detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), CONTRAST_SETTINGS.mean_px)
+    spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), CONTRAST_SETTINGS.spread_px))
     return np.asarray(
         np.clip(
-            128 + LOCAL_CONTRAST_SETTINGS.gain * detail / (spread + LOCAL_CONTRAST_SETTINGS.noise),
+            128 + CONTRAST_SETTINGS.gain * detail / (spread + CONTRAST_SETTINGS.noise),
             0,
             255,
         ),
@@ -195,13 +195,13 @@ def _filled(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
     """
     known = (gray > 0).astype(np.float32)
     filled = gray.astype(np.float32)
-    for width in LOCAL_CONTRAST_SETTINGS.fill_px:
+    for width in CONTRAST_SETTINGS.fill_px:
         if known.all():
             break
         share = cv2.blur(known, (width, width))
         mean = cv2.blur(filled * known, (width, width)) / np.maximum(share, 1e-6)
-        filled = np.where((known == 0) & (share > LOCAL_CONTRAST_SETTINGS.fill_known), mean, filled)
-        known = np.where(share > LOCAL_CONTRAST_SETTINGS.fill_known, np.float32(1), known)
+        filled = np.where((known == 0) & (share > CONTRAST_SETTINGS.fill_known), mean, filled)
+        known = np.where(share > CONTRAST_SETTINGS.fill_known, np.float32(1), known)
     return filled
 
 
@@ -224,7 +224,7 @@ class SmoothingSettings:
     unknown_std: float = 0.01  # standard error as a fraction of the range where it is not known
 
 
-SMOOTH_DEPTH_SETTINGS = SmoothingSettings()
+SMOOTHING_SETTINGS = SmoothingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,21 +282,19 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
             + cv2.sepFilter2D(filled, -1, mean_of, slope) ** 2
         )
         variance = _mean(inverse * inverse, width) / share - mean**2 - tilt * (width**2 - 1) / 12
-        std_m = np.where(
-            np.isfinite(stated_m), stated_m, SMOOTH_DEPTH_SETTINGS.unknown_std * range_m
-        )
+        std_m = np.where(np.isfinite(stated_m), stated_m, SMOOTHING_SETTINGS.unknown_std * range_m)
         std = std_m * inverse / range_m
         smooth = (
             np.sqrt(np.maximum(variance, 0))
-            < SMOOTH_DEPTH_SETTINGS.max_spread_std * std + SMOOTH_DEPTH_SETTINGS.max_spread * mean
+            < SMOOTHING_SETTINGS.max_spread_std * std + SMOOTHING_SETTINGS.max_spread * mean
         )
-    usable = known & (share > SMOOTH_DEPTH_SETTINGS.min_known) & smooth
+    usable = known & (share > SMOOTHING_SETTINGS.min_known) & smooth
     return SmoothDepth(mean.astype(np.float32), std.astype(np.float32), usable, every)
 
 
 def _window(every: int) -> int:
     """The window's width in the pixels that are left: odd, and three at least."""
-    return max(3, SMOOTH_DEPTH_SETTINGS.window_px // every // 2 * 2 + 1)
+    return max(3, SMOOTHING_SETTINGS.window_px // every // 2 * 2 + 1)
 
 
 def _mean(values: Map, width: int) -> Map:
@@ -324,7 +322,7 @@ class FeatureSettings:
     lateral_std_px: float = 0.3
 
 
-FEATURES_SETTINGS = FeatureSettings()
+FEATURE_SETTINGS = FeatureSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,7 +356,7 @@ class Features:
 
 
 def detect(
-    frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = FEATURES_SETTINGS
+    frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = FEATURE_SETTINGS
 ) -> Features:
     """SIFT (Lowe 2004) on the image of local contrast, kept where the range is measured and smooth
     all around.
@@ -408,7 +406,7 @@ class FeatureStore(Lazy[Features]):
         if survey.scratch is None:
             return _Temporary([f"{number}.npz" for number in index.order.tolist()])
         names = [f"{number}_{index.checksums[number]:08x}.npz" for number in index.order.tolist()]
-        key = content_key(__version__, FEATURES_SETTINGS, survey.geometry)
+        key = content_key(__version__, FEATURE_SETTINGS, survey.geometry)
         return cls(kept_folder(survey.scratch / "features", key), names)
 
     def __len__(self) -> int:

@@ -19,17 +19,16 @@ from stereo_seecolor.config import MarkersConfig
 from stereo_seecolor.mapping.control_points import FEWEST
 from stereo_seecolor.mapping.kept_frames import Frames
 from stereo_seecolor.mapping.marker_detection import MarkerDetector
-from stereo_seecolor.mapping.marker_placing import MARKER_MAP_SETTINGS as MARKER
-from stereo_seecolor.mapping.marker_placing import (
+from stereo_seecolor.mapping.marker_placing import PlacedSighting, place
+from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
+from stereo_seecolor.mapping.placed_markers import MARKER_SETTINGS as MARKER
+from stereo_seecolor.mapping.placed_markers import (
     PlacedMarker,
-    PlacedSighting,
     ScaleCheck,
     bar_checks,
-    place,
     placed_markers,
     size_check,
 )
-from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.bundle_problem import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.frame_blocks import TrackObservations

@@ -36,7 +36,7 @@ class LoopSettings:
     drift_m: float = 0.5  # and so many meters, for short paths
 
 
-LOOP_CLOSURE_SETTINGS = LoopSettings()
+LOOP_SETTINGS = LoopSettings()
 
 
 def by_overlap(points_m: Iterable[tuple[int, NDArray[np.float64]]], window: int) -> Pairs:
@@ -53,20 +53,16 @@ def by_overlap(points_m: Iterable[tuple[int, NDArray[np.float64]]], window: int)
     for k, i in enumerate(ranks):
         near = np.array(
             sorted(
-                tree.query_ball_point(
-                    centers[k], LOOP_CLOSURE_SETTINGS.overlap * (radii[k] + radii.max())
-                )
+                tree.query_ball_point(centers[k], LOOP_SETTINGS.overlap * (radii[k] + radii.max()))
             ),
             np.int64,
         )
         distance_m = np.linalg.norm(centers[near] - centers[k], axis=1)
-        chosen = (distance_m < LOOP_CLOSURE_SETTINGS.overlap * (radii[near] + radii[k])) & (
+        chosen = (distance_m < LOOP_SETTINGS.overlap * (radii[near] + radii[k])) & (
             np.abs(ranks[near] - i) > window
         )
         for other in ranks[
-            near[chosen][np.argsort(distance_m[chosen], kind="stable")][
-                : LOOP_CLOSURE_SETTINGS.neighbors
-            ]
+            near[chosen][np.argsort(distance_m[chosen], kind="stable")][: LOOP_SETTINGS.neighbors]
         ]:
             pairs.add((int(min(i, other)), int(max(i, other))))
     return sorted(pairs)
@@ -89,7 +85,7 @@ def between_components(components: NDArray[np.int64]) -> Pairs:
     partners = np.arange(len(placed))[::-1] - own  # later frames of other components
     ends = np.cumsum(partners)
     total = int(ends[-1]) if len(ends) else 0
-    step = max(1, -(-total // LOOP_CLOSURE_SETTINGS.max_tries))
+    step = max(1, -(-total // LOOP_SETTINGS.max_tries))
     pairs = []
     for number in range(0, total, step):
         k = int(np.searchsorted(ends, number, side="right"))
@@ -144,17 +140,15 @@ def possible(
         (a, a_m), (b, b_m) = (
             _footprint(transformed(T_world_camera[k], index.points_m[k])) for k in (i, j)
         )
-        return float(np.linalg.norm(a - b)) < LOOP_CLOSURE_SETTINGS.overlap * (
-            a_m + b_m
-        ) + _drift_m(ends_m[[first, second]])
+        return float(np.linalg.norm(a - b)) < LOOP_SETTINGS.overlap * (a_m + b_m) + _drift_m(
+            ends_m[[first, second]]
+        )
 
     return [pair for pair in pairs if may_overlap(*pair)]
 
 
 def _drift_m(ends_m: NDArray[np.float64]) -> float:
-    return LOOP_CLOSURE_SETTINGS.drift_m + LOOP_CLOSURE_SETTINGS.drift_fraction * abs(
-        float(ends_m[1] - ends_m[0])
-    )
+    return LOOP_SETTINGS.drift_m + LOOP_SETTINGS.drift_fraction * abs(float(ends_m[1] - ends_m[0]))
 
 
 # Place recognition: frames that look alike, found by one vector for each frame and an inverted
@@ -179,7 +173,7 @@ class RecognitionSettings:
     min_apart: int = 8  # frames on the track: nearer ones look alike anyway
 
 
-PLACE_RECOGNITION_SETTINGS = RecognitionSettings()
+RECOGNITION_SETTINGS = RecognitionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,15 +214,15 @@ def by_appearance(features: Sequence[Features], compute: Compute) -> Pairs:
     however long the dive; memory grows by 2 KB for each.
     """
     chosen = range(
-        0, len(features), max(1, -(-len(features) // PLACE_RECOGNITION_SETTINGS.sample_frames))
+        0, len(features), max(1, -(-len(features) // RECOGNITION_SETTINGS.sample_frames))
     )
     sample = _sample([features[i].descriptors for i in chosen])
-    if len(sample) < PLACE_RECOGNITION_SETTINGS.words:
+    if len(sample) < RECOGNITION_SETTINGS.words:
         return []
     cv2.setRNGSeed(1)
     _, _, words = cv2.kmeans(
         sample,
-        PLACE_RECOGNITION_SETTINGS.words,
+        RECOGNITION_SETTINGS.words,
         None,
         (cv2.TERM_CRITERIA_COUNT, 15, 0.0),
         1,
@@ -250,8 +244,8 @@ def _reduced(describe: Description, chosen: Sequence[int]) -> Description:
     strengths, mixes = np.linalg.eigh(off @ off.T)
     axes = (
         off.T
-        @ mixes[:, ::-1][:, : PLACE_RECOGNITION_SETTINGS.axes][
-            :, strengths[::-1][: PLACE_RECOGNITION_SETTINGS.axes] > 0
+        @ mixes[:, ::-1][:, : RECOGNITION_SETTINGS.axes][
+            :, strengths[::-1][: RECOGNITION_SETTINGS.axes] > 0
         ]
     )
     axes /= np.maximum(np.linalg.norm(axes, axis=0), 1e-6)
@@ -271,16 +265,16 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n, look_alike) ranks of the nearest, -1 for none: each vector against those of the cells
     nearest to it.
     """
-    count = -(-len(vectors) // PLACE_RECOGNITION_SETTINGS.cell)
+    count = -(-len(vectors) // RECOGNITION_SETTINGS.cell)
     step = max(1, len(vectors) // (count * 20))
     cv2.setRNGSeed(1)
     _, _, centers = cv2.kmeans(
         vectors[::step], count, None, (cv2.TERM_CRITERIA_COUNT, 10, 0.0), 1, cv2.KMEANS_PP_CENTERS
     )
     order = ((centers**2).sum(1) - 2 * vectors @ centers.T).argsort(axis=1, kind="stable")[
-        :, : PLACE_RECOGNITION_SETTINGS.cells
+        :, : RECOGNITION_SETTINGS.cells
     ]
-    wanted = PLACE_RECOGNITION_SETTINGS.look_alike
+    wanted = RECOGNITION_SETTINGS.look_alike
     least = np.full((len(vectors), wanted), np.inf, np.float32)
     near = np.full((len(vectors), wanted), -1, np.int64)
     for cell in range(count):
@@ -289,13 +283,13 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
             np.flatnonzero((order == cell).any(axis=1)),
         )
         for part in (
-            np.array_split(asking, -(-len(asking) // PLACE_RECOGNITION_SETTINGS.cell))
+            np.array_split(asking, -(-len(asking) // RECOGNITION_SETTINGS.cell))
             if len(members)
             else ()
         ):
             squared = (vectors[members] ** 2).sum(1) - 2 * vectors[part] @ vectors[members].T
             squared[
-                np.abs(ranks[part][:, None] - ranks[members]) < PLACE_RECOGNITION_SETTINGS.min_apart
+                np.abs(ranks[part][:, None] - ranks[members]) < RECOGNITION_SETTINGS.min_apart
             ] = np.inf
             both = np.concatenate([least[part], squared], axis=1)
             names = np.concatenate(
@@ -316,7 +310,7 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _sample(descriptors: Sequence[NDArray[np.uint8]]) -> Vectors:
     """As many of each frame's descriptors as make enough."""
-    each = max(1, -(-PLACE_RECOGNITION_SETTINGS.sample // max(1, len(descriptors))))
+    each = max(1, -(-RECOGNITION_SETTINGS.sample // max(1, len(descriptors))))
     parts = [found[:: max(1, -(-len(found) // each))] for found in descriptors]
     return np.concatenate(parts).astype(np.float32) if parts else np.zeros((0, 128), np.float32)
 

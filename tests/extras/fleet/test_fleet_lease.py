@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.run_folder import lock
-from stereo_seecolor.run_folder.lock import Holder, LeaseTimes, check_lease, leased, writer
+from stereo_seecolor.run_folder import lease, lock
+from stereo_seecolor.run_folder.lease import Holder, LeaseTimes, check_lease, leased, writer
 
 
 @pytest.fixture
@@ -73,9 +73,9 @@ def test_a_live_process_of_this_machine_is_refused_where_the_system_has_no_locks
 def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
     out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lock, "TIMES", LeaseTimes(beat_s=0.01))
+    monkeypatch.setattr(lease, "TIMES", LeaseTimes(beat_s=0.01))
     beaten, utime = threading.Event(), os.utime
-    monkeypatch.setattr(lock.os, "utime", lambda *of: (utime(*of), beaten.set()))
+    monkeypatch.setattr(lease.os, "utime", lambda *of: (utime(*of), beaten.set()))
     with leased(out, locked=True) as me:
         assert beaten.wait(60)
         check_lease(out, me.token)
@@ -98,9 +98,9 @@ def test_a_network_that_fails_for_a_moment_costs_no_lease(
         with monkeypatch.context() as failing:
             failing.setattr(Path, "read_bytes", stale_handle)
             check_lease(out, me.token)
-            assert lock._beat(out, me)
+            assert lease._beat(out, me)
             assert writer(out) == ""
-        assert lock._beat(out, me)
+        assert lease._beat(out, me)
     assert not (out / ".state/lease.json").exists()
 
 

@@ -22,8 +22,8 @@ from stereo_seecolor.extras.fleet.cli import status_text
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
 from stereo_seecolor.extras.fleet.status import status
-from stereo_seecolor.run_folder import reports
-from stereo_seecolor.run_folder.reports import ExpectedPasses, Progress
+from stereo_seecolor.run_folder import run_progress
+from stereo_seecolor.run_folder.run_progress import ExpectedPasses, RunProgress
 
 
 @pytest.mark.parametrize(("items", "of"), [(10, 3), (2, 5), (0, 2), (100, 7)])
@@ -119,7 +119,7 @@ def _fitted(part: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
-    monkeypatch.setattr(reports, "EVERY_S", 0.0)
+    monkeypatch.setattr(run_progress, "EVERY_S", 0.0)
     dive = make_dive(3)
     (dive.root / "R/0001.png").write_bytes(b"")
     seen = []
@@ -192,18 +192,20 @@ def test_a_merge_that_stops_at_the_water_expects_no_correction(make_dive, tmp_pa
 
 def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> None:
     expected = ExpectedPasses({"ranges": 2.0, "light": 1.0, "colors": 3.0}, planned=True)
-    ranges = Progress("ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected)  # as fast as expected
+    ranges = RunProgress(
+        "ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected
+    )  # as fast as expected
     assert ranges.ends_s == 1200
     assert ranges.run_ends_s == 1200 + 100 * (1 + 3)
     # by two workers
-    light = Progress("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)
+    light = RunProgress("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)
     assert light.ends_s is None
     assert light.run_ends_s == 1000 + 100 * (1 + 3) / 2
     # nothing tells how fast it goes
-    kept = Progress("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)
+    kept = RunProgress("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)
     assert kept.run_ends_s is None
     assert kept.to_come == ["light", "colors"]
-    tiles = Progress("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], ExpectedPasses({}))
+    tiles = RunProgress("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], ExpectedPasses({}))
     assert (tiles.ends_s, tiles.run_ends_s) == (1020, None)
 
 

@@ -42,7 +42,7 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 
 Array = NDArray[np.float64]
 

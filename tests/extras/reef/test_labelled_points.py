@@ -17,7 +17,7 @@ from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.reef.cli import metrics_text
 from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.labelled_points import LabelledPoint, on_map, read_points, wilson
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 HEAD = "Name,Row,Column,Label\n"

@@ -42,7 +42,7 @@ from stereo_seecolor.extras.reef.structure import (
     squares_of,
     structure,
 )
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
 from stereo_seecolor.report.texts import digits, phrase

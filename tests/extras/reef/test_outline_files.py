@@ -12,7 +12,7 @@ import pytest
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.outlines import read_outlines
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
 
 RING = [[0.5, 0.2], [1.2, 0.2], [1.2, 0.8], [0.5, 0.2]]

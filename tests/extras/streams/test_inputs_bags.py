@@ -35,7 +35,7 @@ from stereo_seecolor.errors import DeviceError, InputError, SeeColorError
 from stereo_seecolor.extras.streams.bag_inputs import bag_info
 from stereo_seecolor.extras.streams.bags.bag import open_bag
 from stereo_seecolor.extras.streams.bags.dive import open_dive
-from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.images import read_image
 
 FORMATS = (".bag", ".db3", ".mcap")

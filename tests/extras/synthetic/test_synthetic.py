@@ -20,7 +20,7 @@ from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_re
 from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene, sunlight
 from stereo_seecolor.extras.synthetic.survey import SurveySpec, track
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
-from stereo_seecolor.inputs.name_keys import timestamp_from_name
+from stereo_seecolor.inputs.name_times import timestamp_from_name
 from stereo_seecolor.inputs.trajectories import read_trajectory
 
 SAMPLES = Path(__file__).parents[3] / "data_samples" / "reef"

@@ -42,7 +42,7 @@ class PatchLimits:
     """Pixels by which the flat part of a patch is narrower than the patch."""
 
 
-FLAT_PATCHES_LIMITS = PatchLimits()
+PATCH_LIMITS = PatchLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ def pyramid(picture: Floats) -> Iterator[tuple[Levels, float]]:
     # morphology is several times faster on whole numbers
     levels = np.asarray(picture * 65535, np.uint16)
     sized = _resized(levels, 2.0)
-    for octave in range(FLAT_PATCHES_LIMITS.octaves):
-        if min(sized.shape[:2]) < FLAT_PATCHES_LIMITS.window_px:
+    for octave in range(PATCH_LIMITS.octaves):
+        if min(sized.shape[:2]) < PATCH_LIMITS.window_px:
             return
         yield sized, 2.0 ** (octave - 1)
         sized = _resized(sized, 0.5) if octave else levels
@@ -86,8 +86,8 @@ def flat_regions(picture: Levels) -> tuple[NDArray[np.int32], NDArray[np.int32]]
     region.
     """
     edge = _edges(picture)
-    flat = edge < FLAT_PATCHES_LIMITS.flat * cv2.blur(
-        edge, (FLAT_PATCHES_LIMITS.window_px, FLAT_PATCHES_LIMITS.window_px)
+    flat = edge < PATCH_LIMITS.flat * cv2.blur(
+        edge, (PATCH_LIMITS.window_px, PATCH_LIMITS.window_px)
     )
     flat[[0, -1]] = flat[:, [0, -1]] = False
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat.astype(np.uint8), connectivity=4)
@@ -97,7 +97,7 @@ def flat_regions(picture: Levels) -> tuple[NDArray[np.int32], NDArray[np.int32]]
 def _of_size(picture: Levels) -> FlatPatches:
     labels, stats = flat_regions(picture)
     area = stats[:, cv2.CC_STAT_AREA]
-    possible = (area >= FLAT_PATCHES_LIMITS.least_area) & (area <= FLAT_PATCHES_LIMITS.most_area)
+    possible = (area >= PATCH_LIMITS.least_area) & (area <= PATCH_LIMITS.most_area)
     possible[0] = False
     number = np.cumsum(possible) - 1
     y, x = np.nonzero(possible[labels])
@@ -131,10 +131,10 @@ def _compact(region: NDArray[np.intp], pixels: Array, count: int) -> FlatPatches
     half_trace, determinant = (xx + yy) / 2, np.maximum(xx * yy - xy * xy, 1e-9)
     difference = np.sqrt(np.maximum(half_trace**2 - determinant, 0))
     stretch = np.sqrt((half_trace + difference) / np.maximum(half_trace - difference, 1e-9))
-    good = (area > FLAT_PATCHES_LIMITS.least_fill * 12 * np.sqrt(determinant)) & (
-        stretch < FLAT_PATCHES_LIMITS.most_stretch
+    good = (area > PATCH_LIMITS.least_fill * 12 * np.sqrt(determinant)) & (
+        stretch < PATCH_LIMITS.most_stretch
     )
-    return FlatPatches(centers[good], np.sqrt(area[good]) + FLAT_PATCHES_LIMITS.border_px)
+    return FlatPatches(centers[good], np.sqrt(area[good]) + PATCH_LIMITS.border_px)
 
 
 # Finds grids among flat patches: the rows and columns of a chart, rotated and tilted in any way.
@@ -171,7 +171,7 @@ class LatticeLimits:
     rounds: int = 16
 
 
-PATCH_LATTICE_LIMITS = LatticeLimits()
+LATTICE_LIMITS = LatticeLimits()
 _AROUND = np.array([[-1, 0], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]])
 
 
@@ -187,14 +187,14 @@ class Lattice:
 
 def lattices(patches: FlatPatches) -> Iterator[Lattice]:
     """The grids of patches, the best supported first; no patch is in two."""
-    if len(patches.centers) < PATCH_LATTICE_LIMITS.least_cells:
+    if len(patches.centers) < LATTICE_LIMITS.least_cells:
         return
     tree = KDTree(patches.centers)
     taken: set[int] = set()
     for seed in _seeds(patches, tree):
         if taken.isdisjoint(seed):
             of = _grown(patches, tree, seed)
-            if len(of) >= PATCH_LATTICE_LIMITS.least_cells:
+            if len(of) >= LATTICE_LIMITS.least_cells:
                 taken |= set(of.values())
                 yield Lattice(np.array(list(of), np.int64), patches.centers[list(of.values())])
 
@@ -215,19 +215,17 @@ def _seeds(patches: FlatPatches, tree: KDTree) -> list[tuple[int, int, int]]:
         patches.centers[first][:, None] + u[:, None] * _AROUND[:, :1] + v[:, None] * _AROUND[:, 1:]
     )
     distance, at = tree.query(
-        expected, distance_upper_bound=PATCH_LATTICE_LIMITS.tolerance * float(step.max())
+        expected, distance_upper_bound=LATTICE_LIMITS.tolerance * float(step.max())
     )
     at = np.minimum(at, len(patches.sides) - 1)
-    met = (distance < PATCH_LATTICE_LIMITS.tolerance * step[:, None]) & _alike(
+    met = (distance < LATTICE_LIMITS.tolerance * step[:, None]) & _alike(
         patches.sides[at], patches.sides[first][:, None]
     )
     support = met.sum(axis=1)
     order = np.argsort(-support, kind="stable")
-    order = order[support[order] >= PATCH_LATTICE_LIMITS.least_support][
-        : 4 * PATCH_LATTICE_LIMITS.most_seeds
-    ]
+    order = order[support[order] >= LATTICE_LIMITS.least_support][: 4 * LATTICE_LIMITS.most_seeds]
     unique = {int(first[k]): (int(first[k]), int(second[k]), int(third[k])) for k in order[::-1]}
-    return list(unique.values())[::-1][: PATCH_LATTICE_LIMITS.most_seeds]
+    return list(unique.values())[::-1][: LATTICE_LIMITS.most_seeds]
 
 
 def _corners(
@@ -237,12 +235,12 @@ def _corners(
     of the first.
     """
     count = len(patches.sides)
-    found: Any = tree.query(patches.centers, k=min(PATCH_LATTICE_LIMITS.neighbors + 1, count))
+    found: Any = tree.query(patches.centers, k=min(LATTICE_LIMITS.neighbors + 1, count))
     distance, near = found[0][:, 1:], found[1][:, 1:]
     ratio = distance / patches.sides[:, None]
     usable = (
-        (ratio > PATCH_LATTICE_LIMITS.nearest)
-        & (ratio < PATCH_LATTICE_LIMITS.farthest)
+        (ratio > LATTICE_LIMITS.nearest)
+        & (ratio < LATTICE_LIMITS.farthest)
         & _alike(patches.sides[near], patches.sides[:, None])
     )
     direction = (patches.centers[near] - patches.centers[:, None]) / np.maximum(distance, 1e-9)[
@@ -251,7 +249,7 @@ def _corners(
     x, y = direction[..., 0], direction[..., 1]
     cross = x[:, :, None] * y[:, None, :] - y[:, :, None] * x[:, None, :]
     square = (
-        (cross > np.sin(np.radians(PATCH_LATTICE_LIMITS.least_angle_deg)))
+        (cross > np.sin(np.radians(LATTICE_LIMITS.least_angle_deg)))
         & usable[:, :, None]
         & usable[:, None, :]
     )
@@ -260,9 +258,7 @@ def _corners(
 
 
 def _alike(sides: Array, others: Array) -> NDArray[np.bool_]:
-    return (sides > PATCH_LATTICE_LIMITS.likeness * others) & (
-        others > PATCH_LATTICE_LIMITS.likeness * sides
-    )
+    return (sides > LATTICE_LIMITS.likeness * others) & (others > LATTICE_LIMITS.likeness * sides)
 
 
 def _grown(
@@ -271,7 +267,7 @@ def _grown(
     """The grid of a seed, extended as far as patches continue it: column and row -> patch."""
     of = dict(zip([(0, 0), (1, 0), (0, 1)], seed, strict=True))
     side = patches.sides[list(seed)].mean()
-    for _ in range(PATCH_LATTICE_LIMITS.rounds):
+    for _ in range(LATTICE_LIMITS.rounds):
         cells = np.array(list(of))
         onto = onto_pixels(cells, patches.centers[list(of.values())])
         low, high = cells.min(axis=0) - 1, cells.max(axis=0) + 1
@@ -282,9 +278,7 @@ def _grown(
         ]
         expected = moved(onto, np.array(new))
         step = _step(onto, cells)
-        nearest: Any = tree.query(
-            expected, distance_upper_bound=PATCH_LATTICE_LIMITS.tolerance * step
-        )
+        nearest: Any = tree.query(expected, distance_upper_bound=LATTICE_LIMITS.tolerance * step)
         used, before = set(of.values()), len(of)
         for cell, far, patch in zip(new, *nearest, strict=True):
             if np.isfinite(far) and patch not in used and _alike(patches.sides[patch], side):
@@ -300,7 +294,7 @@ def onto_pixels(cells: NDArray[np.number], pixels: Array) -> Array:
     in one line.
     """
     cells = np.asarray(cells, np.float64)
-    if len(cells) >= PATCH_LATTICE_LIMITS.homography_from and (np.ptp(cells, axis=0) >= 2).all():
+    if len(cells) >= LATTICE_LIMITS.homography_from and (np.ptp(cells, axis=0) >= 2).all():
         fitted = cv2.findHomography(cells, pixels)[0]
         if fitted is not None:
             return np.asarray(fitted, np.float64)

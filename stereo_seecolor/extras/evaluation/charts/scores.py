@@ -29,7 +29,8 @@ from stereo_seecolor.extras.evaluation.measures import (
     lab_from_linear,
     score_neutral,
 )
-from stereo_seecolor.files.atomic import refuse_existing, write_atomic
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem

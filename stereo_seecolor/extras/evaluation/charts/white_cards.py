@@ -9,7 +9,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from stereo_seecolor.extras.evaluation.charts.flat_patches import FLAT_PATCHES_LIMITS as FLAT
+from stereo_seecolor.extras.evaluation.charts.flat_patches import PATCH_LIMITS as FLAT
 from stereo_seecolor.extras.evaluation.charts.flat_patches import (
     Array,
     Floats,

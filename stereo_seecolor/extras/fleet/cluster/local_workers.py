@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from calibration.files import load_json
+from calibration.bounded_text import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.extras.fleet.cluster.ticket import NO_PAGES, of_worker

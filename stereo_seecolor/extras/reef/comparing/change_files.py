@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.extras.reef.comparing.color_change import ChangedPatch
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.text_documents import csv_text
+from stereo_seecolor.files.csv_tables import csv_text
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.georeference import Georeference

@@ -132,7 +132,7 @@ class PatchSettings:
     on_surface: float = 0.5
 
 
-PATCHES_SETTINGS = PatchSettings()
+PATCH_SETTINGS = PatchSettings()
 
 
 EDGE = np.ones((DIFFERENCE.wide_cells, DIFFERENCE.wide_cells), np.uint8)
@@ -177,16 +177,16 @@ def height_patches(
     kinds: tuple[tuple[Kind, Array, Array], ...] = (("growth", z, wide), ("loss", -z, -wide))
     for kind, narrow, faint in kinds:
         for mask in _regions(
-            np.maximum(narrow, faint), _inside(narrow, faint), PATCHES_SETTINGS.fewest_cells
+            np.maximum(narrow, faint), _inside(narrow, faint), PATCH_SETTINGS.fewest_cells
         ):
             volume, std = volume_l(found, mask, cell_m)
             # where something tall is gone, few cylinders reach both surfaces
             seen = (mask & known).sum()
             agrees = (
-                seen >= PATCHES_SETTINGS.seen * (mask & clear).sum()
-                and moved[mask & known].sum() > PATCHES_SETTINGS.on_surface * seen
+                seen >= PATCH_SETTINGS.seen * (mask & clear).sum()
+                and moved[mask & known].sum() > PATCH_SETTINGS.on_surface * seen
             )
-            if abs(volume) > PATCHES_SETTINGS.sure_sigmas * std and agrees:
+            if abs(volume) > PATCH_SETTINGS.sure_sigmas * std and agrees:
                 kept.append((kind, mask))
     return kept
 
@@ -194,10 +194,10 @@ def height_patches(
 def _inside(narrow: Array, wide: Array) -> Mask:
     """(H, W) what may belong to a patch, by the means over both windows."""
     most = cv2.dilate(narrow, np.ones((DIFFERENCE.wide_cells, DIFFERENCE.wide_cells)))
-    least = np.maximum(PATCHES_SETTINGS.faint_sigmas, PATCHES_SETTINGS.faint_fraction * most)
+    least = np.maximum(PATCH_SETTINGS.faint_sigmas, PATCH_SETTINGS.faint_fraction * most)
     return np.asarray(
-        (narrow > PATCHES_SETTINGS.edge_sigmas)
-        | ((wide > PATCHES_SETTINGS.edge_sigmas) & (narrow > least))
+        (narrow > PATCH_SETTINGS.edge_sigmas)
+        | ((wide > PATCH_SETTINGS.edge_sigmas) & (narrow > least))
     )
 
 
@@ -229,7 +229,7 @@ def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mas
     """Find patches of changed color. z: (H, W) color change in spreads of stable ground. change:
     (H, W, 2) of lightness and chroma.
     """
-    regions = _regions(z, z > PATCHES_SETTINGS.edge_sigmas, PATCHES_SETTINGS.fewest_color_cells)
+    regions = _regions(z, z > PATCH_SETTINGS.edge_sigmas, PATCH_SETTINGS.fewest_color_cells)
     return [(_color_kind(change[mask]), mask) for mask in regions]
 
 
@@ -245,6 +245,6 @@ def _regions(z: Array, inside: Mask, fewest: int) -> list[Mask]:
     not too few.
     """
     count, labels = cv2.connectedComponents(inside.astype(np.uint8))
-    seeds = np.unique(labels[z > PATCHES_SETTINGS.seed_sigmas])
+    seeds = np.unique(labels[z > PATCH_SETTINGS.seed_sigmas])
     sizes = np.bincount(labels.ravel(), minlength=count)
     return [labels == number for number in seeds if number and sizes[number] >= fewest]

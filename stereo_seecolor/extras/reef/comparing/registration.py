@@ -14,7 +14,7 @@ from stereo_seecolor.extras.reef.site_surface import Site, Terrain, grid_of, ter
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
 from stereo_seecolor.mapping.raster import georeference
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.track.features import keypoints, local_contrast, match_descriptors
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -83,7 +83,7 @@ class LandmarkSettings:
     margin_px: int = 5  # from holes and the edge, where the picture is none of the bottom
 
 
-LANDMARKS_SETTINGS = LandmarkSettings()
+LANDMARK_SETTINGS = LandmarkSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +104,12 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
     contrast = local_contrast(photo.gray, 1.0)
     mask = cv2.erode(
         known.astype(np.uint8),
-        np.ones((2 * LANDMARKS_SETTINGS.margin_px + 1,) * 2, np.uint8),
+        np.ones((2 * LANDMARK_SETTINGS.margin_px + 1,) * 2, np.uint8),
         borderValue=0,
     )
     count = min(
-        LANDMARKS_SETTINGS.most,
-        round(LANDMARKS_SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
+        LANDMARK_SETTINGS.most,
+        round(LANDMARK_SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
     )
     pixels, descriptors = keypoints(contrast, mask, max(count, 100))
     if not len(pixels):
@@ -145,9 +145,7 @@ def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
     """Match landmarks of a and b, each the other's best and better than the next best by Lowe's
     ratio: places (n, 3) of a, and of b.
     """
-    index_a, index_b = match_descriptors(
-        a.descriptors, b.descriptors, LANDMARKS_SETTINGS.lowe_ratio
-    )
+    index_a, index_b = match_descriptors(a.descriptors, b.descriptors, LANDMARK_SETTINGS.lowe_ratio)
     return a.points_m[index_a], b.points_m[index_b]
 
 

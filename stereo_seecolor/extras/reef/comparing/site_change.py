@@ -28,7 +28,7 @@ from stereo_seecolor.extras.reef.site_surface import (
     terrain_errors,
     terrain_of,
 )
-from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.grid import Grid
 
 LEAST_OVERLAP_CELLS = 2000
 """Errors are learned from stable ground: of fewer cells they are not known."""

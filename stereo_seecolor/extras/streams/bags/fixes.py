@@ -16,7 +16,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import FIX, IMU, PRESSURE, Bag, Entry
 from stereo_seecolor.extras.streams.bags.messages import decode
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
-from stereo_seecolor.inputs.trajectories.axes import from_degrees
+from stereo_seecolor.inputs.trajectories.vehicle_track import from_degrees
 from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]

@@ -21,9 +21,9 @@ from stereo_seecolor.extras.streams.bags.bag import (
     Entry,
     needs_library,
 )
-from stereo_seecolor.files.encode import encode_tiff
+from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
-from stereo_seecolor.inputs.headers import JPEG_SIGNATURE, PNG_SIGNATURE
 
 CHANNELS = {
     "mono8": 1, "8UC1": 1, "mono16": 1, "16UC1": 1,

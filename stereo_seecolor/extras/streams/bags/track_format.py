@@ -4,12 +4,8 @@ from pathlib import Path
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.extras.streams.bags.bag import is_bag
+from stereo_seecolor.inputs.trajectories.trajectory_format import FileFormat
 from stereo_seecolor.records import Trajectory
-
-
-def recognizes(path: Path) -> bool:
-    """Whether ``path`` is a bag."""
-    return is_bag(path)
 
 
 def read(path: Path, mount: MountConfig) -> Trajectory:
@@ -17,3 +13,6 @@ def read(path: Path, mount: MountConfig) -> Trajectory:
     from stereo_seecolor.extras.streams.bags.track import read_track
 
     return read_track(path, mount)
+
+
+FORMAT = FileFormat("ROS bag", is_bag, read)

@@ -37,7 +37,7 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.run_folder.frame_products import correction_files, range_files
+from stereo_seecolor.run_folder.pair_files import correction_files, range_files
 
 # The outputs of ``live``: files in a folder, a recording, and ROS 2 topics.
 

@@ -14,11 +14,12 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.choice import FrameChoice, choose_frames
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.files.text_documents import load_object
-from stereo_seecolor.inputs.dive_pairs import SIDES
+from stereo_seecolor.inputs.halves import SIDES
 from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing
-from stereo_seecolor.inputs.video_file import frame_path, recorded_at, size_of_side, video_file
+from stereo_seecolor.inputs.video_file import recorded_at, video_file
+from stereo_seecolor.inputs.video_frames import frame_path, size_of_side
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import video_pairs_file
 from stereo_seecolor.version import __version__

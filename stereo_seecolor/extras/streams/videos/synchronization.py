@@ -20,7 +20,8 @@ from stereo_seecolor.extras.streams.videos.motion import (
     video_signals,
 )
 from stereo_seecolor.extras.streams.videos.sound import sound_lag, time_code_lag
-from stereo_seecolor.inputs.video_file import size_of_side, sound
+from stereo_seecolor.inputs.video_file import sound
+from stereo_seecolor.inputs.video_frames import size_of_side
 from stereo_seecolor.robust_statistics import deviation
 
 

@@ -1,0 +1,112 @@
+"""Basalt's calibration.json: T_imu_cam (camera to IMU) as position and quaternion.
+
+Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the pinhole or fisheye that is
+nearest.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
+from calibration.formats.reading.lens_models import (
+    Plane,
+    double_sphere,
+    extended_unified,
+    fitted_camera,
+)
+from calibration.formats.reading.section import Section, naming
+from calibration.formats.ros import make_camera
+from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
+from calibration.rig import Camera, CameraModel, StereoRig
+
+MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
+    "pinhole": ("pinhole", ()),
+    "pinhole-radtan8": ("pinhole", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+    "kb4": ("fisheye", ("k1", "k2", "k3", "k4")),
+}
+OTHERS: dict[str, tuple[tuple[str, ...], Callable[..., Plane]]] = {
+    "ds": (("xi", "alpha"), double_sphere),
+    "eucm": (("alpha", "beta"), extended_unified),
+    "ucm": (("alpha",), lambda alpha: extended_unified(alpha, 1.0)),
+}
+
+
+def matches(document: Section) -> bool:
+    """True for Basalt's calibration."""
+    content = document.content.get("value0")
+    return isinstance(content, dict) and "T_imu_cam" in content and "intrinsics" in content
+
+
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
+    """The rig of the two cameras. Raises CalibrationError for another number of cameras, or a lens
+    model without an equal here.
+    """
+    whole = document.section("value0")
+    poses, lenses = (_two(whole, key) for key in ("T_imu_cam", "intrinsics"))
+    sizes = whole.numbers("resolution", 4).reshape(2, 2).astype(int).tolist()
+    left, right = (
+        _camera(lens, (width, height)) for lens, (width, height) in zip(lenses, sizes, strict=True)
+    )
+    T_imu_left, T_imu_right = (_pose(pose) for pose in poses)
+    with naming(document.where):
+        return StereoRig(left, right, inverse_transform(T_imu_right) @ T_imu_left)
+
+
+def _two(section: Section, key: str) -> list[Section]:
+    entries: Any = section.content[key]
+    if (
+        not isinstance(entries, list)
+        or len(entries) != 2
+        or not all(isinstance(entry, dict) for entry in entries)
+    ):
+        raise CalibrationError(
+            f"{section.where}: {key}: expected two cameras: keep those of the stereo pair"
+        )
+    return [Section(f"{section.where}: {key}: {i}", entry) for i, entry in enumerate(entries)]
+
+
+def _camera(section: Section, size: tuple[int, int]) -> Camera:
+    name = section.text("camera_type")
+    if name in OTHERS:
+        keys, plane = OTHERS[name]
+        lens = section.section("intrinsics")
+        fx, fy, cx, cy, *shape = (lens.number(key) for key in ("fx", "fy", "cx", "cy", *keys))
+        return fitted_camera(
+            section.where,
+            plane(*shape),
+            np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
+            size,
+            name,
+        )
+    if name not in MODELS:
+        raise CalibrationError(
+            f"{section.where}: camera_type: {name!r} is not supported: calibrate with "
+            f"{' or '.join(MODELS)}"
+        )
+    model, coefficients = MODELS[name]
+    lens = section.section("intrinsics")
+    fx, fy, cx, cy = (lens.number(key) for key in ("fx", "fy", "cx", "cy"))
+    distortion = np.array([lens.number(key) for key in coefficients])
+    return make_camera(
+        section.where, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), distortion, size, model
+    )
+
+
+def _pose(section: Section) -> NDArray[np.float64]:
+    """Camera to IMU, (4, 4)."""
+    quaternion = np.array([section.number(f"q{axis}") for axis in "xyzw"])
+    length2 = float(quaternion @ quaternion)
+    if not 0.9 < length2 < 1.1:
+        raise CalibrationError(
+            f"{section.where}: a quaternion of length {np.sqrt(length2):.3g} is not a rotation"
+        )
+    return rigid(
+        rotation_of_quaternion(quaternion), np.array([section.number(f"p{axis}") for axis in "xyz"])
+    )
+
+
+FORMAT = RigFormat(matches, parse)

@@ -1,0 +1,40 @@
+"""Cityscapes' camera.json: one intrinsic for both rectified cameras, the baseline in meters."""
+
+import numpy as np
+
+from calibration.formats.calibration_format import RigFormat
+from calibration.formats.reading.section import Section, naming
+from calibration.formats.ros import make_camera
+from calibration.rig import StereoRig
+
+
+def matches(document: Section) -> bool:
+    """True for a camera.json."""
+    inner = [document.content.get(key) for key in ("extrinsic", "intrinsic")]
+    return (
+        all(isinstance(value, dict) for value in inner)
+        and "baseline" in inner[0]  # type: ignore[operator]
+        and "u0" in inner[1]  # type: ignore[operator]
+    )
+
+
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
+    """The rectified rig. image_size: (width, height); the data set's own where it is not given,
+    since the file has none.
+    """
+    lens = document.section("intrinsic")
+    K = np.array(
+        [
+            [lens.number("fx"), 0, lens.number("u0")],
+            [0, lens.number("fy"), lens.number("v0")],
+            [0, 0, 1],
+        ]
+    )
+    camera = make_camera(lens.where, K, np.zeros(0), image_size or (2048, 1024), "pinhole")
+    T = np.eye(4)
+    T[0, 3] = -document.section("extrinsic").number("baseline")
+    with naming(document.where):
+        return StereoRig(camera, camera, T, medium="air")
+
+
+FORMAT = RigFormat(matches, parse)

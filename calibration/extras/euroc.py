@@ -1,0 +1,57 @@
+"""EuRoC's and ASL's sensor.yaml: a file a camera, T_BS from the camera to the vehicle's body (Burri
+et al., IJRR 2016).
+"""
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import CameraFormat
+from calibration.formats.reading.section import Section, naming
+from calibration.formats.ros import check_sides_named, make_camera
+from calibration.geometry import inverse_transform
+from calibration.rig import Camera, CameraModel, StereoRig
+
+DISTORTION_MODELS: dict[str, CameraModel] = {
+    "radial-tangential": "pinhole",
+    "radtan": "pinhole",
+    "equidistant": "fisheye",
+}
+
+
+def matches(document: Section) -> bool:
+    """True for one camera's sensor.yaml."""
+    return document.has("T_BS", "intrinsics")
+
+
+def parse(left: Section, right: Section) -> StereoRig:
+    """The rig of two cameras of one body.
+
+    Raises CalibrationError where the files' names and the geometry both say that left and right are
+    swapped.
+    """
+    T_body_left, T_body_right = (side.matrix("T_BS", 4, 4) for side in (left, right))
+    with naming(f"{right.where}: T_BS"):
+        rig = StereoRig(
+            _camera(left), _camera(right), inverse_transform(T_body_right) @ T_body_left
+        )
+    check_sides_named(rig, [left.where, right.where])
+    return rig
+
+
+def _camera(section: Section) -> Camera:
+    name = section.text("distortion_model")
+    if name not in DISTORTION_MODELS:
+        known = ", ".join(DISTORTION_MODELS)
+        raise CalibrationError(
+            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of "
+            f"{known}"
+        )
+    fx, fy, cx, cy = section.numbers("intrinsics", 4)
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    distortion = section.numbers("distortion_coefficients", 4)
+    return make_camera(
+        section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name]
+    )
+
+
+FORMAT = CameraFormat("EuRoC", matches, parse)

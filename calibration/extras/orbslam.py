@@ -1,0 +1,95 @@
+"""ORB-SLAM2/3 settings: the new keys (Camera1.fx, Stereo.T_c1_c2) and the old (Camera.bf with
+LEFT.K, RIGHT.K).
+"""
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.formats.calibration_format import RigFormat
+from calibration.formats.reading.section import Section
+from calibration.formats.ros import make_camera, rig_from_projections
+from calibration.geometry import inverse_transform
+from calibration.rig import Camera, StereoRig
+
+Size = tuple[int, int]
+
+
+def matches(document: Section) -> bool:
+    """True for either generation."""
+    return any(document.has(f"{camera}.fx") for camera in ("Camera", "Camera1")) or document.has(
+        "LEFT.K", "LEFT.R", "RIGHT.K"
+    )
+
+
+def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
+    """The rig before rectification where the file holds it, else the rectified one that the file
+    describes.
+    """
+    if document.has("LEFT.K"):
+        return _old_raw(document)
+    size = document.image_size("Camera.width", "Camera.height")
+    if document.has("Camera1.fx") and not _is_rectified(document):
+        return _two_cameras(document, size, ("Camera1", "Camera2"), "Stereo.T_c1_c2")
+    if document.has("Tlr"):
+        return _two_cameras(document, size, ("Camera", "Camera2"), "Tlr")
+    return _rectified(document, size)
+
+
+def _is_rectified(document: Section) -> bool:
+    return document.has("Camera.type") and document.text("Camera.type") == "Rectified"
+
+
+def _old_raw(document: Section) -> StereoRig:
+    cameras, rotations, projections = [], [], []
+    for side in ("LEFT", "RIGHT"):
+        size = document.image_size(f"{side}.width", f"{side}.height")
+        K, distortion = document.matrix(f"{side}.K", 3, 3), document.numbers(f"{side}.D")
+        cameras.append(make_camera(f"{document.where}: {side}", K, distortion, size, "pinhole"))
+        rotations.append(document.matrix(f"{side}.R", 3, 3))
+        projections.append(document.matrix(f"{side}.P", 3, 4))
+    return rig_from_projections(cameras[0], cameras[1], rotations, projections)
+
+
+def _two_cameras(
+    document: Section, size: Size, names: tuple[str, str], transform: str
+) -> StereoRig:
+    """Both transforms, T_c1_c2 and Tlr, take the right camera's points to the left: the inverse of
+    ours.
+    """
+    left, right = (_camera(document, name, size) for name in names)
+    rows = document.numbers(transform, 16, 12)[:12].reshape(3, 4)
+    T_left_right = np.vstack([rows, [0, 0, 0, 1]])
+    return StereoRig(left, right, inverse_transform(T_left_right))
+
+
+def _rectified(document: Section, size: Size) -> StereoRig:
+    name = "Camera1" if document.has("Camera1.fx") else "Camera"
+    camera = _camera(document, name, size)
+    if camera.distortion.any():
+        raise CalibrationError(
+            f"{document.where}: {name}.k1: a rectified camera has no distortion, and LEFT.K and "
+            "RIGHT.K are missing"
+        )
+    if document.has("Stereo.b"):
+        baseline_m = document.number("Stereo.b")
+    else:
+        baseline_m = document.number(document.first("Camera.bf", "Stereo.b")) / camera.K[0, 0]
+    T = np.eye(4)
+    T[0, 3] = -baseline_m
+    return StereoRig(camera, camera, T)
+
+
+def _camera(document: Section, name: str, size: Size) -> Camera:
+    fx, fy, cx, cy = (document.number(f"{name}.{key}") for key in ("fx", "fy", "cx", "cy"))
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    fisheye = document.has("Camera.type") and document.text("Camera.type") == "KannalaBrandt8"
+    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    distortion = np.array(
+        [document.number(f"{name}.{key}") if document.has(f"{name}.{key}") else 0.0 for key in keys]
+    )
+    return make_camera(
+        f"{document.where}: {name}", K, distortion, size, "fisheye" if fisheye else "pinhole"
+    )
+
+
+FORMAT = RigFormat(matches, parse)

@@ -1,1 +1,0 @@
-"""Formats of single makers and data sets, read alone."""

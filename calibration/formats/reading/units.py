@@ -1,0 +1,54 @@
+"""Units of translations: meters are inferred from the baseline where the file does not say, and a
+doubt becomes a warning.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M
+
+METERS = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metres": 1.0,
+    "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3, "millimetres": 1e-3,
+    "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "centimetres": 1e-2,
+    "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "foot": 0.3048, "feet": 0.3048,
+}  # fmt: skip
+GUESSES = (
+    ("meters", 1.0, 0.0),
+    ("millimeters", 1e-3, 0.02),
+    ("centimeters", 1e-2, 0.0),
+    ("millimeters", 1e-3, 0.0),
+)
+"""Units in the order in which they are tried, and the shortest baseline in meters: 10 is a rig of
+10 cm rather than of 10 mm.
+"""
+
+
+def to_meters(
+    translation: NDArray[np.float64], stated: str | None
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Convert a translation (3,) to meters; return it with a warning, if its unit is doubtful.
+
+    stated: the unit that the file names, None where it names none. Where the baseline in that unit
+    cannot be (under 5 mm or over 2 m), those of GUESSES are tried. Left as it is where none of them
+    fits: the rig then refuses it with its number.
+    """
+    length = float(np.linalg.norm(np.clip(translation, -1e9, 1e9)))
+    named = METERS.get((stated or "").strip().lower())
+    if named is not None and _possible(length * named):
+        return translation * named, ()
+    for unit, factor, least_m in GUESSES:
+        if _possible(length * factor) and length * factor >= least_m:
+            reason = (
+                f"the file says {stated}, but a baseline of {length:g} {stated} is impossible"
+                if stated
+                else f"the file names no unit of the baseline {length:g}"
+            )
+            return translation * factor, (
+                f"{reason}: it is read as {unit}, {length * factor * 1000:.1f} mm",
+            )
+    return translation * (named or 1.0), ()
+
+
+def _possible(baseline_m: float) -> bool:
+    return MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M

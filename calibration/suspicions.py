@@ -1,0 +1,173 @@
+"""Warnings about a rig that is usable but looks wrong, found in its numbers alone."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.port import FLAT_PORT
+from calibration.rectification import (
+    DIAGONAL_DEG,
+    plan_rectification,
+    rectified_points,
+)
+from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
+
+
+@dataclass(frozen=True)
+class SuspicionLimits:
+    """Decides what is unusual in a rig, though possible."""
+
+    # of the image: no lens is mounted that far off; K of half the resolution gives 0.25
+    center_offset: float = 0.2
+    # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
+    aspect: float = 0.05
+    focal_of_width: tuple[float, float] = (0.2, 10.0)  # 136 degrees across, and 6
+    focal_ratio: tuple[float, float] = (0.8, 1.25)  # left to right: pairs are made of equal lenses
+    angle_deg: float = 30.0  # between the cameras, quarter turns apart: pairs look the same way
+    kept_pinhole: float = 0.4  # of the view after rectification
+    kept_fisheye: float = 0.1  # a flat image shows the middle of a fisheye alone
+    rms_px: float = 1.0  # a calibration is good to 0.3 px
+
+
+SUSPICION_LIMITS = SuspicionLimits()
+
+
+def suspicions(rig: StereoRig) -> tuple[str, ...]:
+    """List what looks wrong in a usable rig, one line each; empty where nothing does."""
+    found = list(rig.doubts)
+    if rig.alternatives:
+        found.append(
+            f"{rig.reading}: the file can be read in {len(rig.alternatives) + 1} ways, and images "
+            "of the dive must decide"
+        )
+    found += [
+        text
+        for side, camera in (("left", rig.left), ("right", rig.right))
+        for text in _camera_suspicions(side, camera)
+    ]
+    focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
+    if not SUSPICION_LIMITS.focal_ratio[0] < focal_ratio < SUSPICION_LIMITS.focal_ratio[1]:
+        found.append(
+            f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and "
+            f"{rig.right.K[0, 0]:.0f} px right"
+        )
+    # scipy would take 0.3 s to load
+    turned = cv2.Rodrigues(quarter_turn(-quarter_turns_of(rig.R)) @ rig.R)[0]
+    angle_deg = np.degrees(np.linalg.norm(turned))
+    if angle_deg > SUSPICION_LIMITS.angle_deg:
+        found.append(
+            f"the cameras are turned by {angle_deg:.0f} degrees to each other: is the rotation of "
+            "this rig?"
+        )
+    found += placement_suspicions(rig)
+    kept = min(kept_fractions(rig))
+    if kept < (
+        SUSPICION_LIMITS.kept_fisheye
+        if rig.left.model == "fisheye"
+        else SUSPICION_LIMITS.kept_pinhole
+    ):
+        found.append(
+            f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal "
+            "lengths and distortion"
+        )
+    if not (rig.left.distortion.any() or rig.right.distortion.any() or rig.is_rectified):
+        found.append(
+            "no lens distortion in the calibration, though its cameras are not rectified: was it "
+            "left out of the file?"
+        )
+    if rig.rms_px is not None and rig.rms_px > SUSPICION_LIMITS.rms_px:
+        found.append(
+            f"the calibration's own error is {rig.rms_px:.2f} px, over "
+            f"{SUSPICION_LIMITS.rms_px:g} px: calibrate again"
+        )
+    if rig.medium == "air" and rig.port is None and not rig.is_rectified:
+        found.append(
+            "calibrated in air: behind a flat port under water, ranges come out about a quarter "
+            f"wrong; calibrate in water, or describe the port: --set input.flat_port={FLAT_PORT} "
+            "(lens to window, and its thickness)"
+        )
+    return tuple(found)
+
+
+def placement_suspicions(rig: StereoRig) -> list[str]:
+    """List what is unusual in the position of the right camera: to the left, or diagonal."""
+    found = []
+    x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
+    if x_m < -abs(y_m):
+        found.append(
+            f"the right camera stands {-x_m:.3f} m to the LEFT of the left one: so it is where "
+            "cameras are mounted upside down, or where left and right are exchanged in the "
+            "calibration and the folders alike; otherwise left and right are swapped, or the "
+            "transform is inverted: check it on images of the dive"
+        )
+    plan = plan_rectification(rig)
+    if abs(plan.diagonal_deg) > DIAGONAL_DEG:
+        (width, height), (kept, _) = plan.pair.image_size, kept_fractions(rig)
+        found.append(
+            f"the baseline lies {abs(plan.diagonal_deg):.0f} degrees off the axes of the image: "
+            "the rectified images are turned, "
+            f"and {width}x{height} px in size to keep the whole view ({kept:.0%} of the left image)"
+        )
+    return found
+
+
+def _camera_suspicions(side: str, camera: Camera) -> list[str]:
+    found = []
+    (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
+    width, height = camera.image_size
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > SUSPICION_LIMITS.center_offset:
+        found.append(
+            f"{side}: the principal point ({cx:.0f}, {cy:.0f}) lies far from the middle of "
+            f"{width}x{height} px: is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
+        )
+    if abs(fx / fy - 1) > SUSPICION_LIMITS.aspect:
+        found.append(f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, and pixels are square")
+    if not SUSPICION_LIMITS.focal_of_width[0] < fx / width < SUSPICION_LIMITS.focal_of_width[1]:
+        found.append(
+            f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: is K of another "
+            "resolution?"
+        )
+    if lens_folds(camera):
+        found.append(
+            f"{side}: the distortion turns back before the corners of the image, which are lost: "
+            "was it fitted to corners from the middle alone?"
+        )
+    return found
+
+
+def lens_folds(camera: Camera) -> bool:
+    """Tell whether the lens model turns back within the image, so that two directions share a
+    pixel, or none reaches it.
+
+    A fisheye's corners may lie beyond 90 degrees or outside of its circle: no ray is asked to reach
+    them.
+    """
+    width, height = camera.image_size
+    if camera.model == "fisheye":
+        angle = np.linspace(0, np.pi / 2, 500)
+        radius = angle * (1 + np.polynomial.polynomial.polyval(angle**2, [0, *camera.distortion]))
+        turns = np.flatnonzero(np.diff(radius) <= 0)
+        return bool(turns.size and radius[turns[0]] * camera.K[0, 0] < np.hypot(width, height) / 2)
+    edge = np.linspace(0, 1, 9)
+    x, y = np.meshgrid(edge * (width - 1), edge * (height - 1))
+    if camera.distortion.size >= 8:  # a quotient, whose denominator may vanish in between
+        far = np.hypot((x - camera.K[0, 2]) / camera.K[0, 0], (y - camera.K[1, 2]) / camera.K[1, 1])
+        squares = np.linspace(0, far.max() ** 2, 500)
+        if (np.polynomial.polynomial.polyval(squares, [1, *camera.distortion[5:8]]) <= 0).any():
+            return True
+    return bool(np.isnan(camera.rays(np.column_stack([x.ravel(), y.ravel()]))).any())
+
+
+def kept_fractions(rig: StereoRig) -> tuple[float, float]:
+    """Fraction of the left and of the right raw image that the rectified images show."""
+    width, height = rig.left.image_size
+    x, y = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 40))
+    grid = np.column_stack([x.ravel(), y.ravel()])
+    width, height = plan_rectification(rig).matching_pair.image_size
+    fractions = []
+    for pixels in rectified_points(rig, grid, grid):
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=1)
+        fractions.append(float(inside.mean()))
+    return fractions[0], fractions[1]

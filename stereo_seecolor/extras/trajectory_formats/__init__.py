@@ -1,0 +1,3 @@
+"""Trajectories of single vehicles and programs, added by the entry points of pyproject.toml as the
+formats of other packages are.
+"""

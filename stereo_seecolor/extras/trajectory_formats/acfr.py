@@ -1,0 +1,61 @@
+"""ACFR's stereo_pose_est.data: pose of the left camera in north-east-down, Euler angles in radians,
+with both image names.
+"""
+
+import numpy as np
+
+from stereo_seecolor.config import MountConfig
+from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_from_euler
+from stereo_seecolor.inputs.trajectories.table import Lines, is_number
+from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
+from stereo_seecolor.records import GeoOrigin, Trajectory
+
+_WITH_DEGREES = 15  # columns of a pose with latitude and longitude
+_WITHOUT_DEGREES = 13  # columns of one without
+
+
+def recognizes(lines: Lines) -> bool:
+    """The first line's comment, or 13 or 15 columns with two names in them."""
+    return "STEREO_POSE_FILE" in " ".join(lines.all[:3]) or _is_pose(
+        lines.content[-1][1].split() if lines.content else []
+    )
+
+
+def _is_pose(fields: list[str]) -> bool:
+    """Five points of an image in a COLMAP file are 15 columns too, but all of them numbers."""
+    names = {_WITH_DEGREES: fields[10:12], _WITHOUT_DEGREES: fields[8:10]}.get(len(fields), [])
+    return bool(names) and not any(is_number(name) for name in names)
+
+
+def read(lines: Lines, mount: MountConfig) -> Trajectory:
+    """The angles are the raw camera's own (x right, y down, z along the optical axis): no mount is
+    needed.
+    """
+    origin, rows = _origin(lines)
+    values, names = [], []
+    for number, line in rows:
+        fields = line.split()
+        if len(fields) not in (_WITH_DEGREES, _WITHOUT_DEGREES):
+            raise lines.error(
+                number, f"a stereo pose has {_WITH_DEGREES} columns, got {len(fields)}"
+            )
+        first = 4 if len(fields) == _WITH_DEGREES else 2
+        values.append(lines.numbers(number, [fields[1], *fields[first : first + 6]]))
+        names.append(fields[first + 6])
+    table = np.reshape(values, (-1, 7))
+    T = poses_from_ned(rotation_from_euler(table[:, 4], table[:, 5], table[:, 6]), table[:, 1:4])
+    return Trajectory(tuple(names), table[:, 0], T, origin=origin, camera="raw")
+
+
+def _origin(lines: Lines) -> tuple[GeoOrigin | None, tuple[tuple[int, str], ...]]:
+    """The first two lines hold latitude and longitude, bare or after ORIGIN_LATITUDE and
+    ORIGIN_LONGITUDE.
+    """
+    head = [(number, line.split()) for number, line in lines.content[:2]]
+    if len(head) < 2 or any(len(fields) > 2 for _, fields in head):
+        return None, lines.content
+    latitude, longitude = (lines.numbers(number, fields[-1:])[0] for number, fields in head)
+    return GeoOrigin(latitude, longitude), lines.content[2:]
+
+
+FORMAT = TextFormat("ACFR stereo_pose_est.data", recognizes, read)

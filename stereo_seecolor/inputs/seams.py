@@ -1,0 +1,180 @@
+"""Damage that decoders accept: pixels in the order of the file from some place on that do not
+continue those above.
+
+A changed byte of a JPEG shifts the brightness of all blocks after it, or their places; in
+uncompressed files a part may be missing or of another file. OpenCV decodes both, and says nothing.
+"""
+
+import io
+import warnings
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL.TiffImagePlugin import (
+    STRIPBYTECOUNTS,
+    STRIPOFFSETS,
+    TILEBYTECOUNTS,
+    TILEOFFSETS,
+    TiffImageFile,
+)
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
+from stereo_seecolor.inputs.headers import (
+    BMP_SIGNATURE,
+    TIFF_COMPRESSION,
+    TIFF_UNCOMPRESSED,
+    tiff_numbers,
+)
+from stereo_seecolor.records import Image
+
+
+@dataclass(frozen=True)
+class SeamSettings:
+    """What is a seam, by the difference between neighboring rows in each part of the width, over
+    that of rows near by.
+
+    step: over the larger of the differences two rows above and below. 290 real images under water:
+    at most 1.02; two in air 1.04, of a board 1.33. one_side: over the smaller one, where noise
+    follows. Under water at most 1.3; in air 1.8, of a board 2.2; noise 4.3. most: of a difference
+    that counts, of 255. floor: added to differences. parts: of the width. every: column compared.
+    """
+
+    step: float = 1.35
+    one_side: float = 2.5
+    most: int = 40
+    floor: float = 1.0
+    parts: int = 4
+    every: int = 4
+
+
+SETTINGS = SeamSettings()
+DEFLATED = (8, 32946)
+"""Compressions of TIFF: Adobe's number and the older one."""
+BLOCKS = (8, 16)
+"""Rows of the blocks of a JPEG, without and with color at half resolution."""
+ONE_COLOR = 12
+"""Of 255: values of a bar of one color, as a JPEG leaves them beside a picture."""
+OFF = 2
+"""Rows between those that are compared: a seam in the middle of a row lies between two pairs of
+rows.
+"""
+
+
+def seam_row(image: Image, content: bytes) -> int | None:
+    """The row at which ``image``, as decoded from ``content``, begins anew; None where it does not,
+    and for PNG with its checksums.
+
+    A seam runs in the order in which the file stores pixels: on the right from one row on, on the
+    left from the next one on. The edge of a bar of one color that goes across the image is none.
+    """
+    if content.startswith(PNG_SIGNATURE):
+        return None
+    rows_up = content.startswith(BMP_SIGNATURE)
+    green = image[:: -1 if rows_up else 1, :: SETTINGS.every, 1]
+    values = (green >> 8 if green.dtype == np.uint16 else green).astype(np.int16)
+    steps = _steps(values)
+    if steps.shape[1] <= BLOCKS[-1]:
+        return None
+    is_jpeg = content.startswith(JPEG_SIGNATURE)
+    found, row = max(
+        _seam(steps, later, 8 if is_jpeg else 1) for later in (BLOCKS if is_jpeg else (1,))
+    )
+    if found < 1 or _is_edge_of_bar(values[row - 1], values[row]):
+        return None
+    return len(values) - row if rows_up else row
+
+
+def _is_edge_of_bar(above: NDArray[np.generic], below: NDArray[np.generic]) -> bool:
+    """True where one of two rows has one color, and the other, as pictures do, does not end or
+    begin with that color.
+    """
+    few = max(len(above) // 50, 1)
+    return any(
+        np.ptp(bar) <= ONE_COLOR and (abs(other - bar[0]) > ONE_COLOR).any()
+        for bar, other in ((below, above[-few:]), (above, below[:few]))
+    )
+
+
+def seam_text(row: int) -> str:
+    """What to say of an image that begins anew at ``row``."""
+    return (
+        f"is damaged: what follows row {row} does not continue what lies above: copy it again "
+        "from the vehicle, or leave it out"
+    )
+
+
+def refuse_broken_stream(content: bytes, path: Path) -> None:
+    """Raise InputError for a compressed TIFF whose stream is broken: OpenCV decodes what is left of
+    it.
+    """
+    try:
+        if tiff_numbers(content).get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) == TIFF_UNCOMPRESSED:
+            return
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+            image = TiffImageFile(io.BytesIO(content))
+            _unpack(image, content)
+    except _BrokenStreamError as error:
+        raise InputError(
+            f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})"
+        ) from error
+    except Exception:
+        # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
+        return
+
+
+class _BrokenStreamError(Exception):
+    """Compressed pixels that cannot be unpacked."""
+
+
+def _unpack(image: TiffImageFile, content: bytes) -> None:
+    try:
+        if image.tag_v2[TIFF_COMPRESSION] in DEFLATED:  # whose checksums libtiff does not look at
+            for place, length in zip(*(image.tag_v2[tag] for tag in _places(image)), strict=True):
+                zlib.decompress(content[place : place + length])
+        else:
+            image.load()
+    except (OSError, ValueError, zlib.error) as error:
+        raise _BrokenStreamError(str(error)) from error
+
+
+def _places(image: TiffImageFile) -> tuple[int, int]:
+    """The tags of where the parts of the pixels lie, and of how long they are."""
+    return (
+        (TILEOFFSETS, TILEBYTECOUNTS)
+        if TILEOFFSETS in image.tag_v2
+        else (STRIPOFFSETS, STRIPBYTECOUNTS)
+    )
+
+
+def _steps(values: NDArray[np.int16]) -> NDArray[np.float64]:
+    """(parts, H) how much each row differs from the one above, over how much a seam does; 0 at the
+    margins.
+    """
+    width = values.shape[1] // SETTINGS.parts * SETTINGS.parts
+    differences = np.minimum(np.abs(np.diff(values[:, :width], axis=0)), SETTINGS.most)
+    mean = differences.reshape(len(differences), SETTINGS.parts, -1).mean(axis=2).T
+    above, below = mean[:, : -2 * OFF] + SETTINGS.floor, mean[:, 2 * OFF :] + SETTINGS.floor
+    least = np.minimum(
+        SETTINGS.step * np.maximum(above, below), SETTINGS.one_side * np.minimum(above, below)
+    )
+    return np.pad(mean[:, OFF:-OFF] / least, ((0, 0), (OFF + 1, OFF)))
+
+
+def _seam(steps: NDArray[np.float64], later: int, every: int) -> tuple[float, int]:
+    """The clearest seam and its row: right parts at this row, the left ones ``later`` rows down.
+    every: rows where one can be.
+    """
+    # the least step of each part and those right of it
+    here = np.minimum.accumulate(steps[::-1], axis=0)[::-1]
+    below = np.minimum.accumulate(steps, axis=0)
+    below = np.pad(below[:, later:], ((1, 0), (0, later)), constant_values=0)
+    below[0] = np.inf  # no part is left of the first
+    seams = np.minimum(here, below[:-1]).max(axis=0)
+    seams[np.arange(len(seams)) % every != 0] = 0
+    row = int(seams.argmax())
+    return float(seams[row]), row

@@ -1,0 +1,272 @@
+"""Assignment of a trajectory's poses to frames, and the placement that they give; frames without a
+pose are named.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import counted
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.files.names import folder_keys, stem_of_path
+from stereo_seecolor.geometry import (
+    interpolate,
+)
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.kept_frames import Unplaced
+from stereo_seecolor.mapping.survey import Placement
+from stereo_seecolor.mapping.track.components import break_up, drop_spikes
+from stereo_seecolor.records import Trajectory
+
+END_TOLERANCE_S = 0.01
+"""So far before the first pose and after the last one a time stamp may lie: they are rounded in
+files.
+"""
+
+FARTHEST_POSE_S = 5.0
+"""Poses are interpolated across gaps up to this long."""
+
+CLOCK_S = 1e8
+"""Times since 1970 are larger (1973); smaller ones count from the start of a dive, a bag or a
+program.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """T_world_camera: (N, 4, 4), NaN where a frame has no pose. reasons: why, by frame. warnings:
+    what a person should know.
+    """
+
+    T_world_camera: NDArray[np.float64]
+    reasons: dict[int, str]
+    warnings: list[str]
+
+
+def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+    """Assign poses by name, or by folder and name (``10h_0001`` of ``10h/left/0001.png``); else by
+    time, interpolated; else by order.
+
+    By order where neither says anything; or by the numbers of frames of which only some are here.
+    Raises MappingError.
+    """
+    by_stem = _places(trajectory.names, lambda name: [stem_of_path(name)])
+    for by_key in (by_stem, _places(trajectory.names, folder_keys)):
+        if by_key.keys() & {stem_of_path(name) for name in index.names}:
+            return _by_name(index, trajectory, by_key)
+    if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
+        return _by_time(index, trajectory, config)
+    if not by_stem and len(trajectory.T_world_camera) == len(index.names):
+        return _of_places(trajectory, np.arange(len(index.names)), "in order")
+    if (
+        not by_stem
+        and (places := _numbers(index.names, len(trajectory.T_world_camera))) is not None
+    ):
+        first = f"{index.names[0]} has the pose of line {places[0] + 1}"
+        return _of_places(
+            trajectory, places, f"by the numbers in the frames' names, from 0 ({first})"
+        )
+    raise MappingError(
+        f"the {len(trajectory.T_world_camera)} poses of the trajectory cannot be matched to the "
+        f"{len(index.names)} frames: no common names (for example {trajectory.names[0]!r} and "
+        f"{index.names[0]!r}), no common times, not the same number"
+    )
+
+
+def _places(names: Sequence[str], keys_of: Callable[[str], Sequence[str]]) -> dict[str, list[int]]:
+    """Which of the names have a key, by the key."""
+    places: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        for key in filter(None, keys_of(name)):
+            places.setdefault(key, []).append(i)
+    return places
+
+
+def _numbers(names: Sequence[str], poses: int) -> NDArray[np.intp] | None:
+    """The numbers that names end with, as KITTI numbers frames; None if one has none, or not all
+    differ and have a pose.
+    """
+    found = [re.search(r"(\d{1,9})$", name) for name in names]
+    numbers = np.array([int(number[1]) for number in found if number], np.intp)
+    return numbers if len(set(numbers)) == len(names) and numbers.max() < poses else None
+
+
+def _of_places(trajectory: Trajectory, places: NDArray[np.intp], how: str) -> Assignment:
+    T = trajectory.T_world_camera[places]
+    reasons = {int(i): "its pose is not finite" for i in np.flatnonzero(~_finite(T))}
+    T[list(reasons)] = np.nan
+    return Assignment(
+        T,
+        reasons,
+        [f"the trajectory names no frames and holds no common time: poses were taken {how}"],
+    )
+
+
+def _by_name(index: FrameIndex, trajectory: Trajectory, by_key: dict[str, list[int]]) -> Assignment:
+    T = np.full((len(index.names), 4, 4), np.nan)
+    reasons: dict[int, str] = {}
+    used: dict[int, str] = {}
+    finite = _finite(trajectory.T_world_camera)
+    for i, name in enumerate(index.names):
+        poses = by_key.get(stem_of_path(name), [])
+        if len(poses) > 1:  # two poses of one name: the one of the frame's time, if times tell
+            gaps = np.abs(trajectory.timestamps_s[poses] - index.timestamps_s[i])
+            poses = [poses[int(np.nanargmin(gaps))]] if np.isfinite(gaps).any() else poses
+        if not poses:
+            reasons[i] = "the trajectory does not name it"
+        elif len(poses) > 1:
+            reasons[i] = f"the trajectory names it {len(poses)} times"
+        elif not finite[poses[0]]:
+            reasons[i] = "its pose is not finite"
+        elif poses[0] in used:
+            reasons[i] = "another pair of the same name has its pose"
+        else:
+            T[i] = trajectory.T_world_camera[poses[0]]
+            used[poses[0]] = name
+    return Assignment(T, reasons, [])
+
+
+def from_start(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64]) -> bool:
+    """Tell whether the times of one side, finite, are of a clock and those of the other count from
+    a start.
+    """
+    return bool(
+        len(frames_s) and len(poses_s) and (frames_s.min() > CLOCK_S) != (poses_s.min() > CLOCK_S)
+    )
+
+
+def _clock_offset_s(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64]) -> float | None:
+    """What is to be added to the times of poses that count from a start: known where each frame has
+    its pose, in one rhythm.
+    """
+    frames, poses = np.sort(frames_s), np.sort(poses_s)
+    if len(frames) < 2 or len(frames) != len(poses) or not from_start(frames, poses):
+        return None
+    offsets = frames - poses
+    return float(np.median(offsets)) if np.ptp(offsets) <= 2 * END_TOLERANCE_S else None
+
+
+def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+    warnings = []
+    offset_s = _clock_offset_s(index.timestamps_s, trajectory.timestamps_s)
+    if offset_s is not None:
+        trajectory = replace(trajectory, timestamps_s=trajectory.timestamps_s + offset_s)
+        warnings.append(
+            "the times of the poses and of the frames have different origins; there are as "
+            f"many, in the same rhythm: {offset_s:.3f} s were added to those of the poses"
+        )
+    finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
+    if not finite.all():
+        warnings.append(
+            f"left out: {counted(int(np.count_nonzero(~finite)), 'pose of the trajectory')}, not "
+            "finite"
+        )
+    times, first = np.unique(trajectory.timestamps_s[finite], return_index=True)
+    poses = trajectory.T_world_camera[finite][first]
+    if len(times) < np.count_nonzero(finite):
+        repeated = counted(int(np.count_nonzero(finite)) - len(times), "pose")
+        warnings.append(f"time stamps that repeat: {repeated} left out, the first of each kept")
+    if (np.diff(trajectory.timestamps_s[finite]) < 0).any():
+        warnings.append("the trajectory's poses are out of order: they were sorted by time")
+    T = np.full((len(index.names), 4, 4), np.nan)
+    reasons: dict[int, str] = {}
+    for i, time_s in enumerate(index.timestamps_s):
+        pose = _at(times, poses, time_s, FARTHEST_POSE_S)
+        if pose is None:
+            reasons[i] = (
+                "it has no time stamp"
+                if np.isnan(time_s)
+                else f"the trajectory has no pose within {FARTHEST_POSE_S:g} s"
+            )
+        else:
+            T[i] = pose
+    return Assignment(T, reasons, warnings)
+
+
+def _at(
+    times: NDArray[np.float64], poses: NDArray[np.float64], time_s: float, max_gap_s: float
+) -> NDArray[np.float64] | None:
+    if np.isnan(time_s) or not len(times):
+        return None
+    after = int(np.searchsorted(times, time_s))
+    nearest = min(
+        (i for i in (after - 1, after) if 0 <= i < len(times)), key=lambda i: abs(times[i] - time_s)
+    )
+    if abs(times[nearest] - time_s) <= END_TOLERANCE_S and (
+        after in (0, len(times)) or times[nearest] == time_s
+    ):
+        return np.asarray(poses[nearest])
+    if after in (0, len(times)) or times[after] - times[after - 1] > max_gap_s:
+        return None
+    fraction = (time_s - times[after - 1]) / (times[after] - times[after - 1])
+    return interpolate(poses[after - 1], poses[after], float(fraction))
+
+
+def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(T).all(axis=(1, 2)))
+
+
+def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Placement:
+    """Match a trajectory to frames: by name, else by time (interpolated), else, where neither says
+    anything, by order.
+
+    Poses that are not finite, or that jump away and back, leave their frame out; a jump that stays
+    breaks the track into components. Raises MappingError if nothing matches.
+    """
+    found = assign(index, trajectory, config)
+    T, reasons, warnings = found.T_world_camera, found.reasons | index.lost, found.warnings
+    T[list(index.lost)] = float("nan")
+    for name, count in Counter(index.names).items():
+        if count > 1:
+            warnings.append(f"{count} pairs are called {name}")
+    drop_spikes(T, index, reasons)
+    components, breaks = break_up(T, index)
+    if not (components >= 0).any():
+        first = next(iter(reasons.values()), "")
+        fix = (
+            clock_difference(index, trajectory)
+            or "compare the frames' names and times with the file's"
+        )
+        raise MappingError(f"no frame has a pose in the trajectory ({first}): {fix}")
+    unplaced = tuple(Unplaced(index.names[i], reasons[i]) for i in sorted(reasons))
+    return Placement(T, components, unplaced, tuple(warnings + breaks))
+
+
+DAYS_H = 72.0
+"""Differences of clocks are said in days from here on."""
+
+
+def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
+    """How far the times of the poses lie from the frames', and what to do; "" where they overlap or
+    are not known.
+    """
+    frames, poses = (
+        times[np.isfinite(times)] for times in (index.timestamps_s, trajectory.timestamps_s)
+    )
+    if (
+        not len(frames)
+        or not len(poses)
+        or (poses.min() <= frames.max() and frames.min() <= poses.max())
+    ):
+        return ""
+    if from_start(frames, poses):
+        later = (
+            f"{frames.min() - poses.min():+.3f} s to the times of the file if its first pose "
+            "is that of the first frame"
+        )
+        file, dive = (f"{times.min():.1f} to {times.max():.1f} s" for times in (poses, frames))
+        return (
+            f"the times of the file are {file}, those of the frames {dive}: one starts at 0 "
+            f"with the dive: add {later}"
+        )
+    ahead_h = float(poses.min() - frames.min()) / 3600
+    by = f"{abs(ahead_h):.3f} h" if abs(ahead_h) < DAYS_H else f"{abs(ahead_h) / 24:.3f} days"
+    return (
+        f"it begins {by} {'after' if ahead_h > 0 else 'before'} the first frame: if one clock "
+        "showed local time, or was not set, shift the times of the file by that"
+    )

@@ -1,0 +1,157 @@
+"""Deviations in given positions that are read rightly: their scale, and places where they jump
+against the pictures.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import counted
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.motions import (
+    Motions,
+)
+from stereo_seecolor.mapping.track.relative_pose import Edge
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DeviationSettings:
+    """When a deviation is reported.
+
+    On a real dive of 20 pairs (steps of 0.13 m) noise of 20 cm gives at most 2.6 times the median
+    between two frames, and a scale 0.6 standard errors off; a drift of half a meter looks like a
+    scale 2.8 standard errors off.
+    """
+
+    min_edges: int = 8  # fewer do not tell their scatter
+    least_scale: float = 0.02  # calibrations in water are known to a percent or better
+    sigmas: float = 4.0
+    least_jump_m: float = 0.05  # less is no more than navigation's noise
+    times_median: float = 6.0  # of what frames that follow each other are off
+    # of what a single position is off: frames before and after it tell the same to so much
+    alike: float = 0.5
+    most_frames: int = 3  # an edge over more frames does not tell between which of them
+
+
+DEVIATION_SETTINGS = DeviationSettings()
+
+
+def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
+    """A line for the scale of given positions, T (N, 4, 4), and one for their jumps, where the
+    edges of the pictures show them.
+    """
+    posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
+    if len(posed) < DEVIATION_SETTINGS.min_edges:
+        return []
+    return [
+        *_scale(Motions.of(T_world_camera, posed), posed),
+        *_jumps(T_world_camera, posed, index),
+    ]
+
+
+def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
+    """Long steps count most. Noise of positions lengthens steps, noise of attitudes shortens what
+    lies along the measured one: the scale is what both show.
+    """
+    given, measured = motions.given[:, :3, 3], motions.measured[:, :3, 3]
+    squared = (measured**2).sum(axis=1)
+    along, length = (
+        (given * measured).sum(axis=1) / squared,
+        np.sqrt((given**2).sum(axis=1) / squared),
+    )
+    frames = len({frame for e in edges for frame in (e.i, e.j)})
+    found = []
+    for ratios in (along, length):
+        middle = _weighted_median(ratios, squared)
+        # a normal's standard deviation
+        scatter = 1.4826 * _weighted_median(np.abs(ratios - middle), squared)
+        found.append((middle, 1.2533 * scatter / np.sqrt(frames)))  # the standard error of a median
+    scale, std = min(found, key=lambda one: abs(one[0] - 1))
+    one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
+    if not one_way or abs(scale - 1) < max(
+        DEVIATION_SETTINGS.least_scale, DEVIATION_SETTINGS.sigmas * std
+    ):
+        return []
+    return [
+        f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the pictures: "
+        "their scale is off, or the calibration's (square size, baseline, calibrated in air)"
+    ]
+
+
+def _weighted_median(values: Array, weights: Array) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
+    """Between frames that follow each other: how far given positions are off, by all edges over
+    that place.
+    """
+    motions = Motions.of(T, edges)
+    rank = index.rank[[[e.i, e.j] for e in edges]]
+    off_m = np.einsum(
+        "nij,nj->ni",
+        T[[e.i for e in edges], :3, :3],
+        motions.given[:, :3, 3] - motions.measured[:, :3, 3],
+    )
+    off_m *= np.sign(rank[:, 1] - rank[:, 0])[:, None]
+    first, last = rank.min(axis=1), rank.max(axis=1)
+    if (last - first > DEVIATION_SETTINGS.most_frames).all():
+        return []
+    steps = [
+        np.flatnonzero((last - first > step) & (last - first <= DEVIATION_SETTINGS.most_frames))
+        for step in range(DEVIATION_SETTINGS.most_frames)
+    ]
+    edge, place = (
+        np.concatenate(steps),
+        np.concatenate([first[over] + step for step, over in enumerate(steps)]),
+    )
+    by_place = np.argsort(place, kind="stable")
+    places, starts = np.unique(place[by_place], return_index=True)
+    # at 1 + the rank of the frame before, between neighbors that are never off
+    jump_m = np.zeros(len(index.order) + 1)
+    jump_m[1 + places] = [
+        np.linalg.norm(np.median(off_m[own], axis=0))
+        for own in np.split(edge[by_place], starts[1:])
+    ]
+    limit_m = max(
+        DEVIATION_SETTINGS.least_jump_m,
+        DEVIATION_SETTINGS.times_median * float(np.median(jump_m[1 + places])),
+    )
+    peak = (jump_m[1:-1] > limit_m) & (jump_m[1:-1] >= jump_m[:-2]) & (jump_m[1:-1] > jump_m[2:])
+    if not peak.any():
+        return []
+    worst = int(np.argmax(np.where(peak, jump_m[1:-1], 0)))
+    for frame in (worst, worst + 1):
+        if (alone_m := _alone_m(off_m[last == frame], -off_m[first == frame])) > limit_m:
+            peak[max(frame - 1, 0) : frame + 1] = False
+            line = (
+                f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m "
+                "off against the pictures"
+            )
+            return [
+                line
+                + (f", and more jump at {counted(int(peak.sum()), 'place')}" if peak.any() else "")
+            ]
+    a, b = (index.names[index.order[place]] for place in (worst, worst + 1))
+    more = f", and at {peak.sum() - 1} more places" if peak.sum() > 1 else ""
+    return [
+        f"the given positions jump by {jump_m[worst + 1]:.2f} m against the pictures between {a} "
+        f"and {b}{more}"
+    ]
+
+
+def _alone_m(before: Array, after: Array) -> float:
+    """How far a single position is off, by the edges (n, 3) to frames before it and after it; 0
+    where they do not tell the same.
+    """
+    if not len(before) or not len(after):
+        return 0.0
+    both = np.median(before, axis=0), np.median(after, axis=0)
+    off_m = float(np.linalg.norm(both[0] + both[1]) / 2)
+    return off_m if np.linalg.norm(both[0] - both[1]) < DEVIATION_SETTINGS.alike * off_m else 0.0

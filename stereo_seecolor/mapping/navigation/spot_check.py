@@ -1,0 +1,129 @@
+"""A check at a few places of the dive whether given poses are as exact as the map can show, so that
+no track must be followed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
+from stereo_seecolor.mapping.track.loops import Pairs, by_overlap
+from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.mapping.track.track_work import Relating
+
+QUICK = FeatureSettings(max_width_px=480, max_features=800)
+"""A quarter of the track's pixels: a pose is told to some millimeters, at a fifth of the cost."""
+
+
+@dataclass(frozen=True)
+class SpotSettings:
+    """How poses are checked, and when they are exact."""
+
+    neighbors: int = 12  # pairs of neighbors, spread over the dive
+    # pairs that overlap by the given poses, not neighbors: lines that lie side by side
+    crossings: int = 6
+    point_step: int = 16  # every so many of a frame's coarse points is enough to say where it looks
+    min_edges: int = 5  # fewer prove nothing
+    found: float = 0.5  # of the pairs of neighbors must have been measured
+    # nine of ten pairs must agree to so many voxels at the surface: less does not show in the map
+    voxels: float = 0.5
+    worst_voxels: float = 1.0  # and all of them to so many
+
+
+SPOT_SETTINGS = SpotSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """Edges measured here and there; exact: True where the given poses agree with them to half a
+    voxel.
+    """
+
+    edges: list[Edge]
+    exact: bool
+
+
+def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
+    """Measure a few relative poses and hold given ones against them."""
+    order = survey.index.order
+    placed = [rank for rank in range(len(order)) if given.components[order[rank]] >= 0]
+    neighbors = [(a, b) for a, b in pairwise(placed) if _joined(given, order[[a, b]])]
+    neighbors = _thinned(neighbors, SPOT_SETTINGS.neighbors)
+    points = (
+        (a, transformed(given.T_world_camera[order[a]], _points(survey, order[a]))) for a in placed
+    )
+    crossings = [pair for pair in by_overlap(points, 1) if _joined(given, order[list(pair)])]
+    edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SPOT_SETTINGS.crossings)}))
+    found = sum(abs(survey.index.rank[e.i] - survey.index.rank[e.j]) == 1 for e in edges)
+    if len(edges) < SPOT_SETTINGS.min_edges or found < SPOT_SETTINGS.found * len(neighbors):
+        return Spots(edges, False)
+    off_m = np.array([_off_m(edge, given, _points(survey, edge.j)) for edge in edges])
+    limits_m = SPOT_SETTINGS.voxels * voxel_m, SPOT_SETTINGS.worst_voxels * voxel_m
+    return Spots(edges, bool(np.quantile(off_m, 0.9) < limits_m[0] and off_m.max() < limits_m[1]))
+
+
+def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
+    order = survey.index.order
+    ranks = sorted({rank for pair in pairs for rank in pair})
+    features: list[Features] = []
+    for found in survey.compute.each(
+        _QuickDetection(survey.frames, survey.geometry), [int(order[rank]) for rank in ranks]
+    ):
+        features.append(found)
+        survey.progress("looking at the given poses", len(features), len(ranks))
+    place = {rank: i for i, rank in enumerate(ranks)}
+    relating = Relating(features, survey.geometry)
+    relations = ((a, b, relating(((place[a], place[b]), None))) for a, b in pairs)
+    return [
+        Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a))
+        for a, b, r in relations
+        if r
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _QuickDetection:
+    """Finds the features of the frame of a number, as an object that can be sent to another
+    process.
+    """
+
+    frames: Frames
+    geometry: RectifiedPair
+
+    def __call__(self, number: int) -> Features:
+        frame = self.frames[number]
+        return (
+            Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry, QUICK)
+        )
+
+
+def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> float:
+    """Median distance between a frame's points by the given and by the measured relative pose."""
+    T = inverse(given.T_world_camera[edge.i]) @ given.T_world_camera[edge.j]
+    if not len(points_m):
+        return float("inf")
+    return float(
+        np.median(
+            np.linalg.norm(transformed(T, points_m) - transformed(edge.T_i_j, points_m), axis=1)
+        )
+    )
+
+
+def _points(survey: Survey, frame: int) -> NDArray[np.float32]:
+    return survey.index.points_m[frame][:: SPOT_SETTINGS.point_step]
+
+
+def _joined(given: Placement, frames: NDArray[np.int64]) -> bool:
+    """True for frames of one component: those of two have no given pose relative to each other."""
+    return len(set(given.components[frames].tolist())) == 1
+
+
+def _thinned(pairs: Sequence[tuple[int, int]], count: int) -> Pairs:
+    return list(pairs[:: -(-len(pairs) // count) or 1])

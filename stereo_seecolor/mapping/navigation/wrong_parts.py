@@ -1,0 +1,101 @@
+"""A part of given poses that contradicts the pictures while the rest fits them: rows of a track in
+reverse order, or of another time.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.motions import Motions
+from stereo_seecolor.mapping.track.relative_pose import Edge
+
+Array = NDArray[np.float64]
+
+LEAST_FRAMES = 3
+"""Of a part: one or two are single wrong fixes, which the others outweigh."""
+LEAST_FIT = 0.15
+"""Fraction of relative poses that fit, at least: else the whole track is wrong."""
+TIMES = 6.0
+"""A relative pose contradicts the pictures where it is off by so many times what so many of them
+is off by less: errors of a fix, the same in all directions, reach 4 times that once in a
+thousand."""
+OF_MOTION = 0.5
+"""And by so much of what the pictures show: navigation as good as that is no wrong order."""
+MOST_OF = 0.7
+"""Of a frame's relative poses that contradict, within a part; among others than the part's, less
+than the rest may."""
+REVERSED = 0.3
+"""Reversed, the poses of a part must leave less than this of what they leave as given."""
+
+
+def wrong_parts(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
+    """A line for each part of the track whose poses contradict the pictures: its first and last
+    frame, by how much, and whether the reverse order would fit.
+
+    T_world_camera: (N, 4, 4). edges: measured, of frames with poses. Empty for a track that fits as
+    a whole, or as a whole does not.
+    """
+    bad = _contradicting(T_world_camera, edges)
+    if bad.all() or not bad.any():
+        return []
+    ends = np.array([[edge.i, edge.j] for edge in edges])
+    frames = np.unique(ends)
+    times_s = index.timestamps_s[frames]
+    if np.isfinite(times_s).all():  # names may run otherwise
+        frames = frames[np.argsort(times_s, kind="stable")]
+    fraction = np.array([bad[(ends == frame).any(axis=1)].mean() for frame in frames])
+    parts: list[list[int]] = []
+    for frame, of_it in zip(frames.tolist(), fraction, strict=True):
+        if of_it <= MOST_OF:
+            parts.append([])
+        else:
+            parts = parts or [[]]
+            parts[-1].append(frame)
+    parts = [part for part in parts if len(part) >= LEAST_FRAMES]
+    inside = np.isin(ends, [frame for part in parts for frame in part]).any(axis=1)
+    if not parts or bad[~inside].mean() > 1 - MOST_OF:
+        return []
+    return [
+        _line(T_world_camera, edges, part, index) for part in parts if _is_inner(part, ends, bad)
+    ]
+
+
+def _contradicting(T_world_camera: Array, edges: Sequence[Edge]) -> NDArray[np.bool_]:
+    """(E,) relative poses that are off by far more than some of them are, and than they move."""
+    motions = Motions.of(T_world_camera, edges)
+    off_m = motions.position_m
+    if not len(off_m):
+        return np.zeros(0, np.bool_)
+    moved_m = np.linalg.norm(motions.measured[:, :3, 3], axis=1)
+    usual_m = float(np.quantile(off_m, LEAST_FIT))
+    return np.asarray(off_m > np.maximum(TIMES * usual_m, OF_MOTION * np.median(moved_m)))
+
+
+def _is_inner(part: Sequence[int], ends: NDArray[np.int64], bad: NDArray[np.bool_]) -> bool:
+    """Tell whether relative poses between frames of the part contradict, too: those of a jump, or
+    of an offset for a while, do not.
+    """
+    within = np.isin(ends, part).all(axis=1)
+    return bool(within.any() and bad[within].mean() > MOST_OF)
+
+
+def _line(
+    T_world_camera: Array, edges: Sequence[Edge], part: Sequence[int], index: FrameIndex
+) -> str:
+    within = [edge for edge in edges if edge.i in part and edge.j in part]
+    turned = T_world_camera.copy()
+    turned[part] = T_world_camera[part[::-1]]
+    given_m, reversed_m = (
+        float(np.median(Motions.of(T, within).position_m)) for T in (T_world_camera, turned)
+    )
+    cause = (
+        f"in reverse order they would fit ({reversed_m:.2f} m): sort the rows of the track by time"
+        if reversed_m < REVERSED * given_m
+        else "nor would they in reverse order: are they of another time?"
+    )
+    return (
+        f"the given poses from {index.names[part[0]]} to {index.names[part[-1]]} contradict the "
+        f"pictures, by {given_m:.2f} m a relative pose (median), and the others do not; {cause}"
+    )

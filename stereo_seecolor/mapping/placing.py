@@ -1,0 +1,301 @@
+"""Placement of a survey's frames: by their pictures, by given poses, or by both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.mapping.navigation.assignment import place
+from stereo_seecolor.mapping.navigation.comparison import (
+    ALIKE,
+    MAX_TURN_RAD,
+    ComparedNavigation,
+    Navigation,
+    attitudes_equal,
+    examine,
+    priors,
+)
+from stereo_seecolor.mapping.navigation.fixes import at_fixes
+from stereo_seecolor.mapping.navigation.motions import misfit
+from stereo_seecolor.mapping.navigation.spot_check import spot_check
+from stereo_seecolor.mapping.navigation.upright import upright
+from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track import loops, odometry
+from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit, fitted_to_fiducials, refined
+from stereo_seecolor.mapping.track.fiducials import Marks
+from stereo_seecolor.records import GeoOrigin, Trajectory
+
+NOT_HELD = (
+    "mapping.markers do not constrain the map: that needs GTSAM and, where poses are given, "
+    "mapping.poses=prior"
+)
+
+FIXES_NOT_USED = "mapping.fixes are not used: the poses have a place on Earth of their own"
+
+WRONG = 0.5
+"""Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters
+fit from frame to frame.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSurvey:
+    """A survey's placement.
+
+    navigation: the outcome of given poses, None without any. position_residual_m,
+    attitude_residual_deg: (N,) of each frame, NaN where unknown. origin: of the placement's world
+    on Earth, None if unknown. markers: how it fits the markers that constrain it.
+    """
+
+    placement: Placement
+    navigation: Navigation | None
+    position_residual_m: NDArray[np.float64]
+    attitude_residual_deg: NDArray[np.float64]
+    origin: GeoOrigin | None = None
+    markers: MarkersFit | None = None
+
+    @property
+    def range_scale(self) -> float:
+        """The factor by which ranges are longer than the rig says; 1 without markers of known
+        size.
+        """
+        return self.markers.scale if self.markers and self.markers.before else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Used:
+    """How given poses were used. in_their_world: whether the placement's world is that of the
+    poses. markers: as in Placed.
+    """
+
+    placement: Placement
+    navigation: Navigation
+    in_their_world: bool = True
+    markers: MarkersFit | None = None
+
+
+def place_survey(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> PlacedSurvey:
+    """Place the frames.
+
+    Without a trajectory by the pictures alone. With one, its poses are measured against the
+    pictures, at a few places if they are exact there; then they are taken as they are (exact, or
+    config.poses "given", or where GTSAM is missing), or the frames are placed by pictures and poses
+    together, each weighted by its errors ("prior"), or, where the poses contradict the pictures, by
+    the pictures alone. Positions alone move the track by the pictures as a whole.
+
+    Raises MappingError if nothing can be placed, or for given poses upside down.
+    """
+    placed = _on_earth(_placed(survey, config, trajectory), survey, config, trajectory)
+    warnings = (
+        placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
+    )
+    notes = trajectory.notes if trajectory else ()
+    return replace(placed, placement=placed.placement.with_warnings(*warnings, *notes))
+
+
+def _on_earth(
+    placed: PlacedSurvey, survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> PlacedSurvey:
+    """Move a placement without a place on Earth to the fixes beside its poses."""
+    if trajectory is None or trajectory.absolute is None:
+        return placed
+    if placed.origin:
+        return replace(placed, placement=placed.placement.with_warnings(FIXES_NOT_USED))
+    return replace(
+        placed,
+        placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config),
+        origin=trajectory.absolute.origin,
+    )
+
+
+def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> PlacedSurvey:
+    if trajectory is None or trajectory.fixes:
+        return _placed_by_pictures(survey, config, trajectory)
+    given = place(survey.index, trajectory, config)
+    exact = _placed_exactly(survey, config, trajectory, given)
+    return _placed_by_poses(survey, config, trajectory, given) if exact is None else exact
+
+
+def _placed_by_pictures(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory | None
+) -> PlacedSurvey:
+    """Place the frames by the pictures alone; positions without attitudes, if there are any, move
+    the track as a whole.
+    """
+    unknown = np.full(len(survey.index.names), np.nan)
+    track = odometry.follow(survey)
+    own, markers = _upright(track, _own(track, config), config)
+    if trajectory is None or (markers and markers.control):
+        return PlacedSurvey(
+            own, None, unknown, unknown, markers.origin if markers else None, markers
+        )
+    return PlacedSurvey(
+        at_fixes(own, survey.index, trajectory, config),
+        None,
+        unknown,
+        unknown,
+        trajectory.origin,
+        markers,
+    )
+
+
+def _placed_exactly(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
+) -> PlacedSurvey | None:
+    """Take the given poses as they are if a few places of the dive show that they are as exact as
+    the map; None if not.
+    """
+    spots = spot_check(survey, given, config.voxel_edge_m)
+    if not spots.exact or config.markers.known:
+        return None
+    try:
+        exact = _as_given(given, survey, trajectory)
+    except MappingError:  # poses upside down: these are recognized from the whole track
+        return None
+    verdict = examine(given, survey, spots.edges, trajectory, config)
+    if verdict.navigation.advice:
+        return None
+    return PlacedSurvey(
+        exact,
+        verdict.navigation,
+        verdict.position_residual_m,
+        verdict.attitude_residual_deg,
+        trajectory.origin,
+    )
+
+
+def _placed_by_poses(
+    survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
+) -> PlacedSurvey:
+    """Compare the given poses with the whole track, and take them as they are, together with the
+    pictures, or not at all.
+    """
+    track = odometry.follow(survey)
+    verdict = examine(given, survey, track.edges, trajectory, config)
+    if config.poses == "given" or not verdict.navigation.relative_poses:
+        used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
+    elif not loops.available():
+        missing = (
+            "the given poses were used unchanged: to fit them to the pictures, pip "
+            "install 'stereo-seecolor[slam]' (GTSAM)"
+        )
+        used = _Used(
+            _as_given(verdict.placement, survey, trajectory).with_warnings(missing),
+            verdict.navigation,
+        )
+    else:
+        used = _fitted(track, verdict, trajectory, config)
+    advice = used.navigation.advice
+    placement = used.placement.with_warnings(advice) if advice else used.placement
+    origin = trajectory.origin if used.in_their_world else None
+    residuals = verdict.position_residual_m, verdict.attitude_residual_deg
+    return PlacedSurvey(placement, used.navigation, *residuals, origin, used.markers)
+
+
+def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
+    return upright(given, survey.index, trajectory.up)
+
+
+def _fitted(
+    track: odometry.Track,
+    verdict: ComparedNavigation,
+    trajectory: Trajectory,
+    config: MappingConfig,
+) -> _Used:
+    """Place the frames by pictures and poses together, or by pictures alone where the poses
+    contradict them or are upside down.
+    """
+    own = _own(track, config)
+    navigation = _checked_up(verdict, track.survey, trajectory)
+    known = priors(own, verdict.placement, config) if navigation.fits else []
+    if known:
+        navigation = _checked_attitudes(
+            navigation, verdict.placement, track, known[0].attitude_std_rad
+        )
+    if not navigation.fits:
+        own, markers = _upright(track, own, config)
+        own = own.with_warnings("the map was made by the pictures alone")
+        return _Used(own, navigation, in_their_world=False, markers=markers)
+    position_m, _, depth_m = known[0].position_std_m
+    attitude_deg = np.degrees(known[0].attitude_std_rad)
+    navigation = replace(
+        navigation,
+        position_std_m=float(position_m),
+        depth_std_m=float(depth_m),
+        attitude_std_deg=float(attitude_deg),
+    )
+    fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), known)
+    fitted, markers = _to_fiducials(track, fitted, config, known)
+    return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
+
+
+def _checked_up(verdict: ComparedNavigation, survey: Survey, trajectory: Trajectory) -> Navigation:
+    """The navigation, which does not fit if its poses are upside down."""
+    if not verdict.navigation.fits:
+        return verdict.navigation
+    try:
+        upright(verdict.placement, survey.index, trajectory.up)
+    except MappingError:
+        down = (
+            "the given poses' z axis points down: they would fit as north-east-down, or with z "
+            "negated"
+        )
+        advice = ALIKE if attitudes_equal(verdict.placement.T_world_camera) else down
+        return replace(verdict.navigation, fits=False, advice=advice)
+    return verdict.navigation
+
+
+def _checked_attitudes(
+    navigation: Navigation, given: Placement, track: odometry.Track, std_rad: float
+) -> Navigation:
+    """The navigation, which does not fit if its attitudes are too far off. std_rad: their standard
+    error against the pictures.
+    """
+    if not (std_rad > MAX_TURN_RAD and misfit(given.T_world_camera, track.edges) > WRONG):
+        return navigation
+    off_deg = np.degrees(std_rad)
+    advice = (
+        f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they "
+        "in radians instead of degrees?"
+    )
+    return replace(navigation, fits=False, advice=advice)
+
+
+def _own(track: odometry.Track, config: MappingConfig) -> Placement:
+    """Place the frames by the pictures alone."""
+    return _adjusted(track, odometry.solve(track))
+
+
+def _upright(
+    track: odometry.Track, own: Placement, config: MappingConfig
+) -> tuple[Placement, MarkersFit | None]:
+    """A track by the pictures, constrained by markers; z is up by their surveyed places, if there
+    are any, else by the bottom.
+    """
+    own, markers = _to_fiducials(track, own, config)
+    return own if markers and markers.control else upright(
+        own, track.survey.index, "unknown"
+    ), markers
+
+
+def _adjusted(
+    track: odometry.Track, placement: Placement, known: Sequence[loops.Prior] = ()
+) -> Placement:
+    return refined(track, placement, known) if loops.available() else placement
+
+
+def _to_fiducials(
+    track: odometry.Track,
+    placement: Placement,
+    config: MappingConfig,
+    known: Sequence[loops.Prior] = (),
+) -> tuple[Placement, MarkersFit | None]:
+    """Constrain a track by what is known of markers."""
+    if not config.markers.known or not loops.available():
+        return placement, None
+    return fitted_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)

@@ -1,0 +1,46 @@
+"""The cell size of an orthomosaic where the settings leave it open."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.mapping.surface.kernels import BLOCK
+from stereo_seecolor.mapping.surface.tiles import Tiling
+from stereo_seecolor.mapping.survey import Component
+from stereo_seecolor.mapping.voxel_size import rounded
+
+
+@dataclass(frozen=True)
+class MosaicCellSettings:
+    """How the cell size is chosen."""
+
+    # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
+    cells: float = 16e6
+
+
+MOSAIC_CELL_SETTINGS = MosaicCellSettings()
+
+
+def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
+    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where
+    the area is large.
+
+    Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
+    """
+    points = [
+        component.survey.index.points_m[i]
+        for i in component.frames
+        if len(component.survey.index.points_m[i])
+    ]
+    if config.mosaic_m or not points:
+        return config
+    pixel_m = (
+        float(np.median([np.median(own[:, 2]) for own in points]))
+        / component.survey.geometry.focal_px
+    )
+    area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
+    cell_m = max(
+        pixel_m, min(float(np.sqrt(area_m2 / MOSAIC_CELL_SETTINGS.cells)), config.mosaic_cell_m)
+    )
+    return config.model_copy(update={"mosaic_m": rounded(cell_m)})

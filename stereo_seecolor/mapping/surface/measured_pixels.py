@@ -1,0 +1,88 @@
+"""Depths and weights of a frame's pixels, computed where blocks of the tile project into it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.threads import in_parts
+from stereo_seecolor.mapping.surface.kernels import CELL, weigh
+from stereo_seecolor.mapping.surface.slant import SLANT_PX, stretches
+from stereo_seecolor.records import Map, SurveyFrame
+
+Cells = tuple[int, int, int, int]
+"""A window of cells of CELL x CELL pixels: top, bottom, left, right; the rows top to bottom - 1,
+the columns left to right - 1.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPixels:
+    """Buffers that one frame after the other is weighed in: new memory for each would take as long
+    as the work.
+
+    camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, stretch: as the kernels
+    write them, valid in the cells that were weighed last.
+    """
+
+    geometry: RectifiedPair
+    camera: NDArray[np.float64]
+    depth_m: Map
+    weight: Map
+    inverse: Map
+    deepest_m: Map
+    stretch: Map
+
+    @classmethod
+    def room(cls, geometry: RectifiedPair) -> "MeasuredPixels":
+        """Allocate the buffers for images of this geometry; their content is undefined until
+        ``weigh`` is called.
+        """
+        width, height = geometry.image_size
+        camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
+        depth_m, weight, stretch = (np.empty((height, width), np.float32) for _ in range(3))
+        inverse = np.zeros((height + 2 * SLANT_PX, width + 2 * SLANT_PX), np.float32)
+        deepest_m = np.empty((-(-height // CELL), -(-width // CELL)), np.float32)
+        return cls(geometry, camera, depth_m, weight, inverse, deepest_m, stretch)
+
+    def weigh(self, frame: SurveyFrame, cells: Cells, voxel_m: float) -> None:
+        """Compute depths, weights and stretches of a frame's pixels in these cells.
+
+        Depths are also computed in the cells next to them, since the slant of a surface is measured
+        over its neighborhood.
+        """
+        top, bottom, left, right = cells
+        if top >= bottom or left >= right:
+            return
+        self._weigh_cells(frame, voxel_m, self._wider(cells))
+        self._stretch_cells(cells)
+
+    def _wider(self, cells: Cells) -> Cells:
+        """The window with one cell more on each side, within the image."""
+        top, bottom, left, right = cells
+        rows, columns = self.deepest_m.shape
+        return max(top - 1, 0), min(bottom + 1, rows), max(left - 1, 0), min(right + 1, columns)
+
+    def _weigh_cells(self, frame: SurveyFrame, voxel_m: float, cells: Cells) -> None:
+        top, bottom, left, right = cells
+
+        def weigh_rows(first: int, last: int) -> None:
+            weigh(
+                frame.range_m, frame.range_std_m, frame.confidence, self.geometry.ray_length,
+                voxel_m,
+                self.depth_m, self.weight, self.inverse, self.deepest_m, left, right, top + first,
+                top + last,
+            )  # fmt: skip
+
+        in_parts(weigh_rows, bottom - top)
+
+    def _stretch_cells(self, cells: Cells) -> None:
+        height, width = self.depth_m.shape
+        top, bottom = cells[0] * CELL, min(cells[1] * CELL, height)
+        left, right = cells[2] * CELL, min(cells[3] * CELL, width)
+
+        def stretch_rows(first: int, last: int) -> None:
+            stretches(self.inverse, self.camera, self.stretch, left, right, top + first, top + last)
+
+        in_parts(stretch_rows, bottom - top)

@@ -1,0 +1,74 @@
+"""Finished tiles on disk: memory stays bounded, and a map that was stopped goes on where it was."""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.raw_arrays import load_arrays
+from stereo_seecolor.mapping.kept_frames import kept_folder
+from stereo_seecolor.mapping.surface.surface import Surface
+from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
+from stereo_seecolor.mapping.survey import Component
+
+
+class TileStore:
+    """A folder with one file for each tile; all were made from the same poses, frames and
+    settings.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @classmethod
+    def of(cls, folder: Path, tiling: Tiling, component: Component, engine: str) -> "TileStore":
+        """Open the store in ``folder``; tiles there that were made from other poses, frames or
+        settings, or by another engine, are deleted.
+        """
+        return cls(kept_folder(folder, _key(tiling, component, engine)))
+
+    def has(self, tile: Tile) -> bool:
+        """Tell whether the tile is finished."""
+        return self._path(tile).is_file()
+
+    def save(self, tile: Tile, surface: Surface) -> None:
+        """Write a tile. Raises OutputError if it cannot be written."""
+        with atomic_path(self._path(tile)) as path, path.open("wb") as file:
+            np.savez(
+                file,
+                points=surface.points_m,
+                normals=surface.normals,
+                colors=surface.colors,
+                triangles=surface.triangles,
+            )
+
+    def load(self, tile: Tile) -> Surface:
+        """Read a tile that was saved."""
+        content = load_arrays(self._path(tile))
+        return Surface(
+            content["points"], content["normals"], content["colors"], content["triangles"]
+        )
+
+    def surfaces(self, tiling: Tiling) -> Iterator[Surface]:
+        """Read all tiles, one in memory at a time."""
+        return (self.load(tile) for tile in tiling.tiles)
+
+    def _path(self, tile: Tile) -> Path:
+        return self._folder / f"{tile.name}.npz"
+
+
+def _key(tiling: Tiling, component: Component, engine: str) -> str:
+    poses, checksums = (
+        component.T_local_camera[component.frames],
+        component.survey.index.checksums[component.frames],
+    )
+    digest = hashlib.sha256(
+        poses.tobytes()
+        + checksums.tobytes()
+        + repr((tiling.voxel_m, tiling.tile_blocks, engine)).encode()
+    )
+    for tile in tiling.tiles:
+        digest.update(tile.blocks.tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,182 @@
+"""Who writes into OUT, as a file that every machine sees which sees OUT: a lock of the system may
+not reach beyond one machine.
+
+The holder touches the file every few seconds. One that has not been touched for long is stale: its
+holder is named, and a person decides; only where the holder was a process of this machine that is
+gone, nobody has to. Ages are taken from the file system's own clock, which the machines share.
+"""
+
+import contextlib
+import getpass
+import json
+import os
+import platform
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from stereo_seecolor.compute.background import heartbeat
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import output_errors
+from stereo_seecolor.files.json_records import as_record, load_object
+from stereo_seecolor.run_folder.layout import lease_file
+
+
+@dataclass(frozen=True)
+class LeaseTimes:
+    """Intervals of the lease, seconds."""
+
+    beat_s: float = 10.0
+    """Between two signs of life: six fit into ``stale_s``, and an NFS client shows another's file
+    attributes 3 to 60 s late.
+    """
+    stale_s: float = 120.0
+    """Without a sign of life: twice what an NFS client may hide."""
+
+
+TIMES = LeaseTimes()
+
+
+@dataclass(frozen=True)
+class Holder:
+    """The process that holds a lease. token: unique to this lease."""
+
+    user: str
+    host: str
+    process: int
+    token: str
+
+    @classmethod
+    def me(cls) -> "Holder":
+        """Make the holder of a new lease: this process."""
+        try:
+            user = getpass.getuser()
+        except (OSError, KeyError, ImportError):  # no name for the user's number, as in containers
+            user = "somebody"
+        return cls(user, platform.node(), os.getpid(), secrets.token_hex(8))
+
+    @classmethod
+    def load(cls, root: Path) -> "Holder | None":
+        """Read who holds OUT; None where nobody does. Raises OSError where the file cannot be read
+        now, as when a network fails.
+        """
+        try:
+            return as_record(cls, load_object(lease_file(root)))
+        except FileNotFoundError:
+            return None
+        except (ValueError, TypeError):  # being written just now, or damaged
+            return cls("somebody", "an unknown machine", 0, "")
+
+    @property
+    def here(self) -> bool:
+        """Tell whether the process is one of this machine."""
+        return self.host == platform.node()
+
+    @property
+    def alive(self) -> bool:
+        """False for a process of this machine that is gone; True where that cannot be known."""
+        if not self.here or os.name == "nt":
+            return True
+        try:
+            os.kill(self.process, 0)
+        except ProcessLookupError:
+            return False
+        except PermissionError:
+            pass
+        return True
+
+    def __str__(self) -> str:
+        return f"{self.user}@{self.host}, process {self.process}"
+
+
+@contextmanager
+def leased(root: Path, locked: bool) -> Iterator[Holder]:
+    """Hold OUT for this process. locked: it holds the lock of the system too, so no other process
+    of this machine can.
+
+    Raises OutputError where another holds it, or did and was not seen to end.
+    """
+    path, me = lease_file(root), Holder.me()
+    with output_errors(path):
+        other = Holder.load(root)
+        if other and not (other.here and (locked or not other.alive)):
+            raise OutputError(_refusal(root, other))
+        if other:
+            path.unlink(missing_ok=True)
+        try:
+            with path.open("x") as file:
+                json.dump(asdict(me), file)
+        except FileExistsError as error:
+            raise OutputError(_refusal(root, Holder.load(root) or me)) from error
+    try:
+        with heartbeat(lambda: _beat(root, me), TIMES.beat_s):
+            yield me
+    finally:
+        with contextlib.suppress(OSError):
+            if Holder.load(root) == me:
+                path.unlink(missing_ok=True)
+
+
+def check_lease(root: Path, token: str) -> None:
+    """Raise OutputError where OUT is not, or no longer, held under this token; what cannot be seen
+    now is seen the next time.
+    """
+    try:
+        holder = Holder.load(root)
+    except OSError:
+        return
+    if holder is None or holder.token != token:
+        now = f"{holder} writes into it now" if holder else f"{lease_file(root)} was removed"
+        raise OutputError(
+            f"{root}: is no longer held by this run: {now}; run the same line again when nobody "
+            "else does"
+        )
+
+
+def writer(root: Path) -> str:
+    """Describe who writes into OUT now, for the user; "" where nobody does, or the holder's lease
+    is stale.
+    """
+    try:
+        holder = Holder.load(root)
+    except OSError:
+        return ""
+    return str(holder) if holder and holder.alive and _age_s(root) <= TIMES.stale_s else ""
+
+
+def _beat(root: Path, me: Holder) -> bool:
+    with contextlib.suppress(OSError):  # a network that fails for a moment
+        if Holder.load(root) != me:
+            return False
+        os.utime(lease_file(root))
+    return True
+
+
+def _refusal(root: Path, other: Holder) -> str:
+    age_s = _age_s(root)
+    if age_s <= TIMES.stale_s:
+        return (
+            f"{root}: another run is writing into it now ({other}): wait for it, or choose "
+            "another --out"
+        )
+    return (
+        f"{root}: was held by {other}, which has given no sign of life for {age_s / 60:.0f} min "
+        "and did not end by itself: "
+        f"make sure that it has ended, remove {lease_file(root)}, and run the same line again"
+    )
+
+
+def _age_s(root: Path) -> float:
+    """Seconds since the holder's last sign of life, by the clock of the file system."""
+    probe = lease_file(root).with_name(f"clock-{secrets.token_hex(4)}")
+    try:
+        probe.touch()
+        now_s = probe.stat().st_mtime
+        return now_s - lease_file(root).stat().st_mtime
+    except OSError:
+        return 0.0  # gone meanwhile, or not ours to write: nothing is known of its age
+    finally:
+        with contextlib.suppress(OSError):
+            probe.unlink(missing_ok=True)

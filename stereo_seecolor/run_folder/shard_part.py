@@ -1,0 +1,90 @@
+"""The folder of one shard's results, as ``merge`` reads it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from calibration.errors import counted
+from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.run_folder.finished_run import (
+    FinishedRun,
+    geometry_of,
+    open_run,
+)
+from stereo_seecolor.run_folder.frames_csv import read_rows
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER
+from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
+from stereo_seecolor.run_folder.water_file import read_waters
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A run's folder of some pairs of a dive; made by ``open``. run: the finished run. rows: of
+    frames.csv.
+    """
+
+    root: Path
+    run: FinishedRun
+    rows: tuple[FrameRow, ...]
+
+    @classmethod
+    def open(cls, root: Path) -> "Part":
+        """Read a folder. Raises InputError if it holds no run over stereo pairs, or one that did
+        not come to its end.
+        """
+        run = open_run(root)
+        geometry_of(run, "a merge")
+        rows = read_rows(root / FRAMES_TABLE)
+        pending = [row.name for row in rows if row.status == "pending"]
+        if pending or run.state != "complete":
+            left = (
+                f"not done: {counted(len(pending), 'pair')} ({pending[0]})"
+                if pending
+                else f"it is {run.state}"
+            )
+            raise InputError(f"{root}: did not come to its end, {left}: run its line again first")
+        return cls(root, run, rows)
+
+    @cached_property
+    def shard(self) -> Shard | None:
+        """The shard of the dive that was run; None where the run was of all pairs that it was
+        given.
+        """
+        kind = Manifest(self.root).dive().identity.get("kind", "")
+        return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
+
+    @cached_property
+    def settings(self) -> str:
+        """The hash of the rig and the settings that its range maps were made with."""
+        return Manifest(self.root).dive().settings["range"]
+
+    @property
+    def ranges_are_wrong(self) -> bool:
+        """Tell whether the run's checks found ranges of the dive as a whole wrong."""
+        return bool(self.run.totals.get("ranges_are_wrong"))
+
+    @property
+    def rig_notes(self) -> tuple[str, ...]:
+        """The notes of its run on the calibration."""
+        return tuple(note for note in self.run.totals["notes"] if note.startswith("calibration: "))
+
+    @property
+    def rig(self) -> Path:
+        """The calibration as the run used it."""
+        return self.root / RIG
+
+    def frames(self) -> Iterator[FrameRecord]:
+        """Read the records of its finished frames."""
+        return Manifest(self.root).frames()
+
+    def waters(self) -> Mapping[str, Water] | None:
+        """Read the water of each finished frame by name; None where no water was taken out yet."""
+        path = self.root / WATER
+        return (
+            read_waters(path, [row.name for row in self.rows if row.status == "ok"])
+            if path.exists()
+            else None
+        )

@@ -1,0 +1,94 @@
+"""The frames of a finished run as a map reads them, one at a time."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.decode import eight_bit
+from stereo_seecolor.geometry import estimated_range_std_m
+from stereo_seecolor.records import Map, SurveyFrame
+from stereo_seecolor.run_folder.finished_run import (
+    FinishedFrame,
+    FinishedRun,
+    geometry_of,
+)
+from stereo_seecolor.run_folder.pair_files import MASK_CODES
+
+
+class SurveyFrames(Lazy[SurveyFrame]):
+    """The current frames of a run, in the dive's order, or those that are given.
+
+    geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
+    range_scale: how many times as long to take their ranges.
+    Raises InputError if the run has no calibration, holds no finished frame, or holds frames of two
+    settings.
+    """
+
+    def __init__(
+        self,
+        run: FinishedRun,
+        range_scale: float = 1.0,
+        frames: Sequence[FinishedFrame] | None = None,
+    ) -> None:
+        geometry, T_rectified_left = geometry_of(run, "a map"), run.T_rectified_left
+        assert T_rectified_left is not None
+        if run.stale or run.unfinished:
+            others = {"of earlier settings": run.stale, "not finished": run.unfinished}
+            said = " and ".join(
+                f"{len(names)} are {what} ({names[0]})" for what, names in others.items() if names
+            )
+            raise InputError(
+                f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
+                f"latest settings, {said}: run the same line again first"
+            )
+        if not run.frames or any("corrected" not in frame.products for frame in run.frames):
+            raise InputError(
+                f"{run.root}: holds no frame that went through all stages: run it to its end first"
+            )
+        self.geometry, self.T_rectified_left = geometry, T_rectified_left
+        self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
+
+    @property
+    def finished(self) -> Sequence[FinishedFrame]:
+        """The finished frames, in order."""
+        return self._frames
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def item(self, number: int) -> SurveyFrame:
+        """Read one frame. Raises FrameError if one of its files is gone or damaged."""
+        frame = self._frames[number]
+        try:
+            return self._read(frame).scaled(self._range_scale)
+        except InputError as error:
+            raise FrameError(frame.name, str(error)) from error
+
+    def _read(self, frame: FinishedFrame) -> SurveyFrame:
+        confidence = self._pixels(frame, "confidence")
+        range_m: Map = self._pixels(frame, "range")
+        range_m[confidence == 0] = np.nan
+        has_std = "range_std" in frame.products
+        return SurveyFrame(
+            name=frame.name,
+            timestamp_s=frame.timestamp_s,
+            color=eight_bit(self._pixels(frame, "corrected")),
+            range_m=range_m,
+            range_std_m=self._pixels(frame, "range_std")
+            if has_std
+            else estimated_range_std_m(range_m, self.geometry),
+            confidence=confidence,
+            unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
+        )
+
+    def _pixels(self, frame: FinishedFrame, product: str) -> NDArray[Any]:
+        pixels = frame.read(product)
+        if pixels.shape[1::-1] != self.geometry.image_size:
+            raise InputError(
+                f"{frame.products[product]}: is gone or damaged: run again, which makes it again"
+            )
+        return pixels
