@@ -96,16 +96,13 @@ def warm_up_fit() -> None:
 
 
 def warm_up_correction() -> None:
-    """Compile the kernels that correct a frame and that place frames for the dive's light."""
-    from stereo_seecolor.mapping.track.relative_pose import Observed, fit_pose
+    """Compile the kernels that correct a frame."""
 
     image, range_m = _noise()
     some = np.full(3, 0.2)
     Corrector().apply(
         image, range_m, Water(some, some, some, some, some, some, some, some), exposure=1.0
     )
-    seen = Observed(np.random.default_rng(0).uniform(0.5, 1.0, (9, 3)), np.ones((9, 3)))
-    fit_pose(np.eye(4), seen, seen)
 
 
 def _noise() -> tuple[np.ndarray, np.ndarray]:
