@@ -158,7 +158,7 @@ class _WithoutGarbage(event.Listener):
             gc.enable()
 
 
-event.register("numba:compile", _WithoutGarbage())
+event.register("numba:compile", _WithoutGarbage())  # type: ignore[no-untyped-call]
 
 
 class _Locator:
