@@ -163,7 +163,7 @@ class BundleProblem:
         """
         off, by_point = np.empty_like(self.seen), np.empty((len(self.seen), 3, 3))
 
-        def work(one: _Compared) -> None:
+        def work(one: _FrameSightings) -> None:
             off[one.which], by_point[one.which] = one.off, one.slopes()[1]
 
         self._each_frame(state, work)
@@ -179,7 +179,7 @@ class BundleProblem:
         blocks, n = self._layout.zeros(), len(self.frame)
         W, own, own_g = np.empty((n, 3, SIDE)), np.empty((n, 3, 3)), np.empty((n, 3))
 
-        def work(one: _Compared) -> None:
+        def work(one: _FrameSightings) -> None:
             by_pose, by_point = one.slopes()
             robust = (1 / (1 + one.squared / CAUCHY**2))[:, None, None]
             pull = (robust * by_point).transpose(0, 2, 1)
@@ -222,7 +222,9 @@ class BundleProblem:
         )
         return State(state.T @ by, state.points + points)
 
-    def _each_frame(self, state: State, work: "Callable[[_Compared], Result]") -> list[Result]:
+    def _each_frame(
+        self, state: State, work: "Callable[[_FrameSightings], Result]"
+    ) -> list[Result]:
         """``work`` of each frame's observations, on all cores; results in order."""
         order, row_start = self._by_block
 
@@ -236,7 +238,7 @@ class BundleProblem:
             weight = self.weight[which]
             off = ahead[:, None] * (self.seen[which] - image) * weight
             squared = np.where(ahead, (off**2).sum(axis=1), BEHIND)
-            return work(_Compared(frame, which, T[:3, :3], at, ahead, weight, off, squared))
+            return work(_FrameSightings(frame, which, T[:3, :3], at, ahead, weight, off, squared))
 
         return list(core_pool().map(of, range(len(state.T)), inverse(state.T)))
 
@@ -325,7 +327,7 @@ class BundleProblem:
                     blocks.add(first, second, slope[:, :, a].T @ slope[:, :, b])
 
 
-class _Compared(NamedTuple):
+class _FrameSightings(NamedTuple):
     """The observations of one frame, compared with their points.
 
     which: (k,) their numbers. R: (3, 3) camera from world. at: (k, 3) the points in the camera.
