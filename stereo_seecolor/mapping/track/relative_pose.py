@@ -83,10 +83,13 @@ def cross(v: Array) -> Array:
 
 def inverses(V: Array) -> Array:
     """Invert symmetric matrices (m, 3, 3); zeros where one has no inverse that is positive."""
-    a, b, c = V[:, 0], V[:, 1], V[:, 2]
-    adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    determinant = (a * adjugate[:, 0]).sum(axis=1)[:, None, None]
-    return np.where(determinant > 0, adjugate / np.where(determinant > 0, determinant, 1.0), 0.0)
+    a, b, c, d, e, f = (V[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    adjugate = np.stack(
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
+    )
+    determinant = a * adjugate[0] + b * adjugate[1] + c * adjugate[2]
+    found = np.where(determinant > 0, adjugate / np.where(determinant > 0, determinant, 1.0), 0.0)
+    return np.asarray(found[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True)
