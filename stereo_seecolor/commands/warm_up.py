@@ -4,7 +4,6 @@ One process compiles: each more would import the compiler and compile numba's ow
 which takes it a quarter as long as all kernels.
 """
 
-import gc
 from functools import cache, partial
 from importlib import import_module
 
@@ -59,15 +58,9 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
     if not _runs_here(config, options) or not is_first_run():
         return
     options.listener.begin(STAGE, len(WORKS))
-    collects = gc.isenabled()
-    gc.disable()  # it takes a tenth of numba's time
-    try:
-        for name in WORKS:
-            _call(name)
-            options.listener.advance(FrameRow(name.partition(":")[2]))
-    finally:
-        if collects:
-            gc.enable()
+    for name in WORKS:
+        _call(name)
+        options.listener.advance(FrameRow(name.partition(":")[2]))
 
 
 def _call(name: str) -> None:
@@ -96,16 +89,12 @@ def warm_up_fit() -> None:
 
 
 def warm_up_correction() -> None:
-    """Compile the kernels that correct a frame and that place frames for the dive's light."""
-    from stereo_seecolor.mapping.track.relative_pose import Observed, fit_pose
-
+    """Compile the kernels that correct a frame."""
     image, range_m = _noise()
     some = np.full(3, 0.2)
     Corrector().apply(
         image, range_m, Water(some, some, some, some, some, some, some, some), exposure=1.0
     )
-    seen = Observed(np.random.default_rng(0).uniform(0.5, 1.0, (9, 3)), np.ones((9, 3)))
-    fit_pose(np.eye(4), seen, seen)
 
 
 def _noise() -> tuple[np.ndarray, np.ndarray]:

@@ -126,7 +126,6 @@ def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(
 ) -> None:
     scene, found = line(STATED), []
     start = by_pose_graph(scene, scene.relations)
-    monkeypatch.setattr(bundle_problem, "POINTS_AT_ONCE", 50)
     for cores in (1, 3):
         with ThreadPoolExecutor(cores) as pool:
             monkeypatch.setattr(bundle_problem, "core_pool", lambda pool=pool: pool)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.surface.color_weight import color_weight
@@ -64,96 +65,70 @@ def weigh(
             deepest_m[row // CELL, cell] = max(deepest_m[row // CELL, cell], depth)
 
 
-@compiled
-def cells_of(
-    keys: Any,  # (B, 3) int32 block coordinates
-    shape: Any,  # rows and columns of cells of an image
-    camera: Any,  # (3,) float64: focal_px, cx, cy
-    T: Any,  # (4, 4) float64, camera from world
+def windows_of(
+    keys: NDArray[np.int32],
+    shape: tuple[int, ...],
+    camera: NDArray[np.float64],
+    T: NDArray[np.float64],
     voxel_m: float,
-) -> Any:
-    """Find the window of cells that the blocks cover in the image: top, bottom, left, right; bottom
-    and right are excluded.
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Find the cells that the sphere around each block covers in the image: (B, 4) top, bottom,
+    left, right, where bottom and right are excluded; and the sphere's least depth (B,). None behind
+    the camera.
+
+    keys: (B, 3) block coordinates. shape: rows and columns of cells of an image. camera: (3,)
+    focal_px, cx, cy. T: (4, 4) camera from world.
     """
-    top, bottom, left, right = shape[0], 0, shape[1], 0
-    for b in range(len(keys)):
-        window = _window(keys[b], shape, camera, T, voxel_m)
-        if window[0] < window[1] and window[2] < window[3]:
-            top, bottom = min(top, window[0]), max(bottom, window[1])
-            left, right = min(left, window[2]), max(right, window[3])
-    return top, bottom, left, right
+    radius = 0.87 * BLOCK * voxel_m
+    middle = (keys * BLOCK + BLOCK / 2) * voxel_m
+    x, y, z = (middle @ T[:3, :3].T + T[:3, 3]).T
+    near = z < 2 * radius
+    ahead = np.where(near, 2 * radius, z)
+    margin = 2 * radius / (ahead - radius)
+    windows = np.empty((len(keys), 4), np.int64)
+    for place, along, center_px, count in (
+        (0, y, camera[2], shape[0]),
+        (2, x, camera[1], shape[1]),
+    ):
+        low_px = camera[0] * (along / ahead - margin) + center_px
+        high_px = camera[0] * (along / ahead + margin) + center_px
+        # one pixel more at each end
+        low, high = np.floor((low_px - 1) / CELL), np.floor((high_px + 1) / CELL) + 1
+        windows[:, place] = np.where(near, 0, np.clip(low, 0, count))
+        windows[:, place + 1] = np.where(near, count, np.clip(high, 0, count))
+    windows[z < -radius] = 0
+    return windows, np.where(near, 0.0, z - radius)
+
+
+def cells_of(windows: NDArray[np.int64]) -> tuple[int, int, int, int]:
+    """Find the window of cells that the windows of blocks cover together."""
+    covered = windows[(windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3])]
+    if not len(covered):
+        return 0, 0, 0, 0
+    low, high = covered.min(axis=0), covered.max(axis=0)
+    return int(low[0]), int(high[1]), int(low[2]), int(high[3])
 
 
 @compiled
 def in_sight(
-    keys: Any,  # (B, 3) int32 block coordinates
+    windows: Any,  # (B, 4) int64, of ``windows_of``
+    nearest_m: Any,  # (B,) float64, of ``windows_of``
     deepest_m: Any,  # of ``weigh``, known where ``cells_of`` says
-    camera: Any,  # (3,) float64: focal_px, cx, cy
-    T: Any,  # (4, 4) float64, camera from world
-    voxel_m: float,
     truncation_m: float,
-) -> Any:
-    """Find the blocks of which a part may lie in front of a measurement, or no deeper behind it
-    than the truncation: their numbers.
+    seen: Any,  # (B,) bool, written
+) -> None:
+    """Write of which blocks a part may lie in front of a measurement, or no deeper behind it than
+    the truncation.
 
     Of each block its enclosing sphere is compared with the deepest measurement in the window of the
     image that it covers.
     """
-    chosen = np.empty(len(keys), np.int64)
-    count = 0
-    for b in range(len(keys)):
-        top, bottom, left, right, nearest_m = _window(keys[b], deepest_m.shape, camera, T, voxel_m)
-        if _deepest(deepest_m, top, bottom, left, right) > max(nearest_m - truncation_m, 0.0):
-            chosen[count] = b
-            count += 1
-    return chosen[:count]
-
-
-@compiled
-def _window(key: Any, shape: Any, camera: Any, T: Any, voxel_m: float) -> Any:
-    """The cells that the sphere around a block covers, as ``cells_of`` gives them, and its least
-    depth; none behind the camera.
-    """
-    half, radius = BLOCK / 2, 0.87 * BLOCK * voxel_m
-    x, y, z = _in_camera(
-        T,
-        (key[0] * BLOCK + half) * voxel_m,
-        (key[1] * BLOCK + half) * voxel_m,
-        (key[2] * BLOCK + half) * voxel_m,
-    )
-    if z < -radius:
-        return 0, 0, 0, 0, 0.0
-    if z < 2 * radius:
-        return 0, shape[0], 0, shape[1], 0.0
-    across, down, margin = x / z, y / z, 2 * radius / (z - radius)
-    top, bottom = _cells(
-        camera[0] * (down - margin) + camera[2], camera[0] * (down + margin) + camera[2], shape[0]
-    )
-    left, right = _cells(
-        camera[0] * (across - margin) + camera[1],
-        camera[0] * (across + margin) + camera[1],
-        shape[1],
-    )
-    return top, bottom, left, right, z - radius
-
-
-@compiled
-def _deepest(deepest_m: Any, top: int, bottom: int, left: int, right: int) -> Any:
-    """In a window of cells; 0 where nothing was measured."""
-    deepest = np.float32(0)
-    for row in range(top, bottom):
-        for column in range(left, right):
-            deepest = max(deepest, deepest_m[row, column])
-    return deepest
-
-
-@compiled
-def _cells(low_px: float, high_px: float, count: int) -> Any:
-    """The cells from the first to before the last that an interval of pixels meets, one pixel more
-    at each end.
-    """
-    low, high = np.floor((low_px - 1) / CELL), np.floor((high_px + 1) / CELL) + 1
-    return int(min(max(low, 0.0), float(count))), int(min(max(high, 0.0), float(count)))
+    for b in range(len(windows)):
+        deepest = np.float32(0)
+        for row in range(windows[b, 0], windows[b, 1]):
+            for column in range(windows[b, 2], windows[b, 3]):
+                deepest = max(deepest, deepest_m[row, column])
+        seen[b] = deepest > max(nearest_m[b] - truncation_m, 0.0)
 
 
 @compiled

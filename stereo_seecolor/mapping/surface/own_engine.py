@@ -11,7 +11,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import in_parts
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.surface.extraction import PART_BLOCKS, Volume, extract
-from stereo_seecolor.mapping.surface.kernels import cells_of, in_sight, integrate
+from stereo_seecolor.mapping.surface.kernels import cells_of, in_sight, integrate, windows_of
 from stereo_seecolor.mapping.surface.measured_pixels import MeasuredPixels
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
@@ -44,11 +44,13 @@ def _integrate(
 ) -> None:
     camera, voxel_m = measured.camera, volume.voxel_m
     truncation_m = TRUNCATION_VOXELS * voxel_m
-    cells = cells_of(volume.blocks, measured.deepest_m.shape, camera, T_camera_world, voxel_m)
-    measured.weigh(frame, cells, voxel_m)
-    chosen = in_sight(
-        volume.blocks, measured.deepest_m, camera, T_camera_world, voxel_m, truncation_m
+    windows, nearest_m = windows_of(
+        volume.blocks, measured.deepest_m.shape, camera, T_camera_world, voxel_m
     )
+    measured.weigh(frame, cells_of(windows), voxel_m)
+    seen = np.empty(len(windows), np.bool_)
+    in_sight(windows, nearest_m, measured.deepest_m, truncation_m, seen)
+    chosen = np.flatnonzero(seen)
 
     def integrate_part(first: int, last: int) -> None:
         integrate(

@@ -5,25 +5,17 @@ observations and all that is known.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import bsr_array, csr_array
 
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.geometry import inverse, rotation_from_vector, rotation_vector
-from stereo_seecolor.mapping.track.bundle_kernels import (
-    frame_rows,
-    keep_points,
-    own_errors,
-    point_blocks,
-    point_steps,
-    robust_cost,
-)
 from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout, TrackObservations
 from stereo_seecolor.mapping.track.loops import CAUCHY, Prior
-from stereo_seecolor.mapping.track.relative_pose import cross
+from stereo_seecolor.mapping.track.relative_pose import cross, inverses
 
 # Knowledge of points in the world: the distance between means of points, and the position of such
 # a mean.
@@ -85,12 +77,10 @@ Integers = NDArray[np.int64]
 Result = TypeVar("Result")
 LEAST_LEFT = 0.05
 """Of a residual's variance; where the point took more, nothing is learned from it."""
-POINTS_AT_ONCE = 4096
-"""A core's share of points or of observations, 1 ms of work; sums over shares are the same on any
-number of cores.
+BEHIND = 1e6
+"""Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one
+there looks better.
 """
-BLOCKS_AT_ONCE = 4
-"""A core's share of frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +93,10 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Linearized:
-    """Equations of the frames' moves and of points with a block of their own. W: (n, 3, 6), V: (m,
-    3, 3), own_g: (m, 3), by which the other points follow.
+    """Equations of the frames' moves and of points with a block of their own.
+
+    W: (n, 3, 6) each observation's block of point and pose; V: (m, 3, 3) inverses of the other
+    points' own blocks; own_g: (m, 3) their right sides: by these they follow.
     """
 
     blocks: FrameBlocks
@@ -160,79 +152,66 @@ class BundleProblem:
 
     def cost(self, state: State) -> float:
         """Compute half of the sum of squares, those of observations under a Cauchy kernel."""
-        seen = (
-            inverse(state.T),
-            state.points,
-            self.frame,
-            self.point,
-            self.seen,
-            self.weight,
-            CAUCHY,
-        )
-        observations = sum(_shared(lambda *part: robust_cost(*seen, *part), len(self.frame)))
+        robust = self._each_frame(state, lambda one: float(np.log1p(one.squared / CAUCHY**2).sum()))
         rest = [_prior_off(prior, state.T[prior.frame])[0] for prior in self.priors]
         rest += [known.off(state.points[list(known.points)])[0] for known in self.known]
-        return observations + 0.5 * sum(float(off @ off) for off in rest)
+        return 0.5 * CAUCHY**2 * sum(robust) + 0.5 * sum(float(off @ off) for off in rest)
 
     def errors(self, state: State) -> Array:
         """Compute residuals in standard errors, (n, 3), as large as if no point's position had been
         fitted to them.
         """
-        found = np.empty_like(self.seen)
-        seen = (
-            inverse(state.T),
-            state.points,
-            self.start,
-            self.frame,
-            self.seen,
-            self.weight,
-            LEAST_LEFT,
-            found,
-        )
-        _shared(lambda *part: own_errors(*seen, *part), len(state.points))
-        return found
+        off, by_point = np.empty_like(self.seen), np.empty((len(self.seen), 3, 3))
+
+        def work(one: _FrameSightings) -> None:
+            off[one.which], by_point[one.which] = one.off, one.slopes()[1]
+
+        self._each_frame(state, work)
+        own = np.add.reduceat(by_point.transpose(0, 2, 1) @ by_point, self.start[:-1])
+        along = by_point @ inverses(own)[self.point]
+        left = 1 - (by_point * along).sum(axis=2)  # the share of its variance that its point left
+        return np.asarray(off / np.sqrt(np.maximum(left, LEAST_LEFT)))
 
     def linearized(self, state: State, damping: float = 0.0) -> Linearized:
-        """Set up the equations of a step. damping: by which the diagonal is larger (Marquardt)."""
-        layout, blocks, m = self._layout, self._layout.zeros(), len(state.points)
-        found = Linearized(
-            blocks, np.empty((len(self.frame), 3, SIDE)), np.empty((m, 3, 3)), np.empty((m, 3))
-        )
-        seen = inverse(state.T), state.points, self.start, self.frame
-        how: tuple[Any, ...] = (
-            self.seen,
-            self.weight,
-            CAUCHY,
-            damping,
-            self._own >= 0,
-            found.W,
-            found.V,
-            found.own_g,
-        )
-        _shared(lambda *part: point_blocks(*seen, *how, *part), m)
-        place, where = (
-            layout.place[: len(self.frames)],
-            (layout.size, blocks.diagonal, blocks.below, blocks.g),
-        )
-        rows: tuple[Any, ...] = *seen, self.point, *how, place, *self._by_block, *where
-        _shared(lambda *part: frame_rows(*rows, *part), len(layout.place), BLOCKS_AT_ONCE)
+        """Set up the equations of a step: points are eliminated, but for those of which something
+        is known. damping: by which the diagonal is larger (Marquardt).
+        """
+        blocks, n = self._layout.zeros(), len(self.frame)
+        W, own, own_g = np.empty((n, 3, SIDE)), np.empty((n, 3, 3)), np.empty((n, 3))
+
+        def work(one: _FrameSightings) -> None:
+            by_pose, by_point = one.slopes()
+            robust = (1 / (1 + one.squared / CAUCHY**2))[:, None, None]
+            pull = (robust * by_point).transpose(0, 2, 1)
+            W[one.which], own[one.which] = pull @ by_pose, pull @ by_point
+            own_g[one.which] = (pull @ one.off[:, :, None])[:, :, 0]
+            rows, weighted = by_pose.reshape(-1, SIDE), (robust * by_pose).reshape(-1, SIDE)
+            H = weighted.T @ rows
+            H[np.diag_indices(SIDE)] *= 1 + damping
+            blocks.add(one.frame, one.frame, H)
+            blocks.add_right(one.frame, weighted.T @ one.off.ravel())
+
+        self._each_frame(state, work)
+        V, g = np.add.reduceat(own, self.start[:-1]), np.add.reduceat(own_g, self.start[:-1])
+        V[:, range(3), range(3)] *= 1 + damping
         kept = np.flatnonzero(self._own >= 0)
-        own_place = layout.place[self._own[kept]]
-        keep_points(
-            kept, own_place, self.start, self.frame, found.W, found.V, found.own_g, place, *where
-        )
+        self._add_kept(blocks, kept, W, V, g)
+        V = inverses(V)
+        V[kept] = 0
+        self._eliminate(blocks, W, V, g)
         self._add_priors(blocks, state)
         self._add_known(blocks, state)
-        return found
+        return Linearized(blocks, W, V, g)
 
     def moved(self, state: State, step: Linearized) -> State:
         """Move poses and points by the solution of the equations. Raises LinAlgError where they are
         singular.
         """
-        moves, points = step.blocks.solve(), np.empty_like(state.points)
+        moves = step.blocks.solve()
         of_frames = np.ascontiguousarray(moves[: len(self.frames)])
-        seen = self.start, self.frame, step.W, step.V, step.own_g, of_frames, points
-        _shared(lambda *part: point_steps(*seen, *part), len(points))
+        taken = (step.W @ of_frames[self.frame][:, :, None])[:, :, 0]
+        left = step.own_g - np.add.reduceat(taken, self.start[:-1])
+        points = (step.V @ left[:, :, None])[:, :, 0]
         kept = np.flatnonzero(self._own >= 0)
         points[kept] = moves[self._own[kept], :3]
         by = np.zeros_like(state.T)
@@ -242,6 +221,51 @@ class BundleProblem:
             1,
         )
         return State(state.T @ by, state.points + points)
+
+    def _each_frame(
+        self, state: State, work: "Callable[[_FrameSightings], Result]"
+    ) -> list[Result]:
+        """``work`` of each frame's observations, on all cores; results in order."""
+        order, row_start = self._by_block
+
+        def of(frame: int, T: Array) -> Result:
+            row = self._layout.place[frame]
+            which = order[row_start[row] : row_start[row + 1]]
+            at = state.points[self.point[which]] @ T[:3, :3].T + T[:3, 3]
+            ahead = at[:, 2] > 0
+            depth = np.where(ahead, at[:, 2], 1.0)[:, None]
+            image = np.concatenate([at[:, :2], np.ones_like(depth)], axis=1) / depth
+            weight = self.weight[which]
+            off = ahead[:, None] * (self.seen[which] - image) * weight
+            squared = np.where(ahead, (off**2).sum(axis=1), BEHIND)
+            return work(_FrameSightings(frame, which, T[:3, :3], at, ahead, weight, off, squared))
+
+        return list(core_pool().map(of, range(len(state.T)), inverse(state.T)))
+
+    def _eliminate(self, blocks: FrameBlocks, W: Array, V: Array, own_g: Array) -> None:
+        """Take the points' Schur complement off the equations of the frames."""
+        order, row_start = self._by_block
+        frames, points = SIDE * len(self._layout.place), 3 * len(V)
+        Y = (V[self.point[order]] @ W[order]).transpose(0, 2, 1)
+        to_points = bsr_array((Y, self.point[order], row_start), shape=(frames, points))
+        from_points = bsr_array(
+            (W, self._layout.place[self.frame], self.start), shape=(points, frames)
+        )
+        blocks.subtract(to_points @ from_points, to_points @ own_g.ravel())
+
+    def _add_kept(
+        self, blocks: FrameBlocks, kept: Integers, W: Array, V: Array, own_g: Array
+    ) -> None:
+        """The equations of points that stay: the first three numbers of their blocks."""
+        for p in kept.tolist():
+            own, H, g = int(self._own[p]), np.zeros((SIDE, SIDE)), np.zeros(SIDE)
+            H[:3, :3], g[:3] = V[p], own_g[p]
+            blocks.add(own, own, H)
+            blocks.add_right(own, g)
+            for k in range(self.start[p], self.start[p + 1]):
+                H = np.zeros((SIDE, SIDE))
+                H[:3] = W[k]
+                blocks.add(own, int(self.frame[k]), H)
 
     @cached_property
     def start(self) -> Integers:
@@ -303,17 +327,35 @@ class BundleProblem:
                     blocks.add(first, second, slope[:, :, a].T @ slope[:, :, b])
 
 
-def _shared(
-    work: Callable[[int, int], Result], count: int, at_once: int = POINTS_AT_ONCE
-) -> list[Result]:
-    """``work`` of each range of so many things, its first and its end, on all cores; results in
-    order.
+class _FrameSightings(NamedTuple):
+    """The observations of one frame, compared with their points.
+
+    which: (k,) their numbers. R: (3, 3) camera from world. at: (k, 3) the points in the camera.
+    ahead: (k,) whether they lie in front of it. weight: (k, 3) inverse standard errors. off: (k, 3)
+    residuals in image space, in standard errors; squared: (k,) their squares.
     """
-    return list(
-        core_pool().map(
-            lambda first: work(first, min(first + at_once, count)), range(0, count, at_once)
-        )
-    )
+
+    frame: int
+    which: Integers
+    R: Array
+    at: Array
+    ahead: NDArray[np.bool_]
+    weight: Array
+    off: Array
+    squared: Array
+
+    def slopes(self) -> tuple[Array, Array]:
+        """Derivatives of what should be seen, in standard errors: by a turn (rad) and then a shift
+        (m) of the pose in its own axes, (k, 3, 6), and by the point in the world, (k, 3, 3). 0 of
+        points behind the camera.
+        """
+        inverse = self.ahead / np.where(self.ahead, self.at[:, 2], 1.0)
+        slope = np.zeros((len(self.at), 3, 3))  # by the point in the camera
+        slope[:, 0, 0] = slope[:, 1, 1] = inverse
+        slope[:, :2, 2] = -self.at[:, :2] * inverse[:, None] ** 2
+        slope[:, 2, 2] = -(inverse**2)
+        slope *= self.weight[:, :, None]
+        return np.concatenate([slope @ cross(self.at), -slope], axis=2), slope @ self.R
 
 
 def _prior_off(prior: Prior, T: Array) -> tuple[Array, Array]:

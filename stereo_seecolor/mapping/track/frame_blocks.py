@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import bsr_array, coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from stereo_seecolor.mapping.track.features import Features
@@ -92,6 +92,21 @@ class FrameBlocks:
         """Add g (6,)."""
         at = SIDE * int(self.layout.place[block])
         self.g[at : at + SIDE] += g
+
+    def subtract(self, coupled: bsr_array, g: Array) -> None:
+        """Subtract blocks (6, 6) of a symmetric matrix, and of the right side, both in the order of
+        the places.
+        """
+        size = self.layout.size
+        row = np.repeat(np.arange(len(coupled.indptr) - 1), np.diff(coupled.indptr))
+        column = coupled.indices
+        within = (column <= row) & (row // size == column // size)
+        across = (column <= row) & (row // size != column // size)
+        for parts, chosen in ((self.diagonal, within), (self.below, across)):
+            blocks = parts.reshape(-1, size, SIDE, size, SIDE)
+            i, j = row[chosen], column[chosen]
+            blocks[j // size, i % size, :, j % size] -= coupled.data[chosen]
+        self.g[: len(g)] -= g
 
     def solve(self) -> Array:
         """Solve the system: (N, 6). Raises LinAlgError where it is singular."""

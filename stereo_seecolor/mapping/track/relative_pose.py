@@ -1,130 +1,15 @@
 """The relative pose of two frames, estimated from the points that both show."""
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features, match_descriptors, match_near
-
-# Algebra of matrices (3, 3) for compiled loops over points.
-
-
-@compiled
-def invert_symmetric(V: Any, inverse: Any) -> None:
-    """Write the inverse of V (3, 3), symmetric; zeros where it has none that is positive."""
-    inverse[0, 0] = V[1, 1] * V[2, 2] - V[1, 2] * V[1, 2]
-    inverse[0, 1] = V[0, 2] * V[1, 2] - V[0, 1] * V[2, 2]
-    inverse[0, 2] = V[0, 1] * V[1, 2] - V[0, 2] * V[1, 1]
-    inverse[1, 1] = V[0, 0] * V[2, 2] - V[0, 2] * V[0, 2]
-    inverse[1, 2] = V[0, 1] * V[0, 2] - V[0, 0] * V[1, 2]
-    inverse[2, 2] = V[0, 0] * V[1, 1] - V[0, 1] * V[0, 1]
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
-    determinant = V[0, 0] * inverse[0, 0] + V[0, 1] * inverse[0, 1] + V[0, 2] * inverse[0, 2]
-    for i in range(3):
-        for j in range(3):
-            inverse[i, j] = inverse[i, j] / determinant if determinant > 0 else 0.0
-
-
-# Compiled loops of relative-pose estimation: residuals of a relative pose on matched points, and
-# its normal equations.
-
-
-@compiled
-def pose_residuals(
-    T: Any,  # (4, 4) float64, to the camera of a from that of b
-    a: Any,  # (n, 3) float64, points in image space
-    a_std: Any,  # (n, 3) float64
-    b: Any,  # (n, 3) float64
-    b_std: Any,  # (n, 3) float64
-    outlier_sigmas: float,  # scale of the Cauchy kernel
-    squared: Any,  # (n,) float64, written: residuals in standard errors, squared
-    H: Any,  # (6, 6) float64, added to: of a turn (rad) and then a shift (m), in the axes of b
-    g: Any,  # (6,) float64, added to
-) -> None:
-    """Normal equations of a pose: the derivatives of ``image_space.move``, each point weighted by
-    both its errors.
-    """
-    weight, moved = np.empty((3, 3)), np.empty(3)
-    by_point, by_pose, residual, pull = np.empty((3, 3)), np.empty((3, 6)), np.empty(3), np.empty(3)
-    for n in range(len(a)):
-        x, y, inverse = b[n, 0], b[n, 1], b[n, 2]
-        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] + inverse * T[2, 3]
-        moved[0] = (T[0, 0] * x + T[0, 1] * y + T[0, 2] + inverse * T[0, 3]) / depth
-        moved[1] = (T[1, 0] * x + T[1, 1] * y + T[1, 2] + inverse * T[1, 3]) / depth
-        moved[2] = inverse / depth
-        for i in range(3):
-            residual[i] = a[n, i] - moved[i]
-            for j in range(3):
-                column = j if j < 2 else 3
-                own = T[i, column] if i < 2 else 0.0
-                by_point[i, j] = (own - moved[i] * T[2, column]) / depth
-        by_point[2, 2] += 1 / depth
-        _weight(by_point, a_std[n], b_std[n], weight)
-        squared[n] = 0.0
-        for i in range(3):
-            pull[i] = (
-                weight[i, 0] * residual[0] + weight[i, 1] * residual[1] + weight[i, 2] * residual[2]
-            )
-        for i in range(3):
-            squared[n] += residual[i] * pull[i]
-        robust = 1 / (1 + squared[n] / outlier_sigmas**2)
-        _by_pose(T, x, y, inverse, moved, depth, by_pose)
-        for p in range(6):
-            for i in range(3):
-                g[p] += robust * by_pose[i, p] * pull[i]
-            for q in range(6):
-                for i in range(3):
-                    across = (
-                        weight[i, 0] * by_pose[0, q]
-                        + weight[i, 1] * by_pose[1, q]
-                        + weight[i, 2] * by_pose[2, q]
-                    )
-                    H[p, q] += robust * by_pose[i, p] * across
-
-
-@compiled
-def _weight(by_point: Any, a_std: Any, b_std: Any, weight: Any) -> None:
-    """Write the inverse (3, 3) of the covariance of the difference between a point of a and the
-    moved one of b.
-    """
-    c = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                c[i, j] += by_point[i, k] * by_point[j, k] * b_std[k] ** 2
-        c[i, i] += a_std[i] ** 2
-    invert_symmetric(c, weight)
-
-
-@compiled
-def _by_pose(
-    T: Any, x: float, y: float, inverse: float, moved: Any, depth: float, by_pose: Any
-) -> None:
-    """Write the derivatives (3, 6) of a moved point by a turn and a shift."""
-    for i in range(3):
-        of_row = 1.0 if i < 2 else 0.0
-        for k in range(3):
-            # rows of -R [ray] x: R times the ray crossed with the axes
-            turn, turn_depth = _turned(T, i, x, y, k), _turned(T, 2, x, y, k)
-            by_pose[i, k] = (of_row * turn - moved[i] * turn_depth) / depth
-            by_pose[i, 3 + k] = inverse * (of_row * T[i, k] - moved[i] * T[2, k]) / depth
-
-
-@compiled
-def _turned(T: Any, row: int, x: float, y: float, axis: int) -> Any:
-    """Row of -R [(x, y, 1)] x, at a column."""
-    if axis == 0:
-        return T[row, 2] * y - T[row, 1]
-    if axis == 1:
-        return T[row, 0] - T[row, 2] * x
-    return T[row, 1] * x - T[row, 0] * y
-
 
 # Points in image space, x / z, y / z and 1 / z, under a rigid motion: a projective map, in which
 # errors of stereo are symmetric.
@@ -194,6 +79,17 @@ def cross(v: Array) -> Array:
         [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)],
         axis=-2,
     )
+
+
+def inverses(V: Array) -> Array:
+    """Invert symmetric matrices (m, 3, 3); zeros where one has no inverse that is positive."""
+    a, b, c, d, e, f = (V[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    adjugate = np.stack(
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
+    )
+    determinant = a * adjugate[0] + b * adjugate[1] + c * adjugate[2]
+    found = np.where(determinant > 0, adjugate / np.where(determinant > 0, determinant, 1.0), 0.0)
+    return np.asarray(found[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True)
@@ -366,7 +262,7 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
     that hold no pose.
     """
     for _ in range(SETTINGS.rounds):
-        squared, H, g = _residuals(T, a, b)
+        squared, H, g = residuals(T, a, b)
         step = np.asarray(np.linalg.solve(H, g), np.float64)
         T = T @ pose(rotation_from_vector(step[:3]), step[3:])
         if np.abs(step).max() < 1e-7:
@@ -382,21 +278,31 @@ def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
     behind the camera.
     """
     scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
-    return np.where(scaled_depth * b.points[:, 2] > 0, _residuals(T, a, b)[0], np.inf)
+    return np.where(scaled_depth * b.points[:, 2] > 0, _weighed(move(T, b.points), a, b)[2], np.inf)
 
 
-def _residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
-    """(n,) residuals in standard errors, squared, and the normal equations (6, 6), (6,) of a step
-    of the pose.
+def residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
+    """Compute (n,) residuals in standard errors, squared, and the normal equations (6, 6), (6,) of
+    a step of the pose: each point weighted by both its errors, under a Cauchy kernel.
     """
-    squared, H, g = np.empty(len(a.points)), np.zeros((6, 6)), np.zeros(6)
-    at_a, std_a, at_b, std_b = (
-        np.ascontiguousarray(values) for values in (a.points, a.std, b.points, b.std)
-    )
-    pose_residuals(
-        np.ascontiguousarray(T), at_a, std_a, at_b, std_b, SETTINGS.outlier_sigmas, squared, H, g
-    )
-    return squared, H, g
+    moved = move(T, b.points)
+    weight, pull, squared = _weighed(moved, a, b)
+    robust = 1 / (1 + squared / SETTINGS.outlier_sigmas**2)
+    weighted = ((robust[:, None, None] * weight) @ moved.by_pose).reshape(-1, 6)
+    rows = moved.by_pose.reshape(-1, 6)
+    return squared, rows.T @ weighted, rows.T @ (robust[:, None] * pull).ravel()
+
+
+def _weighed(moved: Moved, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
+    """(n, 3, 3) the inverse covariance of the difference between points of a and the moved ones of
+    b; (n, 3) that times the difference; (n,) its square in standard errors.
+    """
+    spread = moved.by_point * b.std[:, None, :]
+    covariance = spread @ spread.transpose(0, 2, 1)
+    covariance[:, range(3), range(3)] += a.std**2
+    weight, residual = inverses(covariance), a.points - moved.points
+    pull = (weight @ residual[:, :, None])[:, :, 0]
+    return weight, pull, (residual * pull).sum(axis=1)
 
 
 def _ransac(
