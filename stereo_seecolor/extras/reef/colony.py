@@ -131,9 +131,9 @@ def measure_outlines(
         beneath_l = _ground_std_l(terrain.height_m[at], masks[i][at], terrain.grid.cell_m)
         unseen_l = _unseen_volume_l(terrain, masks[i], at)
         height_m = np.hypot(error[0], _top_std_m(terrain.height_m[at], masks[i][at]))
-        volume_l = np.linalg.norm([error[1], beneath_l, unseen_l])
+        seen_std_l = float(np.linalg.norm([error[1], beneath_l, unseen_l]))
         volume_l = (
-            float("nan") if refused else np.hypot(volume_l, min(under, value[1]) / np.sqrt(3))
+            float("nan") if refused else np.hypot(seen_std_l, min(under, value[1]) / np.sqrt(3))
         )
         stds = (*area_stds, relative * mesh_m2, height_m, volume_l)
         powers = (2, 2, 2, 2, 1, 3)
