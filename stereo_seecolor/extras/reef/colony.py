@@ -142,7 +142,7 @@ def measure_outlines(
             for power, each in zip(powers, astuple(measured)[:-1], strict=True)
         )
         totals = [float(np.hypot(*each)) for each in zip(stds, shared, strict=True)]
-        own = ColonySize(*[*totals, float(relative * measured.rugosity)])
+        own = ColonySize(*[*totals, area_stds[2] / areas[0]])
         counted = float((1 / holders[masks[i]]).mean())
         colonies[i] = Colony(
             outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted
