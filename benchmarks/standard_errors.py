@@ -3,11 +3,11 @@
     python benchmarks/standard_errors.py FOLDER [--reefs 3] [--first-seed 1] [--samples 200]
 
 Each reef is drawn (12 pairs of 640x512), run and fused; its even and odd pairs are run and fused
-too, between which nothing changed. For each quantity that a user can publish: how many are within
-two standard errors, the mean of z, the largest one. Lengths and areas are of random places, given
-exactly, on a rig that is exactly known: what is judged is the error by ranges. Truth is the drawn
-surface under the same places; along the surface it is measured with the same steps. Seeds 1 and 2
-were at hand when the numbers of MeasureLimits and of mapping/raster/noise.py were chosen. FOLDER
+too, between which nothing changed, and the odd ones over a reef with nine bumps more. For each
+quantity that a user can publish: how many are within two standard errors, the mean of z, the
+largest one. Places are given exactly, on a rig and with poses that are exactly known: what is
+judged is the error by ranges. Truth is the drawn surface under the same places; along the surface
+it is measured with the same steps. Seeds 1 to 3 were at hand when the errors were chosen. FOLDER
 keeps dives and runs.
 """
 
