@@ -1,4 +1,4 @@
-"""A small form of benchmarks/standard_errors.py, on three frames of the sample dive, and its map."""
+"""A small form of benchmarks/standard_errors.py: three frames of the sample dive, and its map."""
 
 import runpy
 from pathlib import Path
