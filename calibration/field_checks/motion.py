@@ -26,6 +26,7 @@ from calibration.field_checks.matches import (
 )
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
+from calibration.rig import RangeError
 
 # Rigid motions between pairs, fitted together with what is wrong with all disparities and with the
 # focal length.
@@ -293,6 +294,15 @@ class Motion:
     def is_known(self) -> bool:
         """True if an error of ranges that matters would have been seen."""
         return LIMITS.deviations * self.range_std < LIMITS.seen
+
+    @property
+    def measured(self) -> RangeError | None:
+        """The error of ranges; None where motion does not show it, or one number does not describe
+        it.
+        """
+        if self.is_misfit or self.is_uneven or not self.is_known:
+            return None
+        return RangeError(self.range_error, self.range_std, self.at_m)
 
     @property
     def is_right(self) -> bool:

@@ -12,6 +12,7 @@ from calibration.checks import RowCheck, vertical_disparity
 from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong
 from calibration.field_checks.motion import Motion, find_motion
 from calibration.field_checks.vertical_disparity import quick_check
+from calibration.rig import RangeError
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
@@ -33,10 +34,13 @@ a camera may be knocked.
 
 @dataclass(frozen=True)
 class RigCheck:
-    """What the check of a dive's rig found. is_wrong: ranges are wrong, as the notes say."""
+    """What the check of a dive's rig found. is_wrong: ranges are wrong, as the notes say. ranges:
+    what it measured of their error, None where it could not.
+    """
 
     notes: tuple[str, ...] = ()
     is_wrong: bool = False
+    ranges: RangeError | None = None
 
     def after(self, notes: tuple[str, ...]) -> "RigCheck":
         """This check, after these notes."""
@@ -76,10 +80,11 @@ def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
     starts = list(neighbors(pairs, pipeline.config.input))
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
     motion = find_motion(pipeline.rectification, from_ends, until_right=True)
+    ranges = motion.measured
     if motion.is_found:
-        return RigCheck((f"calibration: {motion.advice}",), is_wrong=True)
+        return RigCheck((f"calibration: {motion.advice}",), is_wrong=True, ranges=ranges)
     unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
-    return RigCheck((f"calibration: {motion.line}",) if unseen else ())
+    return RigCheck((f"calibration: {motion.line}",) if unseen else (), ranges=ranges)
 
 
 def _motion(pipeline: Pipeline, pairs: Sequence[Pair]) -> Motion:
@@ -108,14 +113,16 @@ def _rows_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
         return RigCheck()
     with suppress(CalibrationError):
         check = replace(check, motion=_motion(pipeline, pairs))
+    ranges = check.motion.measured
     if check.acceptable:
-        return RigCheck()
+        return RigCheck(ranges=ranges)
     return RigCheck(
         (
             f"calibration: {'; '.join(check.advice)}"
             + (" (stereo-seecolor run --refine)" if check.has_moved else ""),
         ),
         is_wrong=check.ranges_are_wrong or check.cut_out or check.air_in_water,
+        ranges=ranges,
     )
 
 

@@ -184,6 +184,7 @@ def _summary(
         notes,
         missing_shards=pairing.missing_shards,
         is_wrong=pairing.is_wrong,
+        ranges=pairing.ranges,
     )
 
 

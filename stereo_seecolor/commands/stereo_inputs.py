@@ -202,12 +202,16 @@ class Opened:
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if known is None:
             found = check_rig(pipeline, pairing.pairs, change)
-            known = KeptRigCheck(found.notes, found.is_wrong, dict.fromkeys(change.odd, LEFT_OUT))
+            left_out = dict.fromkeys(change.odd, LEFT_OUT)
+            known = KeptRigCheck(found.notes, found.is_wrong, found.ranges, left_out)
             known.save(folder.root, key)
         elif not known.is_wrong:  # an earlier run into this folder has given these notes
             known = replace(known, notes=())
         pairing = replace(
-            pairing.with_notes(known.notes), is_wrong=known.is_wrong, left_out=known.left_out
+            pairing.with_notes(known.notes),
+            is_wrong=known.is_wrong,
+            ranges=known.ranges,
+            left_out=known.left_out,
         )
         return Opened(pairing, pipeline)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import counted
+from calibration.rig import RangeError
 from stereo_seecolor.compute.sequences import Lazy, Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -90,8 +91,9 @@ class Pairing:
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
     missing_shards: shards of the dive whose pairs are not among these.
-    is_wrong: ranges of the dive as a whole are wrong, as notes say. left_out: name of a pair that
-    is not of the dive's rig -> why.
+    is_wrong: ranges of the dive as a whole are wrong, as notes say. ranges: their error as the
+    check of the dive measured it, None where it could not. left_out: name of a pair that is not of
+    the dive's rig -> why.
     """
 
     pairs: Sequence[Pair]
@@ -99,6 +101,7 @@ class Pairing:
     notes: tuple[str, ...] = ()
     missing_shards: tuple[str, ...] = ()
     is_wrong: bool = False
+    ranges: RangeError | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -20,6 +20,7 @@ from calibration import CalibrationError, StereoRig
 from calibration.bounded_text import load_json
 from calibration.formats import native
 from calibration.formats.reading.section import Section
+from calibration.rig import RangeError
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.config import RunConfig
@@ -184,12 +185,13 @@ class KeptRefinement:
 class KeptRigCheck:
     """What the check of a dive's rig found.
 
-    notes: of the run. is_wrong: ranges of the dive are wrong. left_out: name of a pair that is not
-    of the dive's rig -> why.
+    notes: of the run. is_wrong: ranges of the dive are wrong. ranges: their error, where it was
+    measured. left_out: name of a pair that is not of the dive's rig -> why.
     """
 
     notes: tuple[str, ...]
     is_wrong: bool
+    ranges: RangeError | None
     left_out: Mapping[str, str]
 
     def save(self, root: Path, key: str) -> None:

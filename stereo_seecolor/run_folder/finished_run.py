@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from calibration import CalibrationError, RectifiedPair, StereoRig
 from calibration.bounded_text import load_json
 from calibration.formats import load_rig
+from calibration.rig import RangeError
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.errors import InputError
@@ -148,6 +149,7 @@ class _Totals:
 
     stage_seconds: dict[str, float]
     notes: list[str]
+    range_error: RangeError | None = None
 
 
 @dataclass(frozen=True)
@@ -191,6 +193,11 @@ class FinishedRun:
     def water_file(self) -> Path:
         """The file of the fitted water."""
         return self.root / WATER
+
+    @property
+    def range_error(self) -> RangeError | None:
+        """What the check of the dive measured of the error of ranges; None where it could not."""
+        return as_record(_Totals, self.totals).range_error
 
     @cached_property
     def rig(self) -> StereoRig:

@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from calibration.rig import RangeError
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Names, Packed, SomeNames
 from stereo_seecolor.errors import InputError, printable
@@ -212,7 +213,7 @@ class RunSummary:
     interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
     missing_shards: of the dive, which were not merged. is_wrong: ranges of the dive as a whole are
-    wrong, as notes say.
+    wrong, as notes say. ranges: their error, where the check of the dive measured it.
     """
 
     rows: Sequence[FrameRow]
@@ -223,6 +224,7 @@ class RunSummary:
     plan: Compared | None = None
     missing_shards: tuple[str, ...] = ()
     is_wrong: bool = False
+    ranges: RangeError | None = None
 
     @property
     def all_done(self) -> bool:
@@ -267,6 +269,7 @@ class RunSummary:
             },
             "notes": list(self.notes),
             **({"ranges_are_wrong": True} if self.is_wrong else {}),
+            **({"range_error": asdict(self.ranges)} if self.ranges else {}),
             **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),
         }

@@ -27,6 +27,7 @@ from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.search import patch_colors
 from stereo_seecolor.extras.evaluation.charts.targets import FoundChart, chart
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.overview import RowFacts, judge_so_far
@@ -111,6 +112,24 @@ def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> 
     report(out)
     assert data(out)["calibration_std"] == pytest.approx(0.005)
     assert "as the calibration itself states (Kalibr)" in data(out)["calibration"]
+
+
+@pytest.mark.slow
+def test_what_the_check_measured_of_ranges_is_in_the_error_of_lengths(out: Path) -> None:
+    described = json.loads((out / "run.json").read_text())
+    described["totals"]["range_error"] = {"error": -0.01, "std": 0.04, "at_m": 1.8}
+    (out / "run.json").write_text(json.dumps(described))
+    report(out)
+    measured = np.hypot(-0.01, 0.04)
+    assert data(out)["calibration_std"] == pytest.approx(np.hypot(0.005, measured))
+    assert "ranges at 1.8 m may be wrong by -1.0 ± 4 %" in data(out)["calibration"]
+    stated = replace(native.read(out / "rig.yaml"), errors=RigErrors(0.003, 0.004, "Kalibr"))
+    (out / "rig.yaml").write_bytes(native.to_bytes(stated))
+    assert calibration_std(open_run(out)).total == pytest.approx(0.005)  # not contradicted
+    described["totals"]["range_error"]["error"] = 0.1
+    (out / "run.json").write_text(json.dumps(described))
+    measured = np.hypot(0.1, 0.04)
+    assert calibration_std(open_run(out)).total == pytest.approx(np.hypot(0.005, measured))
 
 
 @pytest.mark.slow

@@ -55,6 +55,8 @@ const outer = (a: Vector, b: Vector) => a.flatMap((x) => b.map((y) => x * y));
 const quadratic = (m: number[], v: Vector) =>
   dot(v, [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[3] * v[0] + m[4] * v[1] + m[5] * v[2], m[6] * v[0] + m[7] * v[1] + m[8] * v[2]]);
 
+const product = (a: number[], b: number[]) => a.map((_, k) => [0, 1, 2].reduce((sum, i) => sum + a[k - (k % 3) + i] * b[3 * i + (k % 3)], 0));
+
 /** Standard error by everything together. calibration_std: of a length, relative. */
 export const totalStd = ({ value, std, power }: Measured, calibration_std: number) => Math.hypot(std, power * calibration_std * value);
 
@@ -143,6 +145,14 @@ export function rangeOf(picked: Pick): Measured {
   return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), power: 1 };
 }
 
+/** Variance of a line's length by errors across it, to second order. */
+function secondOrder(a: number[], b: number[], unit: Vector, length: number): number {
+  const across = outer(unit, unit).map((value, i) => (i % 4 ? 0 : 1) - value);
+  const spread = product(product(across, a.map((value, i) => value + b[i])), across);
+  const size = spread[0] + spread[4] + spread[8];
+  return size > 0 ? (0.5 * spread.reduce((sum, value) => sum + value ** 2, 0)) / Math.max(length ** 2, size) : 0;
+}
+
 /** Length of the straight lines through points. */
 export function straightLength(picks: Placed[]): Measured {
   const steps = picks.slice(1).map((each, i) => minus(each.point_m, picks[i].point_m));
@@ -150,8 +160,9 @@ export function straightLength(picks: Placed[]): Measured {
   const units = steps.map((step, i) => (lengths[i] > 0 ? times(step, 1 / lengths[i]) : ([0, 0, 0] as Vector)));
   const none: Vector = [0, 0, 0];
   const variance = picks.reduce((sum, each, i) => sum + quadratic(each.covariance, minus(units[i] ?? none, units[i - 1] ?? none)), 0);
+  const across = steps.reduce((sum, _, i) => sum + secondOrder(picks[i].covariance, picks[i + 1].covariance, units[i], lengths[i]), 0);
   const value = lengths.reduce((a, b) => a + b, 0);
-  return { value, std: Math.sqrt(variance), power: 1 };
+  return { value, std: Math.sqrt(variance + across), power: 1 };
 }
 
 /** Length of a line of points on a surface; parts that cross a step carry a part of it in the standard error. off: how far a point lies off the plane of the surface at another. */

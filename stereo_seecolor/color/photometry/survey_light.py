@@ -37,10 +37,8 @@ class ObservationLimits:
 
 
 LIMITS = ObservationLimits()
-ANGLE = 0.8165
-"""Angle, radians, between colors whose logarithms differ by an rms of 1, near gray: sqrt(2/3)."""
-
-
+COMPARED = "stereo-seecolor evaluate OUT --spread"
+"""One place states it: of spots left out of the fit alone, other numbers come out."""
 PARTS_DIFFER = (
     "lines that share no spot were lit differently (lamps switched on between them?): "
     "the lamps' light is not corrected"
@@ -111,39 +109,25 @@ class SurveyLight:
         parts = [PARTS_DIFFER] if self.parts_differ else []
         luminance, color = self.luminance, self.color
         if any(luminance.use):
-            before, after = luminance.before, luminance.after
-            parts.append(
-                f"brightness corrected for {luminance.use}: views of one spot differed by "
-                f"{_percent(before.between_views)} before, {_percent(after.between_views)} after; "
-                f"frames by {_percent(before.between_frames)} before, "
-                f"{_percent(after.between_frames)} after"
-            )
+            parts.append(f"brightness corrected for {luminance.use}")
         if luminance.use.pattern:
             parts.append(
                 f"standard error of the uneven light {_percent(luminance.error)}{self._loose}"
             )
         if any(color.use):
-            before_deg, after_deg = (
-                np.degrees(ANGLE * part.between_views) for part in (color.before, color.after)
-            )
             same = "the same" if color.use == luminance.use else str(color.use)
-            parts.append(
-                f"color corrected for {same}: views differed by {before_deg:.1f} degrees before, "
-                f"{after_deg:.1f} after"
-            )
+            parts.append(f"color corrected for {same}")
         if luminance.use.pattern and self.crossed < CROSSING_SETTINGS.color:
             parts.append(
                 f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of "
                 f"reef, {CROSSING_SETTINGS.color:.0f} needed"
             )
         if self.offsets and self.solved.gains and not luminance.use.gains:
-            without, with_gains = (_percent(offset) for offset in self.offsets)
-            parts.append(
-                f"a gain for each of {len(self.solved.gains)} frames: neighbors differ by "
-                f"{with_gains} (before: {without})"
-            )
+            parts.append(f"a gain for each of {len(self.solved.gains)} frames")
         if self.recorded:
             parts.append("the exposures that the camera recorded are used")
+        if self.light:
+            parts.append(f"by how much views of one spot differ before and after: {COMPARED}")
         return parts
 
     @property

@@ -155,6 +155,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         (*notes, *rig_notes),
         missing,
         is_wrong=any(part.ranges_are_wrong for part in parts),
+        ranges=next((part.run.range_error for part in parts if part.run.range_error), None),
         left_out={
             row.name: LEFT_OUT for part in parts for row in part.rows if LEFT_OUT in row.error
         },

@@ -14,7 +14,13 @@ from stereo_seecolor.extras.reef.lengths_and_areas import planar_area, polygon_a
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import CORRECTION_SETTINGS, added_by_noise, spread_of
+from stereo_seecolor.mapping.raster.noise import (
+    CORRECTION_SETTINGS,
+    OF_DEPARTURE,
+    added_by_noise,
+    departure,
+    spread_of,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,9 +30,10 @@ RIM_CELLS = 2
 FEWEST_RIM_CELLS = 6
 SIDES_SEEN = 0.5
 """Part of its sides in the mesh from which a colony is taken to reach down to the ground."""
-SECTORS = 8
-"""Of the ground around an outline, left out in turn: how much the volume hangs on where the ground
-was taken.
+BENEATH = 0.75
+"""Mean departure of the ground beneath an outline from the plane through its rim, over the root
+mean product of what neighboring cells of the rim depart: of Brownian surfaces of dimensions 2.1 to
+2.5 (0.66 to 0.87).
 """
 
 
@@ -120,11 +127,13 @@ def measure_outlines(
             areas[2] / areas[0],
         )
         views = float(errors.views[known].mean())
-        rim = _ground_error(terrain.height_m[windows[i]], masks[i][windows[i]], terrain.grid.cell_m)
-        unseen = np.array([0.0, _unseen_volume_l(terrain, masks[i], windows[i])])
-        height_m, volume_l = np.linalg.norm([error, rim, unseen], axis=0)
+        at = windows[i]
+        beneath_l = _ground_std_l(terrain.height_m[at], masks[i][at], terrain.grid.cell_m)
+        unseen_l = _unseen_volume_l(terrain, masks[i], at)
+        height_m = np.hypot(error[0], _top_std_m(terrain.height_m[at], masks[i][at]))
+        seen_std_l = float(np.linalg.norm([error[1], beneath_l, unseen_l]))
         volume_l = (
-            float("nan") if refused else np.hypot(volume_l, min(under, value[1]) / np.sqrt(3))
+            float("nan") if refused else np.hypot(seen_std_l, min(under, value[1]) / np.sqrt(3))
         )
         stds = (*area_stds, relative * mesh_m2, height_m, volume_l)
         powers = (2, 2, 2, 2, 1, 3)
@@ -133,7 +142,7 @@ def measure_outlines(
             for power, each in zip(powers, astuple(measured)[:-1], strict=True)
         )
         totals = [float(np.hypot(*each)) for each in zip(stds, shared, strict=True)]
-        own = ColonySize(*[*totals, float(relative * measured.rugosity)])
+        own = ColonySize(*[*totals, area_stds[2] / areas[0]])
         counted = float((1 / holders[masks[i]]).mean())
         colonies[i] = Colony(
             outlines[i].name, outlines[i].label, measured, own, 1 - fraction, views, counted
@@ -255,20 +264,25 @@ def _above(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[floa
     return float(seen.max()), 1000 * float(seen.mean()) * float(inside.sum()) * cell_m**2
 
 
-def _ground_error(heights: Array, inside: Mask, cell_m: float) -> Array:
-    """(2,) standard errors of height and volume from uneven ground: jackknife over eighths of the
-    rim (Efron and Stein 1981).
+def _ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:
+    """Standard error of a volume by the ground beneath, which is not seen: on average it departs
+    from the plane as the ground around does, as far as that is alike from cell to cell.
     """
     rim = _rim(heights, inside)
-    row, column = np.indices(heights.shape)
-    middle = [float(np.flatnonzero(inside.any(axis=axis)).mean()) for axis in (1, 0)]
-    sector = (
-        (np.arctan2(row - middle[0], column - middle[1]) / (2 * np.pi) * SECTORS) % SECTORS
-    ).astype(int)
-    found = np.array(
-        [_above(heights, inside, rim & (sector != left_out), cell_m) for left_out in range(SECTORS)]
+    off = np.where(rim, heights - _plane(heights, rim), np.nan)
+    pairs = np.concatenate([(off[1:] * off[:-1]).ravel(), (off[:, 1:] * off[:, :-1]).ravel()])
+    alike = float(pairs[np.isfinite(pairs)].mean()) if np.isfinite(pairs).any() else float("nan")
+    return 1000 * BENEATH * float(np.sqrt(max(alike, 0.0)) * inside.sum()) * cell_m**2
+
+
+def _top_std_m(heights: Array, inside: Mask) -> float:
+    """Standard error of the highest place by what is smoothed away around it (``height_stds``)."""
+    above = np.where(inside, heights - _plane(heights, _rim(heights, inside)), np.nan)
+    if not np.isfinite(above).any():
+        return float("nan")
+    return float(
+        OF_DEPARTURE * departure(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
     )
-    return np.asarray(np.sqrt((SECTORS - 1) * found.var(axis=0)))
 
 
 def _window(mask: Mask) -> tuple[slice, slice]:

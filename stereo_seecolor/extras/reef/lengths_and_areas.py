@@ -43,7 +43,7 @@ def range_of(pick: Pick) -> Measured:
 
 def straight_length(picks: Sequence[PickedPoint]) -> Measured:
     """Length of the straight lines through points; each inner point moves both lines that it
-    joins.
+    joins. Errors across a line count to second order, which is all of them where they are across.
     """
     points = np.array([pick.point_m for pick in picks])
     steps = np.diff(points, axis=0)
@@ -53,6 +53,12 @@ def straight_length(picks: Sequence[PickedPoint]) -> Measured:
     variance = sum(
         float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True)
     )
+    for a, b, unit, line_m in zip(picks[:-1], picks[1:], units, lengths, strict=True):
+        across = np.eye(3) - np.outer(unit, unit)
+        spread = across @ (a.covariance + b.covariance) @ across
+        size = float(np.trace(spread))
+        if size > 0:
+            variance += 0.5 * float((spread**2).sum()) / max(line_m**2, size)
     length_m = float(lengths.sum())
     return Measured(length_m, float(np.sqrt(variance)), 1)
 

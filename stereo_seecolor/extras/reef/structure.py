@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
+from stereo_seecolor.mapping.raster.noise import (
+    OF_DEPARTURE,
+    Smoothing,
+    averaged,
+    corrected,
+    departure,
+)
 from stereo_seecolor.mapping.raster.reef_metrics import (
     HORN_CELLS,
     surface_rugosity,
@@ -37,6 +43,8 @@ class RdhSettings:
 
 
 RDH_SETTINGS = RdhSettings()
+STUDENT = {2: 2.195, 3: 1.624}
+"""By degrees of freedom: the 97.5 % quantile of Student's distribution over the normal one."""
 
 
 @dataclass(frozen=True)
@@ -117,15 +125,16 @@ def dimension(edges_m: Heights, ranges_m: Heights) -> float:
 
 
 def dimension_std(edges_m: Heights, ranges_m: Heights) -> float:
-    """Standard error of the dimension by how far the ranges lie off a power law; NaN of fewer than
-    three.
+    """Standard error of the dimension by how far the ranges lie off a power law, such that two of
+    them hold 95 %; NaN of fewer than four, of which the error itself is not known.
     """
     usable = np.isfinite(ranges_m) & (ranges_m > 0)
-    if usable.sum() < RDH_SETTINGS.fewest_scales:
+    if usable.sum() - 2 not in STUDENT:
         return float("nan")
     x, y = np.log(edges_m[usable]), np.log(ranges_m[usable])
     off = y - np.polyval(np.polyfit(x, y, 1), x)
-    return float(np.sqrt((off**2).sum() / (len(x) - 2) / ((x - x.mean()) ** 2).sum()))
+    std = np.sqrt((off**2).sum() / (len(x) - 2) / ((x - x.mean()) ** 2).sum())
+    return float(STUDENT[len(x) - 2] * std)
 
 
 Array = NDArray[np.float64]
@@ -133,7 +142,9 @@ Window = tuple[slice, slice]
 
 EDGES_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 FEWEST_CELLS = 8
-"""A square's edge. The fractal dimension needs 16: three scales of at least four cells."""
+"""A square's edge. The fractal dimension needs 32: four scales of at least four cells."""
+RANGE = 3
+"""Which of the numbers is the height range."""
 MIN_COVERAGE = 0.8
 """A square counts if more than this fraction of it was seen: a hole hides heights and area
 alike.
@@ -217,11 +228,36 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
         for e, each in zip(edges, np.split(measure(terrain.height_m), ends), strict=True)
     ]
     stds[:, 2] = np.hypot(stds[:, 2], fits)
+    values[:, 2] = np.where(np.isfinite(stds[:, 2]), values[:, 2], np.nan)
+    extremes = _extreme_stds(terrain, coarse, cells, squares)
+    stds[:, RANGE] = np.hypot(stds[:, RANGE], extremes)
     area = _mesh_area(mesh, coarse)
     return [
         _summary(edge_m, scale_m, _with_mesh(coarse, area, windows), value, std)
         for (edge_m, windows), value, std in zip(squares.items(), values, stds, strict=True)
     ]
+
+
+def _extreme_stds(
+    terrain: Terrain, coarse: Terrain, cells: int, squares: dict[float, list[Window]]
+) -> Array:
+    """(E,) standard errors of the mean height range of the squares of each edge, by what is
+    smoothed away at the highest and the lowest place of each (``height_stds``).
+    """
+    std_m = averaged(
+        np.where(terrain.known, OF_DEPARTURE * departure(terrain.height_m), np.nan), cells
+    )
+
+    def of_square(window: Window) -> float:
+        heights, own_m = coarse.height_m[window].ravel(), std_m[window].ravel()
+        return float(np.hypot(own_m[np.nanargmax(heights)], own_m[np.nanargmin(heights)]))
+
+    return np.array(
+        [
+            np.linalg.norm([of_square(window) for window in windows]) / len(windows)
+            for windows in squares.values()
+        ]
+    )
 
 
 def _summary(

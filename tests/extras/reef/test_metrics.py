@@ -257,7 +257,8 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
         assert colony is not None
         found.append((colony.measured.volume_l, colony.standard_error.volume_l))
     volumes, said = np.array(found).T
-    assert 0.6 < volumes.std(ddof=1) / said.mean() < 1.6
+    # the ground beneath, whose departure is read off few cells, enlarges some
+    assert 0.6 < volumes.std(ddof=1) / np.median(said) < 1.6
 
 
 @pytest.mark.slow

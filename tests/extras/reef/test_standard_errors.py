@@ -1,11 +1,13 @@
-"""A small form of benchmarks/standard_errors.py, on three frames of the sample dive."""
+"""A small form of benchmarks/standard_errors.py: three frames of the sample dive, and its map."""
 
 import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import SampleRun
 
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import range_maps
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,3 +29,21 @@ def test_lengths_and_areas_lie_within_their_standard_errors(tmp_path: Path) -> N
             assert np.mean(np.abs(z) <= 2) >= 0.9, name
             assert abs(z.mean()) < 0.5 and np.abs(z).max() < 6, name
             assert z.std() > 0.4, f"{name}: the stated error is much too large"
+
+
+@pytest.mark.slow
+def test_heights_structure_and_mounds_lie_within_their_standard_errors(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
+    out, rng = sample_run.copy(tmp_path / "out"), np.random.default_rng(1)
+    fuse(out, REEF / "trajectory.tum")  # the truth is in the coordinates of the given poses
+    at = BENCHMARK["mapped"](REEF, out)
+    found = {
+        **BENCHMARK["heights"](at, 20, rng),
+        **BENCHMARK["structures"](at, 30, rng),
+        **BENCHMARK["outlines"](at, 30, rng),
+    }
+    for name in ("height of a cell", "volume_l of a mound", "rugosity_area of squares"):
+        z = np.array(found[name])
+        assert len(z) >= 30 and np.mean(np.abs(z) <= 2) >= 0.85, name
+        assert abs(z.mean()) < 0.6 and z.std() > 0.4, name

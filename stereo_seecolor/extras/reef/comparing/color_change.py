@@ -180,13 +180,14 @@ def height_patches(
             np.maximum(narrow, faint), _inside(narrow, faint), PATCH_SETTINGS.fewest_cells
         ):
             volume, std = volume_l(found, mask, cell_m)
+            tail, _ = volume_l(found, with_tails(mask) & ~mask, cell_m)
             # where something tall is gone, few cylinders reach both surfaces
             seen = (mask & known).sum()
             agrees = (
                 seen >= PATCH_SETTINGS.seen * (mask & clear).sum()
                 and moved[mask & known].sum() > PATCH_SETTINGS.on_surface * seen
             )
-            if abs(volume) > PATCH_SETTINGS.sure_sigmas * std and agrees:
+            if abs(volume) > PATCH_SETTINGS.sure_sigmas * float(np.hypot(std, tail)) and agrees:
                 kept.append((kind, mask))
     return kept
 
@@ -201,15 +202,20 @@ def _inside(narrow: Array, wide: Array) -> Mask:
     )
 
 
-def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float]:
-    """Liters and their standard error: of errors that the patch's cells share, and of the
+def with_tails(mask: Mask) -> Mask:
+    """A patch with what lies just outside: the tails of a change are below what is detected."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), EDGE) > 0)
+
+
+def volume_l(found: Difference, cells: Mask, cell_m: float) -> tuple[float, float]:
+    """Liters over some cells and their standard error: of errors that the cells share, and of the
     registration's, which all share.
 
     A patch is found where errors are largest. Those of cells that are known worse than most, as at
     a rim that matching blends, are one error within REACH_CELLS, which the average of the site
     does not show.
     """
-    known = mask & np.isfinite(found.dz_m)
+    known = cells & np.isfinite(found.dz_m)
     alike = found.alike(max(int(known.sum()), 1))
     std_m = np.where(known, found.std_m, 0.0)
     typical_m = np.median(found.std_m[np.isfinite(found.std_m)])
@@ -218,10 +224,6 @@ def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float
     together = cv2.filter2D(rims_m, -1, disk.astype(np.float64), borderType=cv2.BORDER_CONSTANT)
     variance = max(alike * float((std_m**2).sum()), float((rims_m * together).sum()))
     variance += float(found.shared_std_m[known].sum()) ** 2
-    # what lies just outside may be its tail
-    beside = np.isfinite(found.dz_m) & ~mask & (cv2.dilate(mask.astype(np.uint8), EDGE) > 0)
-    by_chance = found.alike(max(int(beside.sum()), 1)) * float((found.std_m[beside] ** 2).sum())
-    variance += max(float(found.dz_m[beside].sum()) ** 2 - by_chance, 0.0)
     return 1000 * cell_m**2 * float(found.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
 
 

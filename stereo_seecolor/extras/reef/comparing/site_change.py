@@ -16,6 +16,7 @@ from stereo_seecolor.extras.reef.comparing.color_change import (
     color_patches,
     height_patches,
     volume_l,
+    with_tails,
 )
 from stereo_seecolor.extras.reef.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
@@ -95,8 +96,10 @@ def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
         m3c2.relearned(surface, found.stable),
         masks + color_patches(color.z, color.change),
     )
+    moved_masks = [mask for kind, mask in masks if kind in ("growth", "loss")]
+    changed = np.logical_or.reduce([np.zeros(grid.shape, bool), *moved_masks])
     patches = tuple(
-        _patch(number, region, found, color, grid, a.posed.offset_m)
+        _patch(number, region, found, changed, color, grid, a.posed.offset_m)
         for number, region in enumerate(masks, 1)
     )
     return SiteChange(
@@ -165,6 +168,7 @@ def _patch(
     number: int,
     region: tuple[Kind, Mask],
     found: Difference,
+    moved: Mask,
     color: ColorChange,
     grid: Grid,
     offset_m: NDArray[np.float64],
@@ -173,7 +177,7 @@ def _patch(
     rows, columns = np.nonzero(mask)
     dz = found.dz_m[mask & np.isfinite(found.dz_m)]
     volume, std = (
-        volume_l(found, mask, grid.cell_m)
+        volume_l(found, mask | (with_tails(mask) & ~moved), grid.cell_m)
         if kind in ("growth", "loss")
         else (float("nan"), float("nan"))
     )
