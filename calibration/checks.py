@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
+from calibration.field_checks.causes import NOT_TESTED, find_causes
 from calibration.field_checks.enlargement import NOT_ENLARGED, best_enlargement
 from calibration.field_checks.matches import (
     Matches,
@@ -69,7 +70,9 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
     row_error_px = float(np.median(np.abs(rows)))
     in_images = raw_points(rig, *raw)
     across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair
-    agree = row_error_px <= LIMITS.acceptable_px or rig.port is not None or rig.is_rectified
+    keystone = find_keystone(left, right, numbers, pair.focal_px)
+    agree = row_error_px <= LIMITS.acceptable_px
+    has_lens = rig.port is None and not rig.is_rectified
     return RowCheck(
         pairs=len(found),
         matches=len(rows),
@@ -81,11 +84,13 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
         behind_fraction=float((left[:, 0] - right[:, 0] < BEHIND_PX).mean()),
         index=index,
         index_unexplained_px=index_unexplained,
-        enlargement=NOT_ENLARGED if agree else best_enlargement(rig, *raw),
-        keystone=find_keystone(left, right, numbers, pair.focal_px),
+        enlargement=best_enlargement(rig, *raw) if has_lens and not agree else NOT_ENLARGED,
+        keystone=keystone,
+        causes=NOT_TESTED if agree and not keystone.is_possible else find_causes(rig, found),
         unrectified_px=float(np.median(np.abs(in_images[1][:, across] - in_images[0][:, across]))),
         apart_px=float(np.median(np.hypot(*(in_images[1] - in_images[0]).T))),
         between_pairs_px=_between_pairs_px(unexplained, numbers),
+        disparity_px=float(np.median(left[:, 0] - right[:, 0])),
     )
 
 

@@ -64,7 +64,7 @@ def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") 
         f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
     )
     factor = resize_factor(calibrated, images)
-    if side == "right":
+    if side == "right" and images != calibrated[::-1]:
         return (
             f"{mismatch}, and the left image fits it: give images of the sizes that were calibrated"
         )

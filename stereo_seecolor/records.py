@@ -404,6 +404,9 @@ class Trajectory:
         )
 
 
+Numbers = Literal["ranges", "colors"]
+"""Of a dive's output, of which checks find whether they are wrong."""
+
 Status = Literal["ok", "failed", "unpaired", "pending"]
 """pending: the run was stopped before this pair."""
 

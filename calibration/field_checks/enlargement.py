@@ -16,10 +16,6 @@ FACTORS = np.exp(np.arange(np.log(1.06), np.log(2.5), 0.03))
 """Below, rows tell too little; stabilized video keeps 0.8 to 0.9 of each side, and narrow modes of
 action cameras a half.
 """
-FACTORS_ALONE = np.arange(1.02, 1.5, 0.01)
-"""Where the enlargement is to explain the rows alone, small ones show: a lens that is higher than
-the other is so by more.
-"""
 MOST_MATCHES = 800  # spread evenly: more cost time, and tell the same
 
 
@@ -27,14 +23,10 @@ MOST_MATCHES = 800  # spread evenly: more cost time, and tell the same
 class Enlargement:
     """The factor, 1 = none, that explains rows best beside a movement of a camera; and what both
     leave, pixels, median.
-
-    alone, alone_px: the factor that explains rows best without a movement, and what it leaves.
     """
 
     factor: float = 1.0
     unexplained_px: float = np.inf
-    alone: float = 1.0
-    alone_px: float = np.inf
 
 
 NOT_ENLARGED = Enlargement()
@@ -51,16 +43,12 @@ def best_enlargement(rig: StereoRig, left: Array, right: Array) -> Enlargement:
     step = -(-len(left) // MOST_MATCHES)
     raw, plan = raw_points(rig, left[::step], right[::step]), plan_rectification(rig)
     turns = plan.R_left_matching, plan.R_right_matching  # of the enlarged rigs, too
-    moved = [
-        (_unexplained_px(enlarged(rig, factor), turns, raw, True), factor)
+    tried = [
+        (_unexplained_px(enlarged(rig, factor), turns, raw), factor)
         for factor in map(float, FACTORS)
     ]
-    alone = [
-        (_unexplained_px(enlarged(rig, factor), turns, raw, False), factor)
-        for factor in map(float, FACTORS_ALONE)
-    ]
-    (unexplained_px, factor), (alone_px, factor_alone) = min(moved), min(alone)
-    return Enlargement(factor, unexplained_px, factor_alone, alone_px)
+    unexplained_px, factor = min(tried)
+    return Enlargement(factor, unexplained_px)
 
 
 def enlarged(rig: StereoRig, factor: float) -> StereoRig:
@@ -77,11 +65,9 @@ def _enlarged(camera: Camera, factor: float) -> Camera:
     return replace(camera, K=K)
 
 
-def _unexplained_px(
-    rig: StereoRig, turns: tuple[Array, Array], raw: tuple[Array, Array], moved: bool
-) -> float:
+def _unexplained_px(rig: StereoRig, turns: tuple[Array, Array], raw: tuple[Array, Array]) -> float:
     """Median vertical disparity of the rig in raw matches, in pixels of its left camera, with the
-    movement of a camera that suits it best or without one.
+    movement of a camera that suits it best.
 
     turns: rotations (3, 3) of the left and right camera into the axes of the images that are
     matched.
@@ -93,9 +79,7 @@ def _unexplained_px(
     seen = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
     if not seen.any():
         return float(np.inf)
-    rest = right[seen, 1] - left[seen, 1]
-    if moved:
-        _, rest = explain(rest, left[seen])
+    _, rest = explain(right[seen, 1] - left[seen, 1], left[seen])
     return float(np.median(np.abs(rest)))
 
 

@@ -409,24 +409,6 @@ class Keystone:
         )
         return self.is_found and unlikely
 
-    @property
-    def line(self) -> str:
-        """What it is and what to do."""
-        yaw_deg, std_deg = np.degrees([self.yaw_rad, self.std_rad])
-        if self.is_lens:
-            return (
-                f"another lens distortion explains the rows ({self.bent_px:.2f} px left) as well "
-                f"as a yaw of {yaw_deg:+.2f} degrees ({self.unexplained_px:.2f} px): the "
-                "calibration's may be missing, of the wrong sign or of another lens, and the error "
-                "of ranges is unknown: calibrate again"
-            )
-        return (
-            f"a keystone in the rows, as after a yaw of {yaw_deg:+.2f} +- {std_deg:.2f} degrees of "
-            f"the right camera since: ranges may be off by {100 * self.range_error:+.0f} +- "
-            f"{100 * self.range_std:.0f} %, by more if the principal point of a lens is wrong "
-            "instead: calibrate again"
-        )
-
 
 NO_KEYSTONE = Keystone()
 

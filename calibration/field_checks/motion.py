@@ -67,14 +67,12 @@ class SeenTwice:
     """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
     disparity.
 
-    roll_rad, scale: of the right image against the left one, less 1, by the rows at the first
-    moment.
+    roll_rad: of the right image against the left one by the rows at the first moment.
     """
 
     first: Array
     second: Array
     roll_rad: float = 0.0
-    scale: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +80,14 @@ class Fitted:
     """values: (6,) shared values, 0 where they were not free. partial: (couples, 6) the same
     without each couple.
 
-    std: (6,) standard errors, from the residuals and between couples. rest_px: root mean square of
-    the residuals.
+    std: (6,) standard errors, from the residuals and between couples; formal: from the residuals
+    alone. rest_px: root mean square of the residuals.
     """
 
     values: Array
     partial: Array
     std: Array
+    formal: Array
     rest_px: float
 
 
@@ -118,7 +117,7 @@ def fit_motions(couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: in
     square = float(np.mean([normal.square for normal in normals]))
     formal = np.sqrt(np.diag(np.linalg.inv(H)) * square)
     std = np.hypot(jackknife(without), formal) if len(couples) > 1 else formal
-    return Fitted(shared, without, std, float(np.sqrt(square)))
+    return Fitted(shared, without, std, formal, float(np.sqrt(square)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,12 +241,6 @@ LIMITS = MotionLimits()
 FEATURES = replace(QUICK, max_features=1000)
 
 
-SHUTTERS = (
-    "as rolling shutters that read rows in opposite directions, or not at one moment, while the "
-    "cameras move sideways: mount and trigger both cameras alike, or move slowly"
-)
-
-
 @dataclass(frozen=True)
 class Motion:
     """What the motion between couples of pairs tells of the calibration; couples: 0 where too few
@@ -260,10 +253,10 @@ class Motion:
     pixel_error: what a pixel of offset changes a range by, relative, for each meter of range.
     rows_px, rows_std_px: to be added to disparities at the lower edge of the rectified image, and
     taken from them at the upper one; columns_px, columns_std_px: the same at the right and left;
-    0 where they explain nothing. rolled_px, scaled_px: the same as the rows of the images want
-    them, after a roll or an enlargement of one side.
+    0 where they explain nothing.
     between_px: by how much disparities differ between two moments of a couple (median), where that
-    is what couples show; between_rows: that is at the upper and lower edge alone.
+    is what couples show; between_rows: that is at the upper and lower edge alone; rolled_px: what a
+    roll of a camera makes there (median), as the rows want it.
     rest_px, own_px: what the values leave, and what couples leave that each have values of their
     own. disparity_px: median.
     """
@@ -283,7 +276,6 @@ class Motion:
     columns_px: float = 0.0
     columns_std_px: float = np.inf
     rolled_px: float = 0.0
-    scaled_px: float = 0.0
     between_px: float = 0.0
     between_rows: bool = False
     rest_px: float = 0.0
@@ -300,7 +292,7 @@ class Motion:
         """The error of ranges; None where motion does not show it, or one number does not describe
         it.
         """
-        if self.is_misfit or self.is_uneven or not self.is_known:
+        if self.is_misfit or self._is_uneven or not self.is_known:
             return None
         return RangeError(self.range_error, self.range_std, self.at_m)
 
@@ -309,10 +301,10 @@ class Motion:
         """True if ranges are right to within what is said to be wrong, their standard error
         included.
         """
-        return abs(self.range_error) + self.range_std < LIMITS.range_error and not self.is_uneven
+        return abs(self.range_error) + self.range_std < LIMITS.range_error and not self._is_uneven
 
     @property
-    def is_uneven(self) -> bool:
+    def _is_uneven(self) -> bool:
         """True if disparities are wrong by amounts that differ over the image or from pair to
         pair.
         """
@@ -326,7 +318,7 @@ class Motion:
     @property
     def is_found(self) -> bool:
         """True if ranges are wrong by more than the points and a usual lens model leave open."""
-        return self.is_uneven or self._is_off
+        return self._is_uneven or self._is_off
 
     @property
     def _is_off(self) -> bool:
@@ -343,8 +335,8 @@ class Motion:
                 "and columns do not explain it, and the error of ranges is unknown: moving "
                 "things, or pairs that differ: compare a known length"
             )
-        if self.is_uneven:
-            return self._uneven
+        if self.between_px:
+            return self.between
         if not (self.is_known or self.is_found):
             return (
                 "not seen: images shifted along the baseline (a pixel changes ranges by "
@@ -353,42 +345,30 @@ class Motion:
                 "show them, and too few neighboring pairs show "
                 "the same bottom: compare a known length by stereo-seecolor measure or markers"
             )
+        over = [
+            f"disparities change by {amount_px:+.1f} +- {std_px:.1f} px at the {edge} edge of the "
+            f"rectified image, and by {-amount_px:+.1f} px at the other one"
+            for amount_px, std_px, edge in (
+                (self.rows_px, self.rows_std_px, "lower"),
+                (self.columns_px, self.columns_std_px, "right"),
+            )
+            if amount_px
+        ]
+        figures = "; ".join([*over, *([] if over and not self._is_off else [self.figures])])
         return (
-            f"motion between {counted(self.couples, 'couple')} of neighboring pairs: "
-            f"{self._figures}{self._unseen}"
+            f"motion between {counted(self.couples, 'couple')} of neighboring pairs: {figures}"
+            f"{self._unseen}"
         )
 
     @property
-    def advice(self) -> str:
-        """What is wrong and what to do."""
-        if self.is_uneven:
-            return self._uneven
-        return (
-            f"neighboring pairs contradict the calibration: {self._figures}: images shifted along "
-            "the baseline (a cut-out, stabilization, another mode, a wrong principal point), a "
-            "camera turned sideways or another focal length, which rows hardly show: give images "
-            "of the calibrated mode, or calibrate again, and compare a known length"
-        )
-
-    @property
-    def _uneven(self) -> str:
-        """What differs over the image or from pair to pair, the cause that its rivals leave, and
-        what to do.
+    def between(self) -> str:
+        """What differs from pair to pair, the cause that its rival leaves, and what to do; ""
+        where nothing does.
         """
-        if self.between_px:
-            error = self.between_px / self.disparity_px
-            if self.between_rows:
-                cause = (
-                    "images that are turned from frame to frame explain it, which rows show, too "
-                    f"({self.rolled_px:.1f} px): stabilization, or a loose camera"
-                    if _makes(self.rolled_px, self.between_px)
-                    else f"rows show no such roll of a camera ({self.rolled_px:.1f} px): {SHUTTERS}"
-                )
-                return (
-                    "disparities are wrong by amounts that grow over the rows and differ from pair "
-                    f"to pair, by {self.between_px:.1f} px (median) at the upper and lower edge: "
-                    f"ranges there are wrong by about {error:.0%}; {cause}"
-                )
+        if not self.between_px:
+            return ""
+        error = self.between_px / self.disparity_px
+        if not self.between_rows:
             return (
                 f"disparities differ from pair to pair by {self.between_px:.1f} px (median) and "
                 f"fit no one rig: ranges are wrong by about {error:.0%}, by another amount in each "
@@ -396,38 +376,24 @@ class Motion:
                 "side), or sides not of one moment: switch stabilization off, trigger both cameras "
                 "together"
             )
-        parts = []
-        if self.rows_px:
-            error = abs(self.rows_px / self.disparity_px)
-            cause = (
-                f"a roll of one camera explains it, which rows show, too ({self.rolled_px:+.1f} px)"
-                if _makes(self.rolled_px, self.rows_px)
-                else f"rows show no such roll of a camera ({self.rolled_px:+.1f} px): {SHUTTERS}"
-            )
-            parts.append(
-                f"disparities are {self.rows_px:+.1f} +- {self.rows_std_px:.1f} px longer at the "
-                f"lower edge of the rectified image and {-self.rows_px:+.1f} px at the upper edge: "
-                f"ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
-            )
-        if self.columns_px:
-            error = abs(self.columns_px / self.disparity_px)
-            cause = (
-                "another focal length of one side explains it, which rows show, too "
-                f"({self.scaled_px:+.1f} px)"
-                if _makes(self.scaled_px, self.columns_px)
-                else f"rows show no other focal length of one side ({self.scaled_px:+.1f} px): one "
-                "side may be stretched along its rows, or its lens be another"
-            )
-            parts.append(
-                f"disparities are {self.columns_px:+.1f} +- {self.columns_std_px:.1f} px longer at "
-                f"the right edge of the rectified image and {-self.columns_px:+.1f} px at the left "
-                f"edge: ranges there are off by up to {error:.0%}, with opposite signs; {cause}"
-            )
-        middle = f"in the middle, {self._figures}" if self._is_off else ""
-        return "; ".join([*parts, *([middle] if middle else [])])
+        rolls = self.rolled_px > LIMITS.explained * self.between_px
+        cause = (
+            "images that are turned from frame to frame explain it, which rows show, too "
+            f"({self.rolled_px:.1f} px): stabilization, or a loose camera"
+            if rolls
+            else f"rows show no such roll of a camera ({self.rolled_px:.1f} px): as rolling "
+            "shutters that read rows in opposite directions, or not at one moment, while the "
+            "cameras move sideways: mount and trigger both cameras alike, or move slowly"
+        )
+        return (
+            "disparities are wrong by amounts that grow over the rows and differ from pair to "
+            f"pair, by {self.between_px:.1f} px (median) at the upper and lower edge: ranges there "
+            f"are wrong by about {error:.0%}; {cause}"
+        )
 
     @property
-    def _figures(self) -> str:
+    def figures(self) -> str:
+        """Offset, focal length, and what they do to ranges."""
         offset = f"disparities change by {self.offset_px:+.1f} +- {self.offset_std_px:.1f} px"
         focal = (
             ""
@@ -445,11 +411,6 @@ class Motion:
         return f"; this cannot show: {focal}a wrong baseline"
 
 
-def _makes(rival_px: float, found_px: float) -> bool:
-    """Tell whether a rival makes as much of what was found as to be its cause."""
-    return bool(rival_px * np.sign(found_px) > LIMITS.explained * abs(found_px))
-
-
 NO_MOTION = Motion()
 
 
@@ -463,21 +424,32 @@ def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> Seen
 def find_motion(
     rectification: Rectification, starts: Iterable[Iterable[Images]], until_right: bool = False
 ) -> Motion:
-    """Measure on raw image pairs. starts: for each couple its first pair and pairs that follow it,
-    nearest first.
+    """Measure on raw image pairs. starts: as for ``find_couples``.
 
-    The first of those that has moved far enough makes the couple. until_right: no more couples are
-    looked at once the least number of them shows that ranges are right.
+    until_right: no more couples are looked at once the least number of them shows that ranges are
+    right.
     """
     couples: list[SeenTwice] = []
+    for couple in find_couples(rectification, starts):
+        couples.append(couple)
+        if until_right and len(couples) == LIMITS.least_couples:
+            motion = motion_of(couples, rectification.matching_pair)
+            if motion.is_right:
+                return motion
+    return motion_of(couples, rectification.matching_pair)
+
+
+def find_couples(
+    rectification: Rectification, starts: Iterable[Iterable[Images]]
+) -> Iterator[SeenTwice]:
+    """Points that are seen twice. starts: for each couple its first pair and pairs that follow it,
+    nearest first.
+
+    The first of those that has moved far enough makes the couple.
+    """
     for pairs in starts:
         if couple := _couple(rectification, pairs):
-            couples.append(couple)
-            if until_right and len(couples) == LIMITS.least_couples:
-                motion = motion_of(couples, rectification.matching_pair)
-                if motion.is_right:
-                    return motion
-    return motion_of(couples, rectification.matching_pair)
+            yield couple
 
 
 def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
@@ -492,7 +464,7 @@ def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
 
 
 def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: Motion) -> Motion:
-    focal_px, (width, height) = geometry.focal_px, geometry.image_size
+    focal_px, height = geometry.focal_px, geometry.image_size[1]
     disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
     seen = replace(
         unknown,
@@ -501,14 +473,16 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         at_m=focal_px * geometry.baseline_m / disparity_px,
         disparity_px=disparity_px,
     )
-    own = [fit_motions([couple], geometry, OFFSET, LATER, LATER_ROWS) for couple in couples]
+    uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
+    # an error over the columns alike in all pairs looks, in each couple, like one between moments
+    even = [_without_columns(couple, float(uneven.values[COLUMNS]), geometry) for couple in couples]
+    own = [fit_motions([couple], geometry, OFFSET, LATER, LATER_ROWS) for couple in even]
     for value in (LATER, LATER_ROWS):
         if between_px := _between_px(own, value, disparity_px):
             rolled_px = float(np.median([abs(one.roll_rad) for one in couples])) * height / 2
             rows = value == LATER_ROWS
             return replace(seen, between_px=between_px, between_rows=rows, rolled_px=rolled_px)
     lens_px = LIMITS.lens_rad * focal_px
-    uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
     free = [OFFSET, FOCAL]
     for value in (ROWS, COLUMNS):
         std_px = float(np.hypot(uneven.std[value], lens_px / 2))
@@ -525,8 +499,6 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
     if found.is_misfit:
         return found
     offset_px, log_focal, rows_px, columns_px = map(float, fitted.values[:4])
-    roll_rad = float(np.median([couple.roll_rad for couple in couples]))
-    scale = float(np.median([couple.scale for couple in couples]))
     lens_focal = LIMITS.focal * focal_is_known
     errors = (1 + fitted.partial[:, OFFSET] / disparity_px) * np.exp(-fitted.partial[:, FOCAL])
     parts = [
@@ -549,9 +521,16 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         columns_std_px=(
             float(np.hypot(fitted.std[COLUMNS], lens_px / 2)) if COLUMNS in free else np.inf
         ),
-        rolled_px=-roll_rad * height / 2,
-        scaled_px=scale * width / 2,
     )
+
+
+def _without_columns(couple: SeenTwice, columns_px: float, geometry: RectifiedPair) -> SeenTwice:
+    """The couple with disparities corrected by an amount that grows over the columns."""
+    first, second = (
+        _corrected(points, np.array([0.0, columns_px, 0.0]), geometry)
+        for points in (couple.first, couple.second)
+    )
+    return replace(couple, first=first, second=second)
 
 
 def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float:
@@ -621,5 +600,5 @@ def _seen_twice(
     if kept.sum() < LIMITS.least_points:
         return None
     rows_px = (here.right - here.left)[at_first[found][kept], 1]
-    (_, scale, roll_rad), _ = explain(rows_px, sides[0][kept][:, :2])
-    return SeenTwice(sides[0][kept], sides[1][kept], float(roll_rad), float(scale))
+    (_, _, roll_rad), _ = explain(rows_px, sides[0][kept][:, :2])
+    return SeenTwice(sides[0][kept], sides[1][kept], float(roll_rad))

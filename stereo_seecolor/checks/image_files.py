@@ -4,7 +4,7 @@ parts of a picture.
 Images that cannot be read are left out: the run names them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
@@ -57,7 +58,7 @@ Colors = NDArray[np.float64]
 """(3, quantiles) logarithms of the values of R, G, B."""
 
 
-def order_notes(images: DiveImages) -> tuple[str, ...]:
+def channel_order(images: DiveImages) -> DiveVerdict:
     """The left images of which red and blue are exchanged against those before, the first and the
     last.
 
@@ -73,9 +74,10 @@ def order_notes(images: DiveImages) -> tuple[str, ...]:
             if before is not None and _are_exchanged(before, after):
                 place = _first_exchanged(pairs, first, last, config)
                 end = _last_exchanged(pairs, place, last, looked_at, config)
-                return (f"input: {_exchanged_text(pairs, place, end)}",)
+                note = f"input: {_exchanged_text(pairs, place, end)}"
+                return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
-    return ()
+    return NOTHING_FOUND
 
 
 def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
@@ -166,7 +168,7 @@ LATTICE = 0.02
 and blue in turn, 0.15 to 0.45 of three colored dives; else at most 0.003."""
 
 
-def side_notes(images: DiveImages) -> tuple[str, ...]:
+def gray_side(images: DiveImages) -> DiveVerdict:
     """Left images without color beside right ones with it: true color is that of left images."""
     looked_at = evenly_spaced(images.pairs, LOOKED_AT)
     for pair in looked_at:
@@ -175,15 +177,16 @@ def side_notes(images: DiveImages) -> tuple[str, ...]:
                 _has_color(path, images.config.input) for path in (pair.left, pair.right)
             )
             if left or not right:
-                return ()
+                return NOTHING_FOUND
     if not looked_at:
-        return ()
-    return (
+        return NOTHING_FOUND
+    note = (
         f"input: the left images hold no color and the right ones do ({looked_at[0].left.name}): "
         "true color is made of the left images, so that results are gray; ranges do not depend on "
         "it: exchange --left and --right, and the cameras in the calibration with them, or give "
-        "left images in color",
+        "left images in color"
     )
+    return DiveVerdict((note,), COLORS)
 
 
 def _has_color(path: Path, config: InputConfig) -> bool:
@@ -192,8 +195,10 @@ def _has_color(path: Path, config: InputConfig) -> bool:
     return bool(np.median(np.ptp(some, axis=2)) > GRAY * np.iinfo(image.dtype).max)
 
 
-def mosaic_notes(images: DiveImages) -> tuple[str, ...]:
-    """Files whose mosaic of colors was read one column or row off, on either side."""
+def shifted_mosaic(images: DiveImages) -> DiveVerdict:
+    """Files whose mosaic of colors was read one column or row off, on either side: true color is
+    that of left images.
+    """
     for side in ("left", "right"):
         with suppress(InputError):
             seen = [
@@ -202,14 +207,15 @@ def mosaic_notes(images: DiveImages) -> tuple[str, ...]:
             ]
             if seen and all(seen):
                 name = getattr(images.pairs[0], side).name
-                return (
+                note = (
                     f"input: {side} images ({name}): red and blue are equal and green holds a "
                     "lattice of rows and columns, as if a color mosaic (Bayer) was read one "
                     "column or row off: exchanged channels or another light leave no lattice: "
                     "convert the raw files again with the pattern shifted by one column (RGGB as "
-                    "GRBG), or for raw mosaics --set input.bayer=...",
+                    "GRBG), or for raw mosaics --set input.bayer=..."
                 )
-    return ()
+                return DiveVerdict((note,), COLORS if side == "left" else frozenset())
+    return NOTHING_FOUND
 
 
 def _is_off_by_one(image: Image) -> bool:
@@ -267,26 +273,28 @@ PALETTE = 3
 """Color type of a PNG (its specification, 11.2.2)."""
 
 
-def form_notes(images: DiveImages) -> tuple[str, ...]:
+def form(images: DiveImages) -> DiveVerdict:
     """Pages or a palette in the files of the left images."""
     for pair in images.pairs[:1]:
         with suppress(InputError):
             content = read_image_bytes(pair.left)
             if content.startswith(TIFF_SIGNATURES) and (pages := tiff_pages(content)) > 1:
-                return (
+                note = (
                     f"input: {pair.left.name} holds {pages} pages, of which the first is read: "
-                    "save each as a file of its own",
+                    "save each as a file of its own"
                 )
+                return DiveVerdict((note,))
             if content.startswith(PNG_SIGNATURE) and _has_palette_of_colors(content):
                 rounded = (
                     f"has a palette of {len(png_chunk(content, b'PLTE')) // 3} colors, to "
                     "which its own were rounded"
                 )
-                return (
+                note = (
                     f"input: {pair.left.name} {rounded}: colors come out wrong; take the "
-                    "camera's own files",
+                    "camera's own files"
                 )
-    return ()
+                return DiveVerdict((note,), COLORS)
+    return NOTHING_FOUND
 
 
 def _has_palette_of_colors(content: bytes) -> bool:
@@ -322,25 +330,26 @@ def jpeg_quality(content: bytes) -> int | None:
     return round(100 - percent / 2 if percent <= 100 else 5000 / percent)
 
 
-def compression_notes(images: DiveImages) -> tuple[str, ...]:
+def compression(images: DiveImages) -> DiveVerdict:
     """A first image that is compressed strongly."""
     with suppress(InputError):
         for pair in images.pairs[:1]:
             quality = jpeg_quality(read_image_bytes(pair.left))
             if quality is not None and quality < LEAST_QUALITY:
-                return (
+                note = (
                     f"input: {pair.left.name} is a JPEG of quality {quality}: dark and turbid "
                     "places may come out in blocks of "
-                    "color; take the camera's own files, or quality 90 and above",
+                    "color; take the camera's own files, or quality 90 and above"
                 )
-    return ()
+                return DiveVerdict((note,))
+    return NOTHING_FOUND
 
 
 # Pictures that are a part of the sensor's, enlarged or not: a calibration of the whole does not
 # hold for them.
 
 
-def framing_notes(images: DiveImages) -> tuple[str, ...]:
+def cut_out(images: DiveImages) -> DiveVerdict:
     """Metadata of the first or the middle pair that say that pictures were cut out or zoomed."""
     pairs = images.pairs
     for pair in dict.fromkeys((*pairs[:1], *pairs[len(pairs) // 2 :][:1])):
@@ -348,26 +357,9 @@ def framing_notes(images: DiveImages) -> tuple[str, ...]:
             with suppress(InputError, ValueError):  # damaged
                 content = read_image_bytes(path)
                 if how := framing(content, image_size(content)):
-                    return (
+                    note = (
                         f"input: {path.name} {how}: ranges are right only with a calibration "
-                        "from pictures cut out and zoomed alike",
+                        "from pictures cut out and zoomed alike"
                     )
-    return ()
-
-
-Check = Callable[[DiveImages], tuple[str, ...]]
-"""Answers with notes, a line each; with none where all is well, or where it cannot be told."""
-IMAGE_CHECKS: tuple[Check, ...] = (
-    framing_notes,
-    compression_notes,
-    form_notes,
-    side_notes,
-    mosaic_notes,
-    order_notes,
-)
-"""Of pairs of image files, in the order in which they are said."""
-
-
-def image_notes(images: DiveImages, checks: Sequence[Check] = IMAGE_CHECKS) -> tuple[str, ...]:
-    """What these checks say of a dive's images."""
-    return tuple(note for check in checks for note in check(images))
+                    return DiveVerdict((note,))
+    return NOTHING_FOUND

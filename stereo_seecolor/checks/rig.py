@@ -7,21 +7,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import CalibrationError
-from calibration.checks import RowCheck, vertical_disparity
-from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong
-from calibration.field_checks.motion import Motion, find_motion
+from calibration import CalibrationError, Rectification, StereoRig
+from calibration.checks import RowCheck, judge_matches
+from calibration.field_checks.causes import find_causes
+from calibration.field_checks.hypotheses import Hypothesis, likely_hypothesis, may_be_wrong
+from calibration.field_checks.matches import Matches, find_matches
+from calibration.field_checks.motion import find_couples, find_motion, motion_of
 from calibration.field_checks.vertical_disparity import quick_check
-from calibration.rig import RangeError
-from stereo_seecolor.checks.changes import DiveChange
+from stereo_seecolor.checks.changes import COMPARED, DiveChange
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
     evenly_spaced,
     first_images,
+    matching_threads,
     neighbors,
+    read_both,
     readable,
 )
-from stereo_seecolor.config import MatchingConfig
+from stereo_seecolor.checks.verdict import NOTHING_FOUND, RANGES, DiveVerdict
+from stereo_seecolor.config import InputConfig, MatchingConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
@@ -32,31 +36,16 @@ a camera may be knocked.
 """
 
 
-@dataclass(frozen=True)
-class RigCheck:
-    """What the check of a dive's rig found. is_wrong: ranges are wrong, as the notes say. ranges:
-    what it measured of their error, None where it could not.
-    """
+def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> DiveVerdict:
+    """Check rows and motion as ``check`` does, and features against the limits of range, on pairs
+    spread over the dive.
 
-    notes: tuple[str, ...] = ()
-    is_wrong: bool = False
-    ranges: RangeError | None = None
-
-    def after(self, notes: tuple[str, ...]) -> "RigCheck":
-        """This check, after these notes."""
-        return replace(self, notes=(*notes, *self.notes))
-
-
-def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> RigCheck:
-    """Check rows as ``check`` does, and features against the limits of range, on pairs spread over
-    the dive.
-
-    A quick look is enough for most dives. A full check takes longer than matching a pair and is
+    A quick look is enough for most dives. A full check takes longer than matching some pairs and is
     made only where rows of a pair disagree or may hold a keystone. change: what changes from pair
     to pair. Raises InputError where no pair can be matched and the likely mistake is known.
     """
     pairs = change.shared(pairs)
-    said = (f"calibration: {change.line}",) if change.line else ()
+    said = (f"calibration: {change.line}",) if change.line and change.is_rigid else ()
     # of pairs that are not as large as calibrated: the run names them
     with suppress(CalibrationError):
         seen = readable(evenly_spaced(pairs, LOOKED_AT), pipeline.config.input)
@@ -67,62 +56,139 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
             limits = range_limits(first.range_m, pipeline.config.matching)
             said = (*(f"range: in pair {pair.name}, {limit.note}" for limit in limits), *said)
             if not any(look.keystone for _, look in looks):
-                return _motion_check(pipeline, pairs).after(said)
-    if not change.is_rigid:  # no one number describes pairs that differ
-        return RigCheck(said, is_wrong=True)
-    return _rows_check(pipeline, pairs).after(said)
+                return _motion_check(pipeline, pairs).after(DiveVerdict(said))
+    return _full_check(pipeline, pairs, change).after(DiveVerdict(said))
 
 
-def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
+def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also
     that it shows nothing.
     """
     starts = list(neighbors(pairs, pipeline.config.input))
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
     motion = find_motion(pipeline.rectification, from_ends, until_right=True)
-    ranges = motion.measured
     if motion.is_found:
-        return RigCheck((f"calibration: {motion.advice}",), is_wrong=True, ranges=ranges)
+        return _full_check(pipeline, pairs, DiveChange())
     unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
-    return RigCheck((f"calibration: {motion.line}",) if unseen else (), ranges=ranges)
+    notes = (f"calibration: {motion.line}",) if unseen else ()
+    return DiveVerdict(notes, measured=motion.measured)
 
 
-def _motion(pipeline: Pipeline, pairs: Sequence[Pair]) -> Motion:
-    return find_motion(pipeline.rectification, neighbors(pairs, pipeline.config.input))
-
-
-def _rows_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> RigCheck:
-    """What ``check`` says of the rows of pairs spread over the dive."""
+def _full_check(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> DiveVerdict:
+    """What ``check`` says of the dive."""
     rig, images = pipeline.rig, pipeline.config.input
-    chosen = evenly_spaced(pairs, LOOKED_AT)
-    check: RowCheck | None = None
-    with suppress(CalibrationError):  # too few points to tell
-        check = vertical_disparity(rig, first_images(chosen, images, LOOKED_AT))
-    if check and check.refusal:
-        raise InputError(check.refusal)
-    if check is None or may_be_wrong(check):
-        if mistake := likely_hypothesis(rig, first_images(chosen, images)):
-            raise InputError(mistake.line)
-        from stereo_seecolor.checks.neighbors import constant_shift  # hardly ever needed
+    found = matches_of(pipeline.rectification, evenly_spaced(pairs, COMPARED), images)
+    judged = judge_rig(rig, list(found.matches.values()), pairs, images, change)
+    if judged.refusal:
+        raise InputError(judged.refusal)
+    rows = judged.with_motion(rig, list(found.matches.values()), pairs, images).rows
+    if rows is None and not change.is_rigid:
+        return DiveVerdict((f"calibration: {change.line}",), RANGES)
+    if rows is None:
+        return NOTHING_FOUND
+    if not replace(rows, odd="").advice:
+        return DiveVerdict(measured=rows.motion.measured)
+    refine = " (stereo-seecolor run --refine)" if rows.has_moved else ""
+    return DiveVerdict(
+        (f"calibration: {'; '.join(replace(rows, odd='').advice)}{refine}",),
+        RANGES if rows.ranges_are_wrong else frozenset(),
+        rows.motion.measured,
+    )
 
-        if shift := constant_shift(
-            evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images
-        ):
-            raise InputError(shift)
-    if check is None:
-        return RigCheck()
-    with suppress(CalibrationError):
-        check = replace(check, motion=_motion(pipeline, pairs))
-    ranges = check.motion.measured
-    if check.acceptable:
-        return RigCheck(ranges=ranges)
-    return RigCheck(
-        (
-            f"calibration: {'; '.join(check.advice)}"
-            + (" (stereo-seecolor run --refine)" if check.has_moved else ""),
-        ),
-        is_wrong=check.ranges_are_wrong or check.cut_out or check.air_in_water,
-        ranges=ranges,
+
+@dataclass(frozen=True, eq=False)
+class JudgedRig:
+    """A calibration against a dive. rows: None where too few points were found in both images, and
+    too_few says so. mistake: the usual one that explains rows which no movement of a camera does.
+
+    refusal: why no ranges can be had from these images with this calibration, and what to do; ""
+    where they may be.
+    """
+
+    rows: RowCheck | None
+    mistake: Hypothesis | None = None
+    refusal: str = ""
+    too_few: str = ""
+
+    def with_motion(
+        self,
+        rig: StereoRig,
+        found: Sequence[Matches],
+        pairs: Sequence[Pair],
+        images: InputConfig,
+    ) -> "JudgedRig":
+        """With the motion between neighboring pairs, and what explains it and the rows."""
+        if self.rows is None or self.refusal or self.rows.change or self.rows.swapped:
+            return self
+        rectification = Rectification.from_rig(rig)
+        couples = list(find_couples(rectification, neighbors(pairs, images)))
+        motion = motion_of(couples, rectification.matching_pair)
+        causes = self.rows.causes
+        if motion.is_known or motion.is_found:
+            causes = find_causes(rig, found, couples)
+        return replace(self, rows=replace(self.rows, motion=motion, causes=causes))
+
+
+def judge_rig(
+    rig: StereoRig,
+    found: Sequence[Matches],
+    pairs: Sequence[Pair],
+    images: InputConfig,
+    change: DiveChange,
+) -> JudgedRig:
+    """Judge a rig by matches in its rectified images, and by what changes from pair to pair.
+
+    found: of pairs spread over the dive. pairs: of the dive, without odd ones.
+    """
+    rows, too_few = None, ""
+    try:
+        rows = judge_matches(rig, found)
+    except CalibrationError as error:
+        too_few = str(error)
+    mistake: Hypothesis | None = None
+    refusal = rows.refusal if rows else ""
+    if not refusal and (rows is None or may_be_wrong(rows)):
+        mistake = likely_hypothesis(rig, first_images(evenly_spaced(pairs, DECIDING_PAIRS), images))
+        refusal = mistake.line if mistake else _out_of_step(rig, pairs, images) or ""
+    if rows is None:
+        return JudgedRig(None, mistake, refusal, too_few)
+    odd, other = (change.line, "") if change.is_rigid else ("", change.line)
+    return JudgedRig(replace(rows, mistake=refusal, odd=odd, change=other), mistake, refusal)
+
+
+def _out_of_step(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> str | None:
+    from stereo_seecolor.checks.neighbors import constant_shift  # hardly ever needed
+
+    chosen = evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1]
+    return constant_shift(chosen, pairs, Rectification.from_rig(rig), images)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMatches:
+    """matches: of each pair in its rectified images. problems: of each pair that cannot be read, or
+    is not as large as calibrated, why.
+    """
+
+    matches: dict[Pair, Matches]
+    problems: dict[Pair, str]
+
+
+def matches_of(
+    rectification: Rectification, pairs: Sequence[Pair], images: InputConfig
+) -> FoundMatches:
+    """Match pairs on all cores."""
+
+    def matched(pair: Pair) -> Matches | str:
+        try:
+            return find_matches(rectification, *read_both(pair, images))
+        except (InputError, CalibrationError) as error:
+            return str(error)
+
+    threads = matching_threads(rectification.raw_size)
+    outcomes = dict(zip(pairs, threads.each(matched, pairs), strict=True))
+    return FoundMatches(
+        {pair: one for pair, one in outcomes.items() if isinstance(one, Matches)},
+        {pair: one for pair, one in outcomes.items() if isinstance(one, str)},
     )
 
 

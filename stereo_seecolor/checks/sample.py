@@ -1,10 +1,9 @@
 """What checks look at: the images of a dive, and pairs spread over it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -14,7 +13,6 @@ from stereo_seecolor.compute.process import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.image_facts import ImageFacts
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
@@ -33,13 +31,11 @@ FOLLOWING = (0, 1, 2, 4, 8, 16, 32)
 class DiveImages:
     """The image files of a dive.
 
-    pairs: in order. config: settings, with the images as they are stored. facts: of raw and of deep
-    images (``inputs.file_form.stored_facts``).
+    pairs: in order. config: settings, with the images as they are stored.
     """
 
     pairs: Sequence[Pair]
     config: RunConfig
-    facts: Mapping[Path, ImageFacts] = field(default_factory=dict)
 
 
 def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:

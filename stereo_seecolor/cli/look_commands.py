@@ -38,7 +38,7 @@ Places = Annotated[
 @command("A dive", "inspect DIVE", "inspect left right stereo.mat")
 def inspect(places: Places, report: LoggedReport) -> None:
     """Look at the files of a dive, say what they are, and print the run command for them; exit code
-    3 if pairs do not match.
+    3 if pairs do not match, or numbers of a run would be wrong.
     """
     from stereo_seecolor.commands.inspect import inspect as look
 
@@ -47,7 +47,7 @@ def inspect(places: Places, report: LoggedReport) -> None:
     report.end(
         vars(found),
         inspection_text(found),
-        EXIT_SOME_FAILED if found.misfits or not found.agrees else EXIT_DONE,
+        EXIT_SOME_FAILED if found.is_wrong else EXIT_DONE,
     )
 
 

@@ -76,6 +76,7 @@ def check_content(result: "CheckResult") -> Content:
     return {
         "rig": result.rig,
         "suspicions": result.suspicions,
+        "notes": result.images.notes,
         "rows": rows,
         "acceptable": result.acceptable,
         "advice": rows.advice,

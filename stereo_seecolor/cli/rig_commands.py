@@ -13,6 +13,7 @@ from stereo_seecolor.cli.report import BareReport, LoggedReport, Report
 from stereo_seecolor.cli.results import calibration_content, check_content
 
 if TYPE_CHECKING:
+    from calibration.checks import RowCheck
     from stereo_seecolor.commands.calibrate import CalibrationResult, CheckResult, RigFacts
 
 Target = Annotated[
@@ -146,12 +147,14 @@ def check(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Test a calibration against the images of a dive; exit code 3 if they disagree."""
+    """Test a calibration against the images of a dive; exit code 3 if numbers of a run would be
+    wrong.
+    """
     from stereo_seecolor.commands.calibrate import check as test
 
     with report.working():
         result = test(left, right, calib, pairs, refine, settings.load().input)
-    code = EXIT_DONE if result.acceptable else EXIT_SOME_FAILED
+    code = EXIT_SOME_FAILED if result.is_wrong else EXIT_DONE
     report.end(check_content(result), check_text(result), code)
 
 
@@ -200,10 +203,21 @@ def calibration_text(result: "CalibrationResult") -> str:
 def check_text(result: "CheckResult") -> str:
     """A calibration tested on a dive: numbers of the rig, doubts, rows, and the refined rig."""
     suspicious = (f"suspicious: {text}" for text in result.suspicions)
-    output = [*_rig_lines(result.rig), *suspicious, *result.rows.lines()]
+    notes = (f"note: {note}" for note in result.images.notes)
+    output = [*_rig_lines(result.rig), *suspicious, *notes, *result.rows.lines()]
     if result.refined is not None:
-        output += [*result.refined.lines(), f"  {result.refined_file}: the refined calibration"]
+        after = [f"refined: {line}" for line in _refined_lines(result.refined_rows)]
+        output += [
+            *result.refined.lines(),
+            *after,
+            f"  {result.refined_file}: the refined calibration",
+        ]
     return lines(*output)
+
+
+def _refined_lines(rows: "RowCheck | None") -> list[str]:
+    """What the motion and the rows say of the refined rig."""
+    return [rows.motion.line, *rows.advice] if rows else []
 
 
 def _rig_lines(rig: "RigFacts") -> list[str]:

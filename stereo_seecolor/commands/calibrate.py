@@ -2,7 +2,6 @@
 tested on a dive.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,28 +13,25 @@ from calibration.boards.report import CalibrationReport
 from calibration.boards.target_views import TargetView, detect_view
 from calibration.boards.targets import parse_target
 from calibration.calibrate import calibrate as fit_rig
-from calibration.checks import RowCheck, judge_matches
-from calibration.field_checks.hypotheses import likely_hypothesis, may_be_wrong, settle_matches
-from calibration.field_checks.matches import Images, Matches, raw_match, rectified_matches
-from calibration.field_checks.motion import find_motion
+from calibration.checks import RowCheck
+from calibration.field_checks.hypotheses import settle_matches
+from calibration.field_checks.matches import Matches, rectified_matches
 from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
 from calibration.port import FlatPort
 from calibration.port_errors import port_error
+from calibration.rectification import raw_points
 from calibration.refine import refine_matches
 from calibration.resizing import resized_rig
 from calibration.rig import Medium, Refinement
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
-from stereo_seecolor.checks.sample import (
-    DECIDING_PAIRS,
-    evenly_spaced,
-    matching_threads,
-    neighbors,
-    read_both,
-)
+from stereo_seecolor.checks.dive import IMAGE_CHECKS
+from stereo_seecolor.checks.rig import judge_rig, matches_of
+from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.checks.verdict import DiveVerdict, verdict_of
 from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
-from stereo_seecolor.config import InputConfig
+from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
@@ -197,16 +193,18 @@ class RigFacts:
 class CheckResult:
     """A calibration tested on a dive.
 
-    rows: vertical disparity of rectified pairs, and the motion between neighbors, which is that of
-    the refined rig. suspicions:
-    doubts about the calibration itself. refined: what has moved since the calibration;
-    refined_file: the refined rig; both None unless asked for.
+    rows: vertical disparity of rectified pairs, and the motion between neighbors. suspicions:
+    doubts about the calibration itself. images: what is wrong with the images of the dive. refined:
+    what has moved since the calibration; refined_rows: ``rows`` of the refined rig; refined_file:
+    that rig; all None unless asked for.
     """
 
     rig: RigFacts
     rows: RowCheck
     suspicions: tuple[str, ...]
+    images: DiveVerdict
     refined: Refinement | None = None
+    refined_rows: RowCheck | None = None
     refined_file: Path | None = None
 
     @property
@@ -216,8 +214,15 @@ class CheckResult:
         """
         if self.refined is None:
             return self.rows.acceptable
-        wrong = self.rows.motion.is_found or self.rows.change or self.rows.odd
-        return self.refined.after_px <= LIMITS.acceptable_px and not wrong
+        return self.refined.after_px <= LIMITS.acceptable_px and not self.is_wrong
+
+    @property
+    def is_wrong(self) -> bool:
+        """True if numbers that a run makes of this dive would be wrong by more than they state, or
+        pairs are left out; with the refined rig where there is one.
+        """
+        rows = self.refined_rows or self.rows
+        return bool(rows.ranges_are_wrong or rows.odd or self.images.wrong)
 
 
 def check(
@@ -240,55 +245,48 @@ def check(
     pairs = pairs_of(left, right, images).pairs
     sample = evenly_spaced(pairs, most_pairs)
     images = as_stored(images, stored_facts(images, sample))
+    of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairs, RunConfig(input=images)))
     loaded = load_unsettled(calib, pairs, images)
-    rectification = Rectification.from_rig(loaded)
-
-    def matched(pair: Pair) -> Matches:
-        return raw_match(rectification, loaded, *read_both(pair, images))
-
-    raw = list(matching_threads(loaded.left.image_size).each(matched, sample))
+    seen = matches_of(Rectification.from_rig(loaded), sample, images)
+    if not seen.matches:
+        raise CalibrationError(next(iter(seen.problems.values())))
+    raw = [Matches(*raw_points(loaded, one.left, one.right)) for one in seen.matches.values()]
     rig = settle_matches(loaded, raw)
     settled = Rectification.from_rig(rig)
-    known = list(zip(sample, rectified_matches(rig, raw), strict=True))
+    known = list(zip(seen.matches, rectified_matches(rig, raw), strict=True))
     change = find_change(settled, pairs, images, known)
-    raw = [one for pair, one in zip(sample, raw, strict=True) if pair.name not in change.odd]
+    unmatched = [
+        f"{pair.name}: {problem}: run leaves this pair out"
+        for pair, problem in seen.problems.items()
+        if pair.name not in change.odd
+    ]
+    change = replace(change, line="; ".join(filter(None, (change.line, *unmatched))))
     pairs = change.shared(pairs)
-    rows = _judged(
-        rig, raw, (read_both(pair, images) for pair in evenly_spaced(pairs, DECIDING_PAIRS))
-    )
-    odd, other = (change.line, "") if change.is_rigid else ("", change.line)
-    rows = replace(rows, odd=odd, change=other)
-    if refine and (rows.mistake or rows.refusal):
-        raise CalibrationError(f"a wrong calibration is not refined: {rows.advice[0]}")
-    refined = refine_matches(rig, raw) if refine else None
-    if refine and refined:
-        write_rig(refined, refine)
-    motion = find_motion(
-        Rectification.from_rig(refined) if refined else settled, neighbors(pairs, images)
-    )
+    kept = [one for pair, one in zip(seen.matches, raw, strict=True) if pair.name not in change.odd]
+    found = rectified_matches(rig, kept)
+    judged = judge_rig(rig, found, pairs, images, change)
+    if judged.rows is None:
+        raise CalibrationError(judged.refusal or judged.too_few)
+    if refine is None:
+        rows = judged.with_motion(rig, found, pairs, images).rows
+        assert rows
+        return CheckResult(rig_facts(rig), rows, suspicions(rig), of_images)
+    if judged.refusal:
+        raise CalibrationError(f"a wrong calibration is not refined: {judged.refusal}")
+    refined = refine_matches(rig, kept)
+    write_rig(refined, refine)
+    found = rectified_matches(refined, kept)
+    after = judge_rig(refined, found, pairs, images, change)
+    refined_rows = after.with_motion(refined, found, pairs, images).rows
     return CheckResult(
         rig_facts(rig),
-        replace(rows, motion=motion),
+        judged.rows,
         suspicions(rig),
-        refined.refinement if refined else None,
+        of_images,
+        refined.refinement,
+        refined_rows,
         refine,
     )
-
-
-def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> RowCheck:
-    """Vertical disparity of the matches, with the likely mistake where it is large.
-
-    raw: matches of unrectified pairs. images: a few of these pairs. Raises CalibrationError where
-    there are too few matches.
-    """
-    try:
-        rows = judge_matches(rig, rectified_matches(rig, raw))
-    except CalibrationError:
-        if mistake := likely_hypothesis(rig, images):
-            raise CalibrationError(mistake.line) from None
-        raise
-    mistake = likely_hypothesis(rig, images) if may_be_wrong(rows) else None
-    return replace(rows, mistake=mistake.line) if mistake else rows
 
 
 def rig_facts(rig: StereoRig) -> RigFacts:

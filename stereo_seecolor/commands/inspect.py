@@ -15,7 +15,9 @@ from calibration.formats import load_rig
 from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
 from stereo_seecolor.checks.camera_response import settle_response
-from stereo_seecolor.checks.sample import evenly_spaced
+from stereo_seecolor.checks.dive import IMAGE_CHECKS
+from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.checks.verdict import RANGES, verdict_of
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
 from stereo_seecolor.commands.inspect_rig import (
     NOTHING_TESTED,
@@ -41,6 +43,7 @@ from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.video_file import recorded_at
 from stereo_seecolor.inputs.video_frames import VideoFacts, is_video, size_of_side, video_facts
+from stereo_seecolor.records import Numbers
 
 # Files that were named to ``inspect`` and that it cannot use.
 
@@ -148,8 +151,9 @@ class Inspection:
     calibrations: all that were found; calibration: the one that was tested. poses: all
     trajectories.
     misfits: sample pairs that do not show one scene. agrees: False where no pair does, or where the
-    images cannot be those of the calibration. problems: lines on what prevents a run or should be
-    examined before.
+    images cannot be those of the calibration. wrong: numbers of a run of these files that would be
+    wrong by more than they state. problems: lines on what prevents a run or should be examined
+    before.
     run_command: the command line that fits.
     """
 
@@ -166,8 +170,15 @@ class Inspection:
     measured: SampleMeasures | None
     misfits: tuple[Misfit, ...]
     agrees: bool
+    wrong: tuple[Numbers, ...]
     problems: tuple[str, ...]
     run_command: str
+
+    @property
+    def is_wrong(self) -> bool:
+        """True if a run of these files would end with exit code 3, or with an error."""
+        rows = self.calibration.rows if self.calibration else None
+        return bool(self.misfits or not self.agrees or self.wrong or (rows and rows.odd))
 
 
 def inspect(places: Sequence[Path]) -> Inspection:
@@ -214,6 +225,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
     config, response = settle_response(config, pairing.pairs)
+    of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairing.pairs, config))
     sample, unlike = alike(evenly_spaced(pairing.pairs, SAMPLE_PAIRS), config)
     left, right = image_facts(sample[0].left), image_facts(sample[0].right)
     _refuse_range_maps(sides, left, right)
@@ -226,6 +238,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     problems = (
         *problems_of_images(sides, pairing, _doubtful(sides, tested)),
         *notes,
+        *of_images.notes,
         *response,
         *unlike,
         *_missing_calibration(places, found, left.size),
@@ -249,6 +262,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         measured=tested.measured,
         misfits=tested.misfits,
         agrees=tested.agrees,
+        wrong=tuple(sorted(of_images.wrong | _wrong_ranges(sides, tested))),
         problems=problems,
         run_command=command_line(sides, found, tested),
     )
@@ -280,6 +294,15 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
     for side, image, camera in (("left", left, found.rig.left), ("right", right, found.rig.right)):
         if image.size != camera.image_size:
             raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
+
+
+def _wrong_ranges(sides: Sides, tested: Tested) -> frozenset[Numbers]:
+    """That ranges of these files would be wrong; not where the run line exchanges sides that no
+    name tells.
+    """
+    rows = tested.rows
+    exchanged = tested.exchanged and sides.guessed
+    return RANGES if rows and rows.ranges_are_wrong and not exchanged else frozenset()
 
 
 def _doubtful(sides: Sides, tested: Tested) -> bool:
@@ -355,6 +378,7 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         measured=None,
         misfits=(),
         agrees=True,
+        wrong=(),
         problems=(
             *problems,
             *_clocks(sides),

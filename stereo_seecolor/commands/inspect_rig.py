@@ -6,28 +6,21 @@ import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import RowCheck, judge_matches
-from calibration.field_checks.hypotheses import (
-    Hypothesis,
-    likely_hypothesis,
-    may_be_wrong,
-    resolve_convention,
-)
-from calibration.field_checks.matches import find_matches
-from calibration.field_checks.motion import NO_MOTION, find_motion
+from calibration.checks import RowCheck
+from calibration.field_checks.hypotheses import Hypothesis, resolve_convention
 from calibration.field_checks.vertical_disparity import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
-from stereo_seecolor.checks.rig import RangeLimits, range_limits
-from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads, neighbors
+from stereo_seecolor.checks.rig import RangeLimits, judge_rig, matches_of, range_limits
+from stereo_seecolor.checks.sample import DECIDING_PAIRS
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
 from stereo_seecolor.config import RunConfig
@@ -224,29 +217,14 @@ def tested_calibration(
     rig = _settled_rig(found.rig, sample[:DECIDING_PAIRS], config)
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
-    rows: RowCheck | None = None
-    images = _images(fitting, config)
-    rectification, threads = Rectification.from_rig(rig), matching_threads(rig.left.image_size)
-    with suppress(CalibrationError):
-        matched = threads.each(lambda both: find_matches(rectification, *both), images)
-        rows = judge_matches(rig, list(matched))
-    mistake = (
-        likely_hypothesis(rig, images[:DECIDING_PAIRS])
-        if rows is None or may_be_wrong(rows)
-        else None
-    )
-    if rows:
-        motion = (
-            NO_MOTION
-            if mistake
-            else find_motion(rectification, neighbors(pairing.pairs, config.input))
-        )
-        rows = replace(rows, mistake=mistake.line if mistake else "", motion=motion)
-        if not (mistake or rows.swapped or rows.refusal):
-            change = find_change(rectification, pairing.pairs, config.input)
-            odd, other = (change.line, "") if change.is_rigid else ("", change.line)
-            rows = replace(rows, odd=odd, change=other)
-    limits = _range_limits(rectification, images, config)
+    rectification = Rectification.from_rig(rig)
+    change = find_change(rectification, pairing.pairs, config.input)
+    pairs, fitting = change.shared(pairing.pairs), list(change.shared(fitting))
+    matches = list(matches_of(rectification, fitting, config.input).matches.values())
+    judged = judge_rig(rig, matches, pairs, config.input, change)
+    judged = judged.with_motion(rig, matches, pairs, config.input)
+    rows, mistake = judged.rows, judged.mistake
+    limits = _range_limits(rectification, _images(fitting, config), config)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
     facts = CalibrationFacts(

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from calibration.formats import native
 from stereo_seecolor.checks.camera_response import settle_response
-from stereo_seecolor.checks.image_files import compression_notes, form_notes, image_notes
+from stereo_seecolor.checks.dive import RANGED_CHECKS
 from stereo_seecolor.checks.sample import DiveImages
+from stereo_seecolor.checks.verdict import verdict_of
 from stereo_seecolor.commands.reported_run import folder_request, reported, stereo_run
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
 from stereo_seecolor.compute.process import one_thread_in_products
@@ -208,10 +209,9 @@ def correct(
             update={"color": config.color.model_copy(update={"lock": "frame"})}
         )
     pairing = pair_by_stem(images, ranges)
-    files = DiveImages(pairing.pairs, config)
-    pairing = pairing.with_notes(image_notes(files, (compression_notes, form_notes)))
     config, notes = settle_response(config, pairing.pairs, has_right=False)
-    pairing = pairing.with_notes(notes)
+    found = verdict_of(RANGED_CHECKS, DiveImages(pairing.pairs, config))
+    pairing = pairing.with_notes((*found.notes, *notes), found.wrong)
     paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
     owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
     inputs, read = (

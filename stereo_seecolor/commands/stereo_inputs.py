@@ -8,9 +8,10 @@ from typing import BinaryIO, Protocol
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.changes import LEFT_OUT, DiveChange, find_change
-from stereo_seecolor.checks.image_files import image_notes
+from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.checks.verdict import RANGES, verdict_of
 from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
@@ -154,16 +155,11 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
     """Settle ``input.bayer`` and ``input.significant_bits`` where they are auto, from images spread
     over the dive.
 
-    Returns the settings, and notes on what was found and on how the images encode and compress
-    light.
+    Returns the settings, and notes on what was found.
     """
     facts = stored_facts(config.input, evenly_spaced(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
-    settled = config.model_copy(update={"input": images})
-    return settled, (
-        *stored_notes(config.input, images),
-        *image_notes(DiveImages(pairs, settled, facts)),
-    )
+    return config.model_copy(update={"input": images}), stored_notes(config.input, images)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,11 +170,13 @@ class Opened:
     pipeline: Pipeline
 
     def for_dive(self, folder: RunFolder, options: RunOptions) -> "Opened":
-        """Check the rig on the first pairs of a dive, and refine it where the settings ask for it.
+        """Ask a dive's images all checks, and refine the rig where the settings ask for it.
 
         Returns the inputs with notes on both, and with the pipeline of the refined rig.
         """
         pairing, pipeline = self.pairing, self.pipeline
+        of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairing.pairs, pipeline.config))
+        pairing = pairing.with_notes(of_images.notes, of_images.wrong)
         images = pipeline.config.input
         key = content_key(
             __version__,
@@ -203,17 +201,12 @@ class Opened:
         if known is None:
             found = check_rig(pipeline, pairing.pairs, change)
             left_out = dict.fromkeys(change.odd, LEFT_OUT)
-            known = KeptRigCheck(found.notes, found.is_wrong, found.ranges, left_out)
+            known = KeptRigCheck(found.notes, bool(found.wrong), found.measured, left_out)
             known.save(folder.root, key)
-        elif not known.is_wrong:  # an earlier run into this folder has given these notes
+        elif not known.ranges_are_wrong:  # an earlier run into this folder has given these notes
             known = replace(known, notes=())
-        pairing = replace(
-            pairing.with_notes(known.notes),
-            is_wrong=known.is_wrong,
-            ranges=known.ranges,
-            left_out=known.left_out,
-        )
-        return Opened(pairing, pipeline)
+        pairing = pairing.with_notes(known.notes, RANGES if known.ranges_are_wrong else frozenset())
+        return Opened(replace(pairing, ranges=known.ranges, left_out=known.left_out), pipeline)
 
     def part(self, shard: Shard) -> "Opened":
         """The inputs of one shard: its pairs, and, for the first shard, the files without a

@@ -27,6 +27,7 @@ from stereo_seecolor.inputs.listing import (
 )
 from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_pairs, side_keys, stem_keys
 from stereo_seecolor.inputs.name_times import distances_s, nearest, timed, timestamp_from_name
+from stereo_seecolor.records import Numbers
 
 SEVERAL = "several files are called"
 
@@ -91,16 +92,16 @@ class Pairing:
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
     missing_shards: shards of the dive whose pairs are not among these.
-    is_wrong: ranges of the dive as a whole are wrong, as notes say. ranges: their error as the
-    check of the dive measured it, None where it could not. left_out: name of a pair that is not of
-    the dive's rig -> why.
+    wrong: numbers of the dive as a whole that are wrong, as notes say. ranges: the error of ranges
+    as the check of the dive measured it, None where it could not. left_out: name of a pair that is
+    not of the dive's rig -> why.
     """
 
     pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
     missing_shards: tuple[str, ...] = ()
-    is_wrong: bool = False
+    wrong: frozenset[Numbers] = frozenset()
     ranges: RangeError | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
 
@@ -113,9 +114,11 @@ class Pairing:
             else (pair.name for pair in self.pairs)
         )
 
-    def with_notes(self, notes: tuple[str, ...]) -> "Pairing":
-        """Add notes."""
-        return replace(self, notes=self.notes + notes)
+    def with_notes(
+        self, notes: tuple[str, ...], wrong: frozenset[Numbers] = frozenset()
+    ) -> "Pairing":
+        """Add notes, and what they say to be wrong."""
+        return replace(self, notes=self.notes + notes, wrong=self.wrong | wrong)
 
 
 @dataclass

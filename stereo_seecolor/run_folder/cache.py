@@ -185,12 +185,12 @@ class KeptRefinement:
 class KeptRigCheck:
     """What the check of a dive's rig found.
 
-    notes: of the run. is_wrong: ranges of the dive are wrong. ranges: their error, where it was
-    measured. left_out: name of a pair that is not of the dive's rig -> why.
+    notes: of the run. ranges_are_wrong: of the dive. ranges: their error, where it was measured.
+    left_out: name of a pair that is not of the dive's rig -> why.
     """
 
     notes: tuple[str, ...]
-    is_wrong: bool
+    ranges_are_wrong: bool
     ranges: RangeError | None
     left_out: Mapping[str, str]
 

@@ -20,7 +20,7 @@ from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.files.contained import regular_bytes
 from stereo_seecolor.files.csv_tables import guarded, table_rows
 from stereo_seecolor.files.keys import ContentKey
-from stereo_seecolor.records import FrameRow, Status
+from stereo_seecolor.records import FrameRow, Numbers, Status
 from stereo_seecolor.run_folder.cache import Compared
 from stereo_seecolor.run_folder.finished_run import TrackPoint
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -212,8 +212,8 @@ class RunSummary:
     notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was
     interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
-    missing_shards: of the dive, which were not merged. is_wrong: ranges of the dive as a whole are
-    wrong, as notes say. ranges: their error, where the check of the dive measured it.
+    missing_shards: of the dive, which were not merged. wrong: numbers of the dive as a whole that
+    are wrong, as notes say. ranges: the error of ranges, where the check of the dive measured it.
     """
 
     rows: Sequence[FrameRow]
@@ -223,16 +223,16 @@ class RunSummary:
     products: tuple[ProductSummary, ...] = ()
     plan: Compared | None = None
     missing_shards: tuple[str, ...] = ()
-    is_wrong: bool = False
+    wrong: frozenset[Numbers] = frozenset()
     ranges: RangeError | None = None
 
     @property
     def all_done(self) -> bool:
         """Tell whether every file of the whole dive found its partner, every pair went through, and
-        no check found ranges of the dive wrong.
+        no check found numbers of the dive wrong.
         """
         unfinished = self.stopped or self.missing_shards or self.count("ok") != len(self.rows)
-        return not unfinished and not self.is_wrong
+        return not unfinished and not self.wrong
 
     def count(self, status: Status) -> int:
         """The number of rows of that status."""
@@ -268,7 +268,7 @@ class RunSummary:
                 stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()
             },
             "notes": list(self.notes),
-            **({"ranges_are_wrong": True} if self.is_wrong else {}),
+            **{f"{numbers}_are_wrong": True for numbers in sorted(self.wrong)},
             **({"range_error": asdict(self.ranges)} if self.ranges else {}),
             **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),

@@ -4,11 +4,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import get_args
 
 from calibration.errors import counted
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.records import FrameRow, Numbers, Water
 from stereo_seecolor.run_folder.finished_run import (
     FinishedRun,
     geometry_of,
@@ -62,9 +63,10 @@ class Part:
         return Manifest(self.root).dive().settings["range"]
 
     @property
-    def ranges_are_wrong(self) -> bool:
-        """Tell whether the run's checks found ranges of the dive as a whole wrong."""
-        return bool(self.run.totals.get("ranges_are_wrong"))
+    def wrong(self) -> frozenset[Numbers]:
+        """The numbers of the dive as a whole that the run's checks found wrong."""
+        kinds: tuple[Numbers, ...] = get_args(Numbers)
+        return frozenset(kind for kind in kinds if self.run.totals.get(f"{kind}_are_wrong"))
 
     @property
     def rig_notes(self) -> tuple[str, ...]:

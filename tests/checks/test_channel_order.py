@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from color_waters import clear_water
 
-from stereo_seecolor.checks.image_files import order_notes
+from stereo_seecolor.checks.image_files import channel_order
 from stereo_seecolor.checks.light_and_water import channel_order_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -55,7 +55,7 @@ def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
         path = tmp_path / f"{number:04d}.png"
         cv2.imwrite(str(path), image if number in exchanged else image[..., ::-1])
         pairs.append(Pair(path.stem, path, path))
-    notes = order_notes(DiveImages(pairs, RunConfig()))
+    notes = channel_order(DiveImages(pairs, RunConfig())).notes
     assert len(notes) == bool(exchanged)
     last = "and what follows" if exchanged and exchanged[-1] == 39 else "to 0022.png"
     assert all(f"{exchanged[0]:04d}.png {last}" in line for line in notes)

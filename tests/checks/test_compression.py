@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.checks.image_files import compression_notes, jpeg_quality
+from stereo_seecolor.checks.image_files import compression, jpeg_quality
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.pairing import Pair
@@ -29,12 +29,12 @@ def test_the_quality_of_a_jpeg_is_read_from_its_tables(quality: int) -> None:
 def test_strong_compression_is_named(tmp_path: Path, suffix: str, quality: int, said: bool) -> None:
     path = tmp_path / f"0001{suffix}"
     cv2.imwrite(str(path), IMAGE, [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [])
-    notes = compression_notes(DiveImages([Pair("0001", path, path)], RunConfig()))
+    notes = compression(DiveImages([Pair("0001", path, path)], RunConfig())).notes
     assert bool(notes) == said
     assert all("0001.jpg is a JPEG of quality 60" in note for note in notes)
 
 
 def test_nothing_is_said_of_what_cannot_be_read(tmp_path: Path) -> None:
     absent = Pair("0001", tmp_path / "0001.jpg", tmp_path / "0001.jpg")
-    assert compression_notes(DiveImages([absent], RunConfig())) == ()
-    assert compression_notes(DiveImages([], RunConfig())) == ()
+    assert compression(DiveImages([absent], RunConfig())).notes == ()
+    assert compression(DiveImages([], RunConfig())).notes == ()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stereo_seecolor.checks.image_files import mosaic_notes, order_notes, side_notes
+from stereo_seecolor.checks.image_files import channel_order, gray_side, shifted_mosaic
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.pairing import Pair
@@ -38,11 +38,13 @@ def gray(picture: Picture) -> Picture:
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 def test_left_images_without_color_are_named(tmp_path: Path, suffix: str) -> None:
     left = [gray(picture) for picture in pictures()]
-    (note,) = side_notes(dive(tmp_path, left, pictures("right"), suffix))
+    found = gray_side(dive(tmp_path, left, pictures("right"), suffix))
+    (note,) = found.notes
+    assert found.wrong == {"colors"}
     assert "left images hold no color" in note and "exchange --left and --right" in note
-    assert side_notes(dive(tmp_path, left, left, suffix)) == ()  # of a monochrome rig
-    assert side_notes(dive(tmp_path, pictures(), left, suffix)) == ()
-    assert side_notes(DiveImages([], RunConfig())) == ()
+    assert gray_side(dive(tmp_path, left, left, suffix)).notes == ()  # of a monochrome rig
+    assert gray_side(dive(tmp_path, pictures(), left, suffix)).notes == ()
+    assert gray_side(DiveImages([], RunConfig())).notes == ()
 
 
 def mosaic(picture: Picture) -> Picture:
@@ -68,7 +70,9 @@ def test_a_mosaic_that_was_read_one_off_is_named(
 ) -> None:
     right = pictures("right")
     left = [cv2.cvtColor(mosaic(picture), code) for picture in pictures()]
-    notes = mosaic_notes(dive(tmp_path, left, right, suffix))
+    found = shifted_mosaic(dive(tmp_path, left, right, suffix))
+    notes, wrong = found.notes, found.wrong
+    assert wrong == ({"colors"} if named else frozenset())
     assert bool(notes) == named
     assert all("lattice" in note and note.startswith("input: left images") for note in notes)
 
@@ -78,7 +82,7 @@ def test_true_colors_and_gray_are_no_mosaic(tmp_path: Path) -> None:
     magenta = [np.stack([p[..., 2], p[..., 1] // 2, p[..., 2]], axis=2) for p in one]
     for number, left in enumerate((one, [gray(p) for p in one], magenta)):
         (tmp_path / f"{number}").mkdir()
-        assert mosaic_notes(dive(tmp_path / f"{number}", left, left)) == ()
+        assert shifted_mosaic(dive(tmp_path / f"{number}", left, left)).notes == ()
 
 
 @pytest.mark.parametrize("last", [False, True])
@@ -88,6 +92,6 @@ def test_one_image_of_other_colors_is_named_without_a_claim_of_the_others(
     left = pictures(step=1)
     place = 11 if last else 6
     left[place] = left[place][..., ::-1].copy()
-    (note,) = order_notes(dive(tmp_path, left, left))
+    (note,) = channel_order(dive(tmp_path, left, left)).notes
     assert f"l{place:04d}.png: " in note and "what follows" not in note
     assert "another camera, light or scene" in note

@@ -65,9 +65,14 @@ def test_pixels_that_were_stored_as_their_tag_says_are_no_fault(dive) -> None:
 
 
 @pytest.mark.slow
-def test_check_ends_with_code_3_where_a_tag_turns_frames(dive, cli) -> None:
-    root = dive({"right": {2: 3}})
+@pytest.mark.parametrize("by_tag", [True, False])
+def test_check_names_turned_frames_and_ends_with_code_3(by_tag: bool, dive, cli) -> None:
+    root = dive({"right": {2: 3}} if by_tag else {})
+    if not by_tag:  # by a quarter, in the pixels
+        path = root / "right" / "2.jpg"
+        Image.open(path).transpose(Image.Transpose.ROTATE_90).save(path)
     words = ["--left", root / "left", "--right", root / "right", "--calib", REEF / "cam.yaml"]
     code, printed, _ = cli("check", *words)
+    named = "EXIF Orientation is 3" if by_tag else "2: the right image is 448x576 px"
     assert code == 3
-    assert "EXIF Orientation is 3" in " ".join(printed.split())
+    assert named in " ".join(printed.split())

@@ -11,7 +11,7 @@ import PIL.Image
 import pytest
 from conftest import REEF, read_pixels
 
-from stereo_seecolor.checks.image_files import form_notes
+from stereo_seecolor.checks.image_files import form
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
@@ -165,7 +165,7 @@ def test_a_run_leaves_damaged_frames_out(cli, tmp_path: Path) -> None:
 def notes(tmp_path: Path, name: str, content: bytes) -> str:
     (tmp_path / name).write_bytes(content)
     pair = Pair("a", tmp_path / name, tmp_path / name)
-    return " ".join(form_notes(DiveImages([pair], RunConfig())))
+    return " ".join(form(DiveImages([pair], RunConfig())).notes)
 
 
 def pages(*images: np.ndarray, **how: object) -> bytes:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
-from stereo_seecolor.checks.image_files import framing_notes
+from stereo_seecolor.checks.image_files import cut_out
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -274,7 +274,7 @@ def test_a_zoom_of_either_camera_is_named(side: str, tmp_path: Path) -> None:
         zoom = {0xA404: 2.0} if one == side else {}
         (tmp_path / one / "1.jpg").write_bytes(encoded("JPEG", zoom))
     pairs = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
-    (note,) = framing_notes(DiveImages(pairs, RunConfig()))
+    (note,) = cut_out(DiveImages(pairs, RunConfig())).notes
     assert "1.jpg has a digital zoom of 2" in note and "calibration" in note
 
 

@@ -27,7 +27,7 @@ from calibration.formats import write_rig
 from calibration.port import FlatPort, FlatWindow
 from calibration.rectification import rectified_points
 from calibration.refraction import CameraInWater
-from stereo_seecolor.checks.rig import RigCheck
+from stereo_seecolor.checks.verdict import DiveVerdict
 from stereo_seecolor.cli import main
 from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.commands import stereo_inputs
@@ -108,7 +108,7 @@ def test_a_run_writes_down_how_rectification_turned_the_camera(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the images are another rig's, which a run would refuse
-    monkeypatch.setattr(stereo_inputs, "check_rig", lambda *_: RigCheck())
+    monkeypatch.setattr(stereo_inputs, "check_rig", lambda *_: DiveVerdict())
     dive = make_dive(1)
     rig = toed_in_rig(size=(176, 128))
     write_rig(rig, dive.root / "toed.yaml")

@@ -160,7 +160,7 @@ SHAPES: dict[str, Shape] = {
         "sides": {"left": str, "right": str, "guessed": bool, "others": [str]},
         **keys((dict, None), "left right calibration measured"),
         **keys(int, "pairs unpaired"),
-        **keys([str], "calibrations problems"),
+        **keys([str], "calibrations wrong problems"),
         **{"interval_s": UNKNOWN, "exposure_recorded": bool, "agrees": bool, "run_command": str},
         "misfits": [{"pair": str, "fits": (str, None)}],
         "poses": [{**keys(str, "path format by"), **keys(int, "poses pairs")}],
@@ -276,7 +276,7 @@ SHAPES: dict[str, Shape] = {
     "calibrate --print-target": {"target": str},
     "check": {
         **keys(dict, "rig rows"),
-        **keys([str], "suspicions advice"),
+        **keys([str], "suspicions notes advice"),
         "acceptable": bool,
         "refined": (dict, None),
     },

@@ -65,8 +65,8 @@ class Noise:
     """Standard deviations beyond which a quantile weighs less than half (Cauchy)."""
     odd: float = 4.0
     """Mean squared error of all quantiles of a range, in variances, from which the range weighs
-    less (a fish, wrong ranges). Reefs reach 2, and Sea-thru's picture of 2 to 15 m comes out 0.6 degrees
-    better with 4 than with 2.5.
+    less (a fish, wrong ranges). Reefs reach 2. With 4 Sea-thru's picture of 2 to 15 m comes out
+    0.6 degrees better than with 2.5.
     """
     floor: float = 0.001
     """Light that a camera's offset hides, against the brightest."""

@@ -30,7 +30,7 @@ from stereo_seecolor.extras.fleet.campaign_files import write_own
 from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import Water
+from stereo_seecolor.records import Numbers, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_csv import RunSummary
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state
@@ -154,7 +154,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         tuple(unpaired.values()),
         (*notes, *rig_notes),
         missing,
-        is_wrong=any(part.ranges_are_wrong for part in parts),
+        wrong=frozenset[Numbers]().union(*(part.wrong for part in parts)),
         ranges=next((part.run.range_error for part in parts if part.run.range_error), None),
         left_out={
             row.name: LEFT_OUT for part in parts for row in part.rows if LEFT_OUT in row.error

@@ -10,7 +10,7 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.checks.changes import DiveChange
-from stereo_seecolor.checks.rig import RigCheck
+from stereo_seecolor.checks.verdict import RANGES, DiveVerdict
 from stereo_seecolor.commands import stereo_inputs
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.interface import Shard
@@ -267,7 +267,7 @@ def test_shards_and_their_merge_keep_that_ranges_are_wrong_and_which_pairs_are_l
     make_dive, tmp_path, cli, monkeypatch
 ) -> None:
     note, change = "calibration: ranges are off by half", DiveChange("", frozenset({"0003"}))
-    monkeypatch.setattr(stereo_inputs, "check_rig", lambda *_: RigCheck((note,), is_wrong=True))
+    monkeypatch.setattr(stereo_inputs, "check_rig", lambda *_: DiveVerdict((note,), RANGES))
     monkeypatch.setattr(stereo_inputs, "find_change", lambda *_: change)
     parts = sharded(make_dive(4), tmp_path)
     with (parts[1] / "frames.csv").open(newline="") as table:
@@ -277,7 +277,7 @@ def test_shards_and_their_merge_keep_that_ranges_are_wrong_and_which_pairs_are_l
     assert code == 3
     assert " ".join(printed.split()).count(note) == 1
     summary = merge(parts, tmp_path / "merged", fit_only=True)
-    assert summary.is_wrong
+    assert summary.wrong == RANGES
     assert [row.name for row in summary.rows if row.status == "failed"] == ["0003"]
     totals = json.loads((tmp_path / "merged/run.json").read_text())["totals"]
     assert totals["ranges_are_wrong"]

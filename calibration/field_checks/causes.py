@@ -1,0 +1,609 @@
+"""What explains the rows and the motion of a dive: a table of causes, each tested against all
+others on the same evidence.
+
+The evidence is linear: how rows of matched points disagree over the image and with range, and by
+what disparities and the focal length must change for points to move rigidly between pairs
+(``motion``). Each cause predicts all of it by one amount: points of the dive are seen by the rig as
+the cause makes it, and read as the calibration says. Of causes that explain as much, all are named.
+The length of the baseline predicts nothing: no image shows it.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.field_checks.enlargement import enlarged
+from calibration.field_checks.matches import Matches, jackknife, robust_fit, row_inliers
+from calibration.field_checks.motion import (
+    COLUMNS,
+    FOCAL,
+    OFFSET,
+    ROWS,
+    SeenTwice,
+    fit_motions,
+)
+from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
+from calibration.geometry import RectifiedPair
+from calibration.rectification import (
+    plan_rectification,
+    raw_points,
+    rectified_points,
+)
+from calibration.rig import Camera, StereoRig
+
+Array = NDArray[np.float64]
+
+PENALTY = 9.0
+"""Of an amount more, in squared standard errors: chance reaches three in one of 370."""
+ALIKE = 6.0
+"""Squared standard errors by which a rival may fit worse: it is then up to 20 times less likely."""
+ENOUGH = 3.0
+"""Squared standard errors for each number of the evidence that a good explanation may leave."""
+MOST_TOGETHER = 3
+"""Causes at once: of more, several sets explain the same."""
+RANGE_ERROR, DEVIATIONS = 0.02, 2.0
+"""Ranges are wrong where they are by more than both."""
+LENS_RAD = 0.0015
+"""Angle that errors of a usual lens model look like (a real rig of 1360x1024 px, 24 calibrations
+from 12 real views each)."""
+LENS_FOCAL = 0.02
+"""The same of the focal length as the motion shows it, relative."""
+ROWS_PX = 0.05
+"""The same of what grows over rows evenly."""
+LEAST_POINTS = 20
+"""Of a pair."""
+MOST_LEFT_OUT = 10
+"""Pairs that are left out, one by one, for standard errors."""
+SHOWN = 400
+"""Points whose change by each cause is computed: more tell the same."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A line of the table. text: with its amount and standard error, in ``unit`` (1 = as they are).
+    step: an amount small enough to be linear. most: larger ones are not plausible.
+
+    make: the rig that took the images, if ``step`` of it has happened to the calibrated one; None
+    for shutters, which no rig has.
+    """
+
+    text: str
+    unit: float
+    step: float
+    most: float
+    cure: str
+    make: Callable[[StereoRig, float], StereoRig] | None
+
+
+MOVED = "a camera has moved since; calibrate again"
+OTHER = "give images of the calibrated mode, or calibrate again, and compare a known length"
+
+
+ROUNDS = 3
+"""Of fits of the best explanations with what amounts of their size predict."""
+ALONG, ACROSS, AXIS = range(3)
+"""Directions in the image plane, of the baseline and across it; and that of the view."""
+
+
+def _direction(rig: StereoRig, direction: int) -> int:
+    """The camera's axis of that direction: the baseline may lie along x or y."""
+    turned = direction != AXIS and plan_rectification(rig).pair.quarter_turns % 2
+    return 1 - direction if turned else direction
+
+
+def _turned(about: int) -> Callable[[StereoRig, float], StereoRig]:
+    def make(rig: StereoRig, angle_rad: float) -> StereoRig:
+        turn = np.eye(4)
+        axis = np.eye(3)[_direction(rig, about)]
+        turn[:3, :3] = cv2.Rodrigues(angle_rad * axis)[0]
+        return replace(rig, T_right_left=turn @ rig.T_right_left)
+
+    return make
+
+
+def _moved_center(along: int) -> Callable[[StereoRig, float], StereoRig]:
+    def make(rig: StereoRig, shift_px: float) -> StereoRig:
+        K = rig.right.K.copy()
+        K[_direction(rig, along), 2] += shift_px
+        return replace(rig, right=replace(rig.right, K=K))
+
+    return make
+
+
+def _with_focal(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
+    def longer(camera: Camera, larger: float) -> Camera:
+        K = camera.K.copy()
+        K[[0, 1], [0, 1]] *= 1 + larger
+        return replace(camera, K=K)
+
+    def make(rig: StereoRig, larger: float) -> StereoRig:
+        left, right = (
+            longer(getattr(rig, side), larger) if side in sides else getattr(rig, side)
+            for side in ("left", "right")
+        )
+        return replace(rig, left=left, right=right)
+
+    return make
+
+
+def _other_lens(rig: StereoRig, more: float) -> StereoRig:
+    def bent(camera: Camera) -> Camera:
+        size = max(camera.distortion.size, 4 if camera.model == "fisheye" else 5)
+        distortion = np.zeros(size)
+        distortion[: camera.distortion.size] = camera.distortion
+        distortion[0] += more
+        return replace(camera, distortion=distortion)
+
+    return replace(rig, left=bent(rig.left), right=bent(rig.right))
+
+
+CAUSES = (
+    Cause(
+        "a turn of a camera about the baseline (pitch) by {} +- {} degrees",
+        *(57.3, 1e-3, 0.1),
+        MOVED,
+        _turned(ALONG),
+    ),
+    Cause(
+        "a turn of a camera toward or from the other one (yaw) by {} +- {} degrees",
+        *(57.3, 1e-3, 0.05),
+        MOVED,
+        _turned(ACROSS),
+    ),
+    Cause("a roll of a camera by {} +- {} degrees", 57.3, 1e-3, 0.1, MOVED, _turned(AXIS)),
+    Cause(
+        "images shifted along the baseline by {} +- {} px (cut out, "
+        "stabilized, another mode, a wrong principal point)",
+        *(1, 1.0, 500.0),
+        OTHER,
+        _moved_center(ALONG),
+    ),
+    Cause(
+        "images shifted across the baseline by {} +- {} px",
+        *(1, 1.0, 500.0),
+        MOVED,
+        _moved_center(ACROSS),
+    ),
+    Cause(
+        "a focal length of the right side {} +- {} % longer",
+        100,
+        1e-3,
+        0.3,
+        OTHER,
+        _with_focal("right"),
+    ),
+    Cause(
+        "a focal length of the left side {} +- {} % longer",
+        100,
+        1e-3,
+        0.3,
+        OTHER,
+        _with_focal("left"),
+    ),
+    Cause(
+        "a focal length of both sides {} +- {} % longer",
+        *(100, 1e-3, 0.3),
+        OTHER,
+        _with_focal("left", "right"),
+    ),
+    Cause(
+        "images of both sides cut out of the calibrated ones and enlarged by {} +- {} %",
+        *(100, 1e-3, 0.3),
+        OTHER,
+        lambda rig, larger: enlarged(rig, 1 + larger),
+    ),
+    Cause("lenses that bend otherwise (k1 by {} +- {})", 1, 1e-3, 0.5, OTHER, _other_lens),
+    Cause(
+        "disparities that grow over the rows, by {} +- {} px at the edge, as rolling shutters make "
+        "them that read rows in opposite directions, or not at one moment",
+        *(1, 1.0, 50.0),
+        "mount and trigger both cameras alike, or move slowly",
+        None,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Causes that explain the evidence together. text: with their amounts. cures: what to do.
+
+    causes: their number. misfit: squared standard errors that they leave. range_error, range_std:
+    of ranges, median over the image, relative, with the offset that a usual lens model leaves and
+    what the motion contradicts. is_wrong: ranges are off by more than 2 % and two standard errors.
+    edge_error: the largest over the image (95 of 100 points).
+    """
+
+    text: str
+    cures: tuple[str, ...]
+    causes: int
+    misfit: float
+    range_error: float = 0.0
+    range_std: float = 0.0
+    edge_error: float = 0.0
+    is_wrong: bool = False
+
+    @property
+    def ranges(self) -> str:
+        """What it does to ranges."""
+        if not self.is_wrong:
+            return "ranges are right to 2 %, or two standard errors"
+        return (
+            f"ranges may be off by {100 * self.range_error:+.0f} +- {100 * self.range_std:.0f} %, "
+            f"by up to {100 * self.edge_error:.0f} % over the image"
+        )
+
+
+@dataclass(frozen=True)
+class Causes:
+    """best: what explains the evidence by the fewest causes; rivals: others as few that explain it
+    as well. numbers: of the evidence, 0 where it was not tested.
+    """
+
+    best: Explanation | None = None
+    rivals: tuple[Explanation, ...] = ()
+    numbers: int = 0
+
+    @property
+    def explains(self) -> bool:
+        """Tell whether the best leaves no more than chance does."""
+        return self.best is not None and self.best.misfit <= ENOUGH * self.numbers
+
+    @property
+    def is_simple(self) -> bool:
+        """Tell whether one cause explains all."""
+        return self.explains and self.best is not None and self.best.causes == 1
+
+    @property
+    def is_wrong(self) -> bool:
+        """Tell whether ranges are wrong by the best explanation, or by one as good."""
+        return any(one.is_wrong for one in (self.best, *self.rivals) if one)
+
+    @property
+    def has_moved(self) -> bool:
+        """Tell whether the best is a movement of a camera alone, which refining finds."""
+        return self.best is not None and self.best.cures == (MOVED,)
+
+    @property
+    def is_wrong_if_refined(self) -> bool:
+        """Tell whether ranges are wrong by the best, or by one as good, and refining, which takes
+        all for a movement of a camera, would hide it.
+        """
+        return any(
+            one.is_wrong and one.cures != (MOVED,) for one in (self.best, *self.rivals) if one
+        )
+
+    @property
+    def line(self) -> str:
+        """The best and its rivals, what they do to ranges, and what to do; "" where nothing is to
+        be explained.
+        """
+        if self.best is None or not self.best.text:
+            return ""
+        rivals = "".join(f"; as likely: {one.text}: {one.ranges}" for one in self.rivals)
+        doubt = (
+            ""
+            if self.explains
+            else "; no cause that was tested explains all, and the error of ranges may be another"
+        )
+        cures = dict.fromkeys(cure for one in (self.best, *self.rivals) for cure in one.cures)
+        return f"{self.best.text}: {self.best.ranges}{rivals}{doubt}: {'; '.join(cures)}"
+
+
+NOT_TESTED = Causes()
+
+
+def find_causes(
+    rig: StereoRig, found: Sequence[Matches], couples: Sequence[SeenTwice] = ()
+) -> Causes:
+    """Fit all causes to the rows of matches in the rig's rectified images, and to what couples of
+    neighboring pairs show.
+
+    Not tested where they show too few points.
+    """
+    try:
+        evidence = _Observed.of(rig, found, couples)
+    except np.linalg.LinAlgError:  # all points in one place
+        return NOT_TESTED
+    if evidence is None:
+        return NOT_TESTED
+    seen = [(cause, *_predicted(cause, cause.step, rig, evidence)) for cause in CAUSES]
+    seen = [one for one in seen if np.isfinite(one[1]).all()]
+    size = len(evidence.white)
+    best = [_FittedCauses((), evidence.white, np.zeros(0), np.zeros((0, 0)))]
+    for together in range(1, MOST_TOGETHER + 1):
+        if best[0].misfit < PENALTY:
+            break
+        fits = [
+            _fit(causes, evidence.whiten @ np.column_stack([seen[i][1] for i in causes]), evidence)
+            for causes in combinations(range(len(seen)), together)
+        ]
+        fits = [fit for fit in fits if _is_plausible(fit, seen)]
+        fits.sort(key=lambda fit: fit.misfit)
+        if not fits or fits[0].misfit > best[0].misfit - PENALTY:
+            break
+        best = [fit for fit in fits if fit.misfit < fits[0].misfit + ALIKE]
+    pair = evidence.geometry
+    lens_error = LENS_RAD * pair.focal_px / float(np.median((evidence.left - evidence.right)[:, 0]))
+    explained = [
+        _explanation(*_again(fit, seen, rig, evidence), lens_error, evidence.measured)
+        for fit in best
+    ]
+    return Causes(explained[0], tuple(explained[1:]), size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """white: (n,) the evidence in its standard errors; whiten: (n, n) makes it so. left, right:
+    (m, 2) pixels of points in the rectified images, from ``geometry``'s principal points, that
+    agree about the rows. measured: the error of ranges at the median disparity as the motion shows
+    it, whatever the cause; NaN without motion.
+    """
+
+    white: Array
+    whiten: Array
+    left: Array
+    right: Array
+    geometry: RectifiedPair
+    measured: float
+
+    @classmethod
+    def of(
+        cls, rig: StereoRig, found: Sequence[Matches], couples: Sequence[SeenTwice]
+    ) -> "_Observed | None":
+        plan = plan_rectification(rig)
+        pair = plan.matching_pair
+        centers = np.array([[pair.cx_left_px, pair.cy_px], [pair.cx_right_px, pair.cy_px]])
+        sides = []
+        for one in (one for one in found if len(one.left) >= LEAST_POINTS):
+            kept = row_inliers(one.left, one.right, pair)
+            sides.append((one.left[kept] - centers[0], one.right[kept] - centers[1]))
+        if not sides:
+            return None
+        numbers = np.repeat(np.arange(len(sides)), [len(left) for left, _ in sides])
+        left, right = (np.concatenate([one[side] for one in sides]) for side in (0, 1))
+        disparity = left[:, 0] - right[:, 0]
+        in_front = disparity > 1
+        if in_front.sum() < LEAST_POINTS:
+            return None
+        left, right, disparity, numbers = (
+            values[in_front] for values in (left, right, disparity, numbers)
+        )
+        rows, row_cov = _row_evidence(right, disparity, right[:, 1] - left[:, 1], numbers, pair)
+        values, cov = [rows], [row_cov]
+        if len(couples) >= 3:
+            moved, moved_cov = _motion_evidence(couples, pair)
+            values, cov = [*values, moved], [*cov, moved_cov]
+        whole = np.zeros((sum(map(len, values)),) * 2)
+        whole[: len(row_cov), : len(row_cov)] = row_cov
+        if len(cov) > 1:
+            whole[len(row_cov) :, len(row_cov) :] = cov[1]
+        whiten = np.linalg.inv(np.linalg.cholesky(whole))
+        step = -(-len(left) // SHOWN)
+        shown = left[::step]
+        level = np.column_stack([right[::step, 0], shown[:, 1]])
+        measured = float("nan")
+        if len(values) > 1:
+            offset_px, log_focal = values[1][:2]
+            measured = (1 + offset_px / np.median(disparity)) * np.exp(-log_focal) - 1
+        return cls(whiten @ np.concatenate(values), whiten, shown, level, pair, float(measured))
+
+    def points(self, rig: StereoRig, taken: StereoRig) -> Array:
+        """(m, 3) from the left camera, where rig ``taken`` took what ``rig`` rectified."""
+        pair = self.geometry
+        raw = raw_points(
+            rig,
+            np.add(self.left, [pair.cx_left_px, pair.cy_px]),
+            np.add(self.right, [pair.cx_right_px, pair.cy_px]),
+        )
+        plan = plan_rectification(taken)
+        pair = plan.matching_pair
+        left, right = rectified_points(taken, *raw)
+        disparity = left[:, 0] - right[:, 0] - (pair.cx_left_px - pair.cx_right_px)
+        slopes = (left - [pair.cx_left_px, pair.cy_px]) / pair.focal_px
+        depth_m = pair.focal_px * pair.baseline_m / np.where(disparity > 1, disparity, np.nan)
+        rays = np.column_stack([slopes, np.ones(len(slopes))])
+        return np.asarray((rays * depth_m[:, None]) @ plan.R_left_matching)
+
+
+def _terms(right: Array, disparity: Array, pair: RectifiedPair) -> Array:
+    """(n, 7) how rows may disagree: evenly, over rows (scale), over columns (roll), as after a yaw
+    and a pitch, by the lenses, and with range; 1 at the edges of the image.
+    """
+    x, y = (right / (np.array(pair.image_size) / 2)).T
+    far = disparity / np.median(disparity) - 1
+    return np.column_stack([np.ones_like(x), y, x, x * y, y**2, y * (x**2 + y**2), far])
+
+
+def _row_evidence(
+    right: Array, disparity: Array, rows: Array, numbers: NDArray[np.int64], pair: RectifiedPair
+) -> tuple[Array, Array]:
+    """(7,) amounts of the terms, pixels, and their covariance, with that of a usual lens model."""
+    terms = _terms(right, disparity, pair)
+    values, rest = robust_fit(terms, rows)
+    pairs = np.unique(numbers)
+    without = [
+        robust_fit(terms[numbers != one], rows[numbers != one])[0] for one in pairs[:MOST_LEFT_OUT]
+    ]
+    noise_px = 1.4826 * float(np.median(np.abs(rest)))
+    corner_px = LENS_RAD * float(np.prod(pair.image_size)) / 4 / pair.focal_px
+    lens_px = np.array([ROWS_PX] * 3 + [corner_px] * 3 + [ROWS_PX])
+    formal = np.asarray(noise_px**2 * np.linalg.inv(terms.T @ terms), np.float64)
+    between = jackknife(np.array(without)) if len(pairs) > 1 else np.zeros(len(values))
+    return values, np.asarray(np.diag(between**2 + lens_px**2) + formal)
+
+
+def _motion_evidence(couples: Sequence[SeenTwice], pair: RectifiedPair) -> tuple[Array, Array]:
+    """(4,) offset, focal length, and disparities over rows and columns, and their covariance, with
+    that of a usual lens model.
+    """
+    fitted = fit_motions(couples, pair, OFFSET, FOCAL, ROWS, COLUMNS)
+    unknown = fitted.std[FOCAL] > MOTION_LIMITS.known_focal
+    if unknown:
+        fitted = fit_motions(couples, pair, OFFSET, ROWS, COLUMNS)
+    chosen = [OFFSET, FOCAL, ROWS, COLUMNS]
+    off = (fitted.partial - fitted.partial.mean(axis=0))[:, chosen]
+    lens_px = LENS_RAD * pair.focal_px
+    lens = np.array([lens_px, LENS_FOCAL, lens_px / 2, lens_px / 2])
+    between = (len(couples) - 1) / len(couples) * off.T @ off
+    cov = between + np.diag(fitted.formal[chosen] ** 2 + lens**2)
+    cov[1, 1] += unknown
+    return fitted.values[chosen], np.asarray(cov, np.float64)
+
+
+def _predicted(
+    cause: Cause, amount: float, rig: StereoRig, evidence: _Observed
+) -> tuple[Array, Array]:
+    """(n,) the evidence of a cause of this amount, and (m,) the relative error of each point's
+    range, both for an amount of 1.
+    """
+    pair = evidence.geometry
+    taken = rig if cause.make is None else cause.make(rig, amount)
+    points = evidence.points(rig, taken)
+    left, right = _seen(rig, rig, points)
+    if cause.make is None:
+        left_now, right_now = left, right.copy()
+        right_now[:, 0] -= amount * right[:, 1] / (pair.image_size[1] / 2)
+    else:
+        left_now, right_now = _seen(taken, rig, points)
+    use = np.isfinite([left_now, right_now, left, right]).all(axis=(0, 2))
+    before, after = left[:, 0] - right[:, 0], left_now[:, 0] - right_now[:, 0]
+    ranges: Array = (before / after - 1) / amount
+    if use.sum() < LEAST_POINTS:
+        return np.full(len(evidence.white), np.nan), ranges
+    left, right, left_now, right_now, before, after = (
+        values[use] for values in (left, right, left_now, right_now, before, after)
+    )
+    rows = (right_now - left_now)[:, 1] - (right - left)[:, 1]
+    predicted = np.linalg.lstsq(_terms(right, before, pair), rows, rcond=None)[0]
+    if len(evidence.white) > len(predicted):
+        predicted = np.append(predicted, _predicted_motion(left, left_now, before, after, pair))
+    return np.asarray(predicted / amount, np.float64), ranges
+
+
+def _predicted_motion(
+    left: Array, left_now: Array, before: Array, after: Array, pair: RectifiedPair
+) -> Array:
+    """(4,) what would be seen of disparities and focal length: points of left images, as they lie
+    now, are turned (which no motion shows) and enlarged against before.
+    """
+    (x, y), one = left.T / pair.focal_px, np.ones(len(left))
+    moved = (left_now - left).T
+    terms = np.concatenate(
+        [
+            np.column_stack([one + x**2, x * y, -y, left[:, 0]]),
+            np.column_stack([x * y, one + y**2, x, left[:, 1]]),
+        ]
+    )
+    focal = float(np.linalg.lstsq(terms, moved.ravel(), rcond=None)[0][3])
+    half = np.array(pair.image_size) / 2
+    over = np.column_stack([one, left[:, 1] / half[1], left[:, 0] / half[0]])
+    offset, rows, columns = np.linalg.lstsq(over, focal * before - (after - before), rcond=None)[0]
+    return np.array([offset, focal, rows, columns])
+
+
+def _seen(taken: StereoRig, read: StereoRig, of: Array) -> tuple[Array, Array]:
+    """(m, 2) pixels, from the principal points, of points (m, 3) as the one rig takes them and the
+    other reads them.
+    """
+    plan = plan_rectification(taken)
+    pair, pixels = plan.matching_pair, []
+    right = of @ taken.R.T + taken.T_right_left[:3, 3]
+    for points, R, cx_px in (
+        (of, plan.R_left_matching, pair.cx_left_px),
+        (right, plan.R_right_matching, pair.cx_right_px),
+    ):
+        turned = points @ R.T
+        pixels.append(pair.focal_px * turned[:, :2] / turned[:, 2:] + [cx_px, pair.cy_px])
+    at_left, at_right = rectified_points(read, *raw_points(taken, pixels[0], pixels[1]))
+    pair = plan_rectification(read).matching_pair
+    return at_left - [pair.cx_left_px, pair.cy_px], at_right - [pair.cx_right_px, pair.cy_px]
+
+
+@dataclass(frozen=True, eq=False)
+class _FittedCauses:
+    """causes: places in the table. rest: (n,) what they leave. amounts, cov: of the causes."""
+
+    causes: tuple[int, ...]
+    rest: Array
+    amounts: Array
+    cov: Array
+
+    @property
+    def misfit(self) -> float:
+        return float(self.rest @ self.rest)
+
+
+def _fit(causes: Iterable[int], predicted: Array, evidence: _Observed) -> _FittedCauses:
+    amounts = np.linalg.lstsq(predicted, evidence.white, rcond=None)[0]
+    cov = np.asarray(np.linalg.pinv(predicted.T @ predicted))
+    rest = evidence.white - predicted @ amounts
+    return _FittedCauses(tuple(causes), rest, np.asarray(amounts), cov)
+
+
+_Seen = tuple[Cause, Array, Array]
+
+
+def _is_plausible(fit: _FittedCauses, seen: Sequence[_Seen]) -> bool:
+    """Tell whether no amount is larger than any cause makes, or too small to be needed."""
+    most = np.array([seen[i][0].most for i in fit.causes])
+    needed = np.abs(fit.amounts) > np.sqrt(PENALTY * np.diag(fit.cov))
+    return bool((np.abs(fit.amounts) < most).all() and needed.all())
+
+
+def _again(
+    fit: _FittedCauses, seen: Sequence[_Seen], rig: StereoRig, evidence: _Observed
+) -> tuple[_FittedCauses, Sequence[_Seen]]:
+    """Fit again with what amounts of this size predict: a large one is not in proportion."""
+    seen = list(seen)
+    for _ in range(ROUNDS):
+        for place, amount in zip(fit.causes, fit.amounts, strict=True):
+            cause = seen[place][0]
+            now = (cause, *_predicted(cause, float(amount), rig, evidence))
+            seen[place] = now if np.isfinite(now[1]).all() else seen[place]
+        predicted = [seen[place][1] for place in fit.causes]
+        if predicted:
+            fit = _fit(fit.causes, evidence.whiten @ np.column_stack(predicted), evidence)
+    return fit, seen
+
+
+def _explanation(
+    fit: _FittedCauses, seen: Sequence[_Seen], lens_error: float, measured: float
+) -> Explanation:
+    """lens_error: of ranges, relative, that a usual lens model leaves. measured: by the motion."""
+    if not fit.causes:
+        return Explanation("", (), 0, fit.misfit)
+    chosen = [seen[i] for i in fit.causes]
+    texts = [
+        cause.text.format(f"{cause.unit * amount:+.2g}", f"{cause.unit * std:.1g}")
+        for (cause, *_), amount, std in zip(
+            chosen, fit.amounts, np.sqrt(np.diag(fit.cov)), strict=True
+        )
+    ]
+    errors = np.column_stack([error for *_, error in chosen])
+    errors = errors[np.isfinite(errors).all(axis=1)]
+    middle = np.median(errors, axis=0)
+    # what is not understood makes all errors larger
+    cov = fit.cov * max(1.0, fit.misfit / max(len(fit.rest) - len(chosen), 1))
+    off, beside = errors @ fit.amounts, errors - middle
+    error, std = float(np.median(off)), float(np.hypot(np.sqrt(middle @ cov @ middle), lens_error))
+    uneven = _most(np.abs(beside @ fit.amounts))
+    uneven_std = _most(np.sqrt(((beside @ cov) * beside).sum(axis=1)))
+    return Explanation(
+        " and ".join(texts),
+        tuple(dict.fromkeys(cause.cure for cause, *_ in chosen)),
+        len(chosen),
+        fit.misfit,
+        error,
+        std if np.isnan(measured) else float(np.hypot(std, measured - error)),
+        _most(np.abs(off)),
+        abs(error) > max(RANGE_ERROR, DEVIATIONS * std)
+        or uneven > max(RANGE_ERROR, DEVIATIONS * uneven_std),
+    )
+
+
+def _most(values: Array) -> float:
+    return float(np.quantile(values, 0.95))

@@ -1,0 +1,34 @@
+"""The checks of a dive, as one list.
+
+``run``, ``range``, ``check`` and ``inspect`` ask the same questions before the work.
+"""
+
+from stereo_seecolor.checks.image_files import (
+    channel_order,
+    compression,
+    cut_out,
+    form,
+    gray_side,
+    shifted_mosaic,
+)
+from stereo_seecolor.checks.range_maps import disparities
+from stereo_seecolor.checks.verdict import Check
+
+_COMPRESSION = Check("strong compression", "the head of a file", compression)
+_FORM = Check("pages and palettes", "the head of a file", form)
+
+IMAGE_CHECKS = (
+    Check("pictures cut out or zoomed", "the heads of 4 files", cut_out),
+    _COMPRESSION,
+    _FORM,
+    Check("a left side without color", "3 pairs", gray_side),
+    Check("mosaics read one column off", "3 pairs", shifted_mosaic),
+    Check("red and blue exchanged from a frame on", "5 left images", channel_order),
+)
+"""Of pairs of images, in the order of their notes."""
+RANGED_CHECKS = (
+    _COMPRESSION,
+    _FORM,
+    Check("range maps that hold disparities", "6 images and their maps", disparities),
+)
+"""Of images with range maps."""

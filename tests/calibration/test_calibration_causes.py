@@ -1,0 +1,98 @@
+"""Causes of what rows and motion show: of drawn dives with one fault, with two, and with none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_rigs import Fault, affine, both, drawn_dive, rig, shutters, turned
+
+from calibration import StereoRig
+from calibration.field_checks.causes import find_causes
+
+YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
+ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"
+RIGHT, LEFT, BOTH = (f"focal length of {side}" for side in ("the right", "the left", "both"))
+CUT, SHUTTERS = "images of both sides cut out", "rolling shutters"
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"relief_m": 0.0, "seed": 2},
+        {"points": 70},
+        {"noise_px": 0.35},
+        {"pairs": 3, "seed": 5},
+        {"seed": 9},
+    ],
+    ids=["rough", "flat", "few features", "noise", "three pairs", "another bottom"],
+)
+def test_no_cause_is_named_without_a_fault(settings: dict[str, float]) -> None:
+    drawn = drawn_dive(**settings)
+    found = find_causes(drawn.rig, drawn.matches, drawn.couples)
+    assert (found.line, found.is_wrong, found.explains) == ("", False, True)
+
+
+def test_a_wrong_baseline_leaves_no_trace() -> None:
+    T = rig().T_right_left.copy()
+    T[:3, 3] *= 1.1
+    drawn = drawn_dive(true=replace(rig(), T_right_left=T))
+    assert find_causes(drawn.rig, drawn.matches, drawn.couples).line == ""
+    assert abs(drawn.range_error) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("fault", "true", "named", "rivals"),
+    [
+        (affine(x_px=6), None, ALONG, {YAW}),
+        (affine(x_px=-6), None, ALONG, {YAW}),
+        (affine(y_px=3), None, ACROSS, {PITCH}),
+        (affine(scale=1.02), None, RIGHT, {LEFT}),
+        (affine(right=False, scale=1.02), None, LEFT, {RIGHT}),
+        (both(1.1), None, CUT, {BOTH}),
+        (shutters(-3), None, SHUTTERS, set()),
+        (None, turned(yaw=0.009), YAW, set()),
+        (None, turned(pitch=0.005), PITCH, {ACROSS}),
+        (None, turned(roll=0.009), ROLL, set()),
+    ],
+)
+def test_a_fault_is_named_with_what_it_does_to_ranges(
+    fault: Fault | None, true: StereoRig | None, named: str, rivals: set[str]
+) -> None:
+    drawn = drawn_dive(*([fault] if fault else []), true=true)
+    found = find_causes(drawn.rig, drawn.matches, drawn.couples)
+    assert found.best and named in found.best.text and found.best.causes == 1
+    assert all(any(rival in one.text for rival in rivals) for one in found.rivals)
+    assert any(
+        one.range_error == pytest.approx(drawn.range_error, abs=2 * one.range_std + 0.01)
+        for one in (found.best, *found.rivals)
+    )
+    # a pitch and a shift across the baseline leave ranges as they are
+    assert found.is_wrong == (named not in (PITCH, ACROSS))
+
+
+@pytest.mark.parametrize(
+    ("faults", "named"),
+    [
+        ([affine(x_px=5, roll=0.008)], {ROLL, ALONG}),
+        ([affine(scale=1.02), shutters(2)], {RIGHT, SHUTTERS}),
+        ([affine(x_px=8, y_px=4, scale=1.02)], {RIGHT, ALONG, ACROSS}),
+    ],
+)
+def test_faults_at_once_are_all_named(faults: list[Fault], named: set[str]) -> None:
+    drawn = drawn_dive(*faults)
+    found = find_causes(drawn.rig, drawn.matches, drawn.couples)
+    assert found.best and all(name in found.best.text for name in named)
+    assert found.best.causes == len(named) and found.explains and found.is_wrong
+
+
+def test_without_motion_what_rows_show_is_named_alone() -> None:
+    drawn = drawn_dive(affine(x_px=6, scale=1.02))
+    found = find_causes(drawn.rig, drawn.matches)
+    assert found.best and RIGHT in found.line and LEFT in found.line and ALONG not in found.line
+
+
+def test_points_in_one_place_tell_nothing() -> None:
+    drawn = drawn_dive(points=2)
+    assert find_causes(drawn.rig, drawn.matches).line == ""
+    assert np.isfinite(drawn.range_error)
