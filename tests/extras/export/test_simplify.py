@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from stereo_seecolor.extras.export.texture.simplify import boundary_edges, simplify
+from stereo_seecolor.extras.export.simplify import boundary_edges, simplify
 
 BOUND_M = 0.004
 

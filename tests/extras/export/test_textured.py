@@ -13,10 +13,11 @@ import pytest
 import trimesh
 from mapping_scene import PAIR, track, write_map
 
-from stereo_seecolor.extras.export import textured, tiles_3d
+from stereo_seecolor.extras.export import tiles_3d
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.files.ply import read_triangles
 from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.texture import textured
 
 FRAMES = 5
 BOX_LOW, BOX_HIGH = np.array([0.3, -0.15, -0.1]), np.array([0.6, 0.15, 0.3])

@@ -12,8 +12,8 @@ from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import splu
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.extras.export.texture.simplify import SimplifiedSurface
-from stereo_seecolor.extras.export.texture.views import Charts, Views
+from stereo_seecolor.texture.surface import Surface
+from stereo_seecolor.texture.views import Charts, Views
 
 # Pages of texture: charts packed as rectangles, each cut out of its image, row after row.
 
@@ -137,7 +137,7 @@ def _shelves(
 
 def paint(
     views: Views,
-    surface: SimplifiedSurface,
+    surface: Surface,
     charts: Charts,
     page: Page,
     of_chart: Sequence[NDArray[np.int64]],
@@ -255,9 +255,7 @@ than from light.
 """
 
 
-def level(
-    views: Views, surface: SimplifiedSurface, charts: Charts, across: NDArray[np.int64]
-) -> Charts:
+def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int64]) -> Charts:
     """The charts with their corrections. across: (F, 3) neighbors or -1."""
     if not len(charts.vertex):
         return charts

@@ -10,11 +10,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.extras.export.texture.simplify import SimplifiedSurface
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.texture.surface import Surface
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Candidates:
     value: NDArray[np.float32]
 
 
-def candidates(views: Views, surface: SimplifiedSurface) -> Candidates:
+def candidates(views: Views, surface: Surface) -> Candidates:
     """The best views of each triangle: by pixels a meter (range and slant), sharpness, place in the
     image, and agreement in color.
 
@@ -196,7 +196,7 @@ class Charts:
 
 def build_charts(
     views: Views,
-    surface: SimplifiedSurface,
+    surface: Surface,
     label: NDArray[np.int32],
     across: NDArray[np.int64],
     group: NDArray[np.int64],
