@@ -23,6 +23,7 @@ from stereo_seecolor.extras.export.star_kernels import (
     turns,
 )
 from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.mapping.surface.small_holes import closed
 from stereo_seecolor.mapping.surface.surface import only_used
 from stereo_seecolor.run_folder.layout import MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -387,10 +388,11 @@ class SimplifiedSurface(Surface):
 
 
 def read_surface(posed: PosedRun) -> SimplifiedSurface:
-    """The run's mesh, simplified within half a voxel."""
+    """The run's mesh, its holes of single voxels closed, simplified within half a voxel."""
     longest_m = longest_edge_m(posed)
     path = posed.map_folder / MESH
-    vertices, triangles = read_vertices(path), np.array(read_triangles(path)["indices"], np.int32)
+    vertices, faces = read_vertices(path), read_triangles(path)["indices"]
+    triangles = closed(vertices["position"], faces, posed.voxel_m).astype(np.int32)
     whole = SimplifiedSurface(
         np.array(vertices["position"], np.float64),
         np.array(vertices["color"]),
@@ -399,7 +401,7 @@ def read_surface(posed: PosedRun) -> SimplifiedSurface:
         np.array(vertices["normal"]),
         0.0,
         0.0,
-        len(triangles),
+        len(faces),
     )
     return whole.simplified(BOUND_VOXELS * posed.voxel_m, longest_m)
 
