@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
-from scipy.sparse.linalg import splu
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.texture.surface import Surface
@@ -150,17 +149,17 @@ def paint(
     for i in np.argsort(charts.view[page.charts], kind="stable"):  # each image is read once
         chart = page.charts[i]
         left, top, w, h = page.source[i]
-        image = views.image(int(charts.view[chart]))
-        rows, columns = (
-            np.clip(np.arange(a, a + n), 0, size - 1)
-            for a, n, size in ((top, h, len(image)), (left, w, image.shape[1]))
-        )
+        image = views.picture(int(charts.view[chart])).image
         corners = charts.node[of_chart[chart]]
-        patch = _leveled(
-            image[np.ix_(rows, columns)],
+        patch = np.empty((h, w, 3), np.uint8)
+        patch[:] = surface.color[charts.vertex[corners[0, 0]]]
+        cut(
+            image,
+            (left, top),
             charts.pixel[corners] - (left, top),
             charts.correction[corners],
             PAD_PX * page.step,
+            patch,
         )
         if page.step > 1:
             patch = cv2.resize(
@@ -176,22 +175,24 @@ def paint(
     return result
 
 
-def _leveled(
-    patch: NDArray[np.uint8],
-    corners: NDArray[np.float64],
-    correction: NDArray[np.float32],
-    margin_px: int,
-) -> NDArray[np.uint8]:
-    """A patch with the corrections of its triangles, (F, 3, 2) pixels and (F, 3, 3); beyond them
-    its mean color.
+@compiled
+def cut(image, corner, triangles, correction, margin_px, patch):  # type: ignore[no-untyped-def]
+    """Cut a patch (h, w, 3) out of an image, with the corrections of its triangles, (F, 3, 2)
+    pixels and (F, 3, 3); beyond them it stays as it is. corner: its left and top in the image.
     """
+    left, top = corner
     added = np.zeros(patch.shape, np.float32)
     inside = np.zeros(patch.shape[:2], np.uint8)
-    spread(added, inside, corners, correction, margin_px)
-    result: NDArray[np.uint8] = np.clip(np.rint(patch + added), 0, 255).astype(np.uint8)
-    if (inside == 2).any():
-        result[inside == 0] = result[inside == 2].mean(axis=0)
-    return result
+    spread(added, inside, triangles, correction, margin_px)
+    for y in range(patch.shape[0]):
+        row = min(max(top + y, 0), image.shape[0] - 1)
+        for x in range(patch.shape[1]):
+            if inside[y, x] == 0:
+                continue
+            column = min(max(left + x, 0), image.shape[1] - 1)
+            for c in range(3):
+                value = np.rint(image[row, column, c] + added[y, x, c])
+                patch[y, x, c] = np.uint8(min(max(value, 0), 255))
 
 
 @compiled
@@ -244,11 +245,16 @@ noise and parallax.
 """
 MAP = 0.1
 """Weight of the map's color at a vertex."""
+RIM = 0.3
+"""The same where a triangle has no neighbor or one that no view shows: what lies beyond, of another
+tile or of the map's colors, is to fit.
+"""
+ROUNDS = 8
+"""Of averages with the neighbors: over some three vertices."""
+SWEEPS = 20
+"""Of the relaxation: the averages of differences from the map are a good guess of all but seams."""
 ALONG = np.linspace(0, 1, 7)
 """Places on an edge where its color is taken."""
-BLUR_PX = 2.0
-"""Before colors are compared: a seam may be off by a pixel or two."""
-
 LIGHT_STD = 20.0
 """Of 255: larger differences between views come from different content (edges of objects) rather
 than from light.
@@ -260,24 +266,70 @@ def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int
     if not len(charts.vertex):
         return charts
     one, other = _seams(charts, across)
-    difference = _colors(views, charts, other) - _colors(views, charts, one)
-    every = np.arange(len(charts.vertex))
-    to_map = surface.color[charts.vertex] - _colors(views, charts, np.stack([every, every], axis=1))
     count, nodes = len(one), len(charts.vertex)
+    every = np.repeat(np.arange(nodes), 2).reshape(-1, 2)
+    found = _colors(views, charts, np.concatenate([other, one, every]))
+    difference = found[:count] - found[count : 2 * count]
+    to_map = surface.color[charts.vertex] - found[2 * count :]
     row = np.repeat(np.arange(count), 4)
     column = np.concatenate([one, other], axis=1).ravel()
+    inner = _inner_edges(charts)
+    to_map = _smoothed(to_map, inner)
     sure, sure_of_map = _sureness(difference), _sureness(to_map)
+    rim = np.zeros(nodes, np.bool_)
+    rim[_rim(charts, across)] = True
+    sure_of_map *= np.where(rim, RIM, MAP)
     signs = (sure[:, None] * (0.5, 0.5, -0.5, -0.5)).ravel()
     seam = coo_array((signs, (row, column)), shape=(count, nodes)).tocsr()
-    inner = _inner_edges(charts)
     signs = np.tile([1.0, -1.0], len(inner))
     smooth = coo_array(
         (signs, (np.repeat(np.arange(len(inner)), 2), inner.ravel())), shape=(len(inner), nodes)
     ).tocsr()
-    normal = seam.T @ seam + SMOOTH**2 * (smooth.T @ smooth) + diags_array((MAP * sure_of_map) ** 2)
-    right = seam.T @ (sure[:, None] * difference) + (MAP * sure_of_map[:, None]) ** 2 * to_map
-    solved = splu(normal.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(np.asarray(right))
-    return charts.leveled(solved.astype(np.float32))
+    normal = seam.T @ seam + SMOOTH**2 * (smooth.T @ smooth) + diags_array(sure_of_map**2)
+    normal = normal.tocsr()
+    right = seam.T @ (sure[:, None] * difference) + sure_of_map[:, None] ** 2 * to_map
+    relax(normal.indptr, normal.indices, normal.data, np.asarray(right), to_map, SWEEPS)
+    return charts.leveled(to_map.astype(np.float32))
+
+
+@compiled
+def relax(starts, columns, weights, right, values, sweeps):  # type: ignore[no-untyped-def]
+    """Solve equations of a symmetric matrix by rows (Gauss and Seidel), forth and back in turns.
+    values (N, 3): a guess, which becomes the solution.
+    """
+    rows = len(values)
+    for sweep in range(sweeps):
+        for i in range(rows):
+            row = i if sweep % 2 == 0 else rows - 1 - i
+            for c in range(3):
+                total, own = right[row, c], 1.0
+                for k in range(starts[row], starts[row + 1]):
+                    if columns[k] == row:
+                        own = weights[k]
+                    else:
+                        total -= weights[k] * values[columns[k], c]
+                values[row, c] = total / own
+
+
+def _smoothed(values: NDArray[np.float64], edges: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Values of nodes (N, 3) averaged over some neighbors: what the map's cells blend is no
+    error.
+    """
+    ends = np.concatenate(
+        [edges, edges[:, ::-1], np.repeat(np.arange(len(values)), 2).reshape(-1, 2)]
+    )
+    around = coo_array((np.ones(len(ends)), ends.T), shape=(len(values),) * 2).tocsr()
+    mean = diags_array(1 / np.asarray(around.sum(axis=1)).ravel()) @ around
+    for _ in range(ROUNDS):
+        values = mean @ values
+    return values
+
+
+def _rim(charts: Charts, across: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nodes of edges beyond which no view shows anything."""
+    beyond = (across < 0) | (charts.of_face[across] < 0)
+    face, corner = np.nonzero(beyond & (charts.of_face >= 0)[:, None])
+    return np.concatenate([charts.node[face, corner], charts.node[face, (corner + 1) % 3]])
 
 
 def _sureness(difference: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -313,17 +365,19 @@ def _colors(views: Views, charts: Charts, edges: NDArray[np.int64]) -> NDArray[n
     """(S, 3) mean color of edges (S, 2) in the view of their charts."""
     view = charts.view[charts.chart[edges[:, 0]]]
     result = np.zeros((len(edges), 3))
-    for number in np.unique(view):
-        of_view = np.flatnonzero(view == number)
-        image = cv2.GaussianBlur(views.image(int(number)), (0, 0), BLUR_PX).astype(np.float32)
+    order = np.argsort(view, kind="stable")
+    numbers, first = np.unique(view[order], return_index=True)
+    for number, of_view in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+        soft = views.picture(number).soft
         start, end = charts.pixel[edges[of_view, 0]], charts.pixel[edges[of_view, 1]]
-        places = (start[:, None] + ALONG[:, None] * (end - start)[:, None]).astype(np.float32)
+        at = start[:, None] + ALONG[:, None] * (end - start)[:, None]
+        places = ((at + 0.5) / 2 - 0.5).astype(np.float32)  # soft has half the pixels
         # remap takes at most 32767 rows
         sampled = [
             cv2.remap(
-                image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-            )
+                soft, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            ).mean(axis=1)
             for part in np.array_split(places, 1 + len(places) // 30000)
         ]
-        result[of_view] = np.concatenate(sampled).mean(axis=1)
+        result[of_view] = np.concatenate(sampled)
     return result

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.texture.choice import choose
 from stereo_seecolor.texture.painting import PageMesh, level, pack, page_mesh, paint
 from stereo_seecolor.texture.surface import Surface, neighbors
-from stereo_seecolor.texture.views import Charts, Views, build_charts, candidates, choose
+from stereo_seecolor.texture.views import Charts, Views, build_charts, candidates
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,6 @@ class Textured:
     def pages(self, group: int = 0, step: int = 1) -> Iterator[tuple[PageMesh, NDArray[np.uint8]]]:
         """A group's triangles and their textures (H, W, 3) RGB. step: pixels of the images to one
         of the texture.
-
-        Raises InputError if an image is gone or damaged.
         """
         own = np.flatnonzero((self.group == group) & (self.charts.of_face >= 0))
         order = own[np.argsort(self.charts.of_face[own], kind="stable")]
@@ -37,11 +35,9 @@ class Textured:
             yield mesh, paint(self.views, self.surface, self.charts, page, of_chart)
 
 
-def textured(posed: PosedRun, surface: Surface, group: NDArray[np.int64] | None = None) -> Textured:
-    """Choose views, cut charts and level their seams. group (F,): zeros if None. Raises InputError
-    as Views.image.
-    """
-    views, across = Views(posed), neighbors(surface.triangles)
+def textured(views: Views, surface: Surface, group: NDArray[np.int64] | None = None) -> Textured:
+    """Choose views, cut charts and level their seams. group (F,): zeros if None."""
+    across = neighbors(surface.triangles)
     of_face = np.zeros(len(surface.triangles), np.int64) if group is None else group
     label = choose(candidates(views, surface), across)
     charts = level(views, surface, build_charts(views, surface, label, across, of_face), across)

@@ -10,6 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.records import Map
@@ -21,7 +23,7 @@ from stereo_seecolor.texture.surface import Surface
 class TextureLimits:
     """Which views of a triangle count, and how much."""
 
-    kept: int = 6
+    kept: int = 8
     """Views a triangle keeps: more than overlap usefully in a survey."""
     same_range: float = 0.02
     """A view shows a place whose distance is the measured range within this fraction: else
@@ -40,29 +42,73 @@ class TextureLimits:
 LIMITS = TextureLimits()
 
 
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A corrected image, image (H, W, 3); the same without what is finer than some pixels, soft
+    (H / 2, W / 2, 3); its measured ranges, range_m (H, W), NaN where there are none; and how sharp
+    it is.
+    """
+
+    image: NDArray[np.uint8]
+    soft: NDArray[np.uint8]
+    range_m: Map
+    sharpness: float
+
+
+SOFT_PX = 2.0
+"""Before colors of views are compared: they may be off by a pixel or two."""
+KEPT_BYTES = 300_000_000
+"""Of pictures in memory: neighboring places share them."""
+
+
 class Views:
-    """The corrected images of a run; the last few are kept."""
+    """The corrected images of a run; the last ones are kept. Any thread may ask for them.
 
-    def __init__(self, posed: PosedRun, kept: int = 4) -> None:
-        self.posed = posed
-        self.image = lru_cache(kept)(self._read)
+    unreadable: messages of frames with a file that is gone or damaged; they show nothing.
+    """
 
-    def _read(self, number: int) -> NDArray[np.uint8]:
-        """(H, W, 3). Raises InputError if it is gone or damaged."""
-        return eight_bit(self.posed.frames[number].read("corrected"))
+    def __init__(self, posed: PosedRun) -> None:
+        self.posed, self.unreadable = posed, dict[int, str]()
+        width, height = posed.geometry.image_size
+        self.picture = lru_cache(max(4, KEPT_BYTES // (8 * width * height)))(self._read)
+        self.reach_m = lru_cache(None)(self._reach_m)
 
-    def project(
-        self, number: int, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Pixels (..., 2), with (0, 0) in the center of the top left one, and depths (...) of
-        points (..., 3) of the map.
+    def _read(self, number: int) -> Picture:
+        """Raises InputError if a file is gone or damaged."""
+        frame = self.posed.frames[number]
+        image = eight_bit(frame.read("corrected"))
+        half = [-(-side // 2) for side in image.shape[1::-1]]
+        soft = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
+        soft = np.asarray(cv2.GaussianBlur(soft, (0, 0), SOFT_PX / 2), np.uint8)
+        return Picture(image, soft, self.posed.measured_range_m(frame), _sharpness(image))
+
+    def _reach_m(self, number: int) -> float:
+        """The largest range that a frame measured; 0 without any, and if it is unreadable."""
+        try:
+            range_m = self.picture(number).range_m
+        except InputError as error:
+            self.unreadable[number] = str(error)
+            return 0.0
+        return float(np.nanmax(range_m)) if np.isfinite(range_m).any() else 0.0
+
+    def facing(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The frames in whose sight a box lies, however far: numbers."""
+        ends = np.stack([low, high])
+        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+        T = self.posed.T_camera_map
+        x, y, z = np.moveaxis(corners @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3], -1, 0)
+        g, (width, height) = self.posed.geometry, self.posed.geometry.image_size
+        u, v = g.focal_px * x + g.cx_left_px * z, g.focal_px * y + g.cy_px * z
+        inside = (z, u, v, (width - 1) * z - u, (height - 1) * z - v)
+        return np.flatnonzero(np.all([(side > 0).any(axis=1) for side in inside], axis=0))
+
+    def project(self, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels (N, 2), with (0, 0) in the center of the top left one, of points (N, 3) of the
+        map.
         """
-        seen = transformed(self.posed.T_camera_map[number], points.reshape(-1, 3)).reshape(
-            points.shape
-        )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = seen @ self.posed.geometry.P_left.T
-            return pixels[..., :2] / pixels[..., 2:], seen[..., 2]
+        seen = transformed(self.posed.T_camera_map[number], points)
+        pixels = seen @ self.posed.geometry.P_left.T
+        return np.asarray(pixels[:, :2] / pixels[:, 2:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,81 +126,122 @@ def candidates(views: Views, surface: Surface) -> Candidates:
     A view counts only where its measured range agrees with the surface at the triangle's center,
     and contradicts it at no corner.
     """
+    faces = len(surface.triangles)
+    view = np.full((faces, LIMITS.kept), -1, np.int32)
+    value = np.zeros((faces, LIMITS.kept), np.float32)
+    if not faces:
+        return Candidates(view, value)
     corners = surface.position[surface.triangles]
-    centers, tree = corners.mean(axis=1), cKDTree(corners.mean(axis=1))
-    view = np.full((len(corners), LIMITS.kept), -1, np.int32)
-    value = np.zeros((len(corners), LIMITS.kept), np.float32)
-    for number, frame in enumerate(views.posed.frames):
-        range_m = views.posed.measured_range_m(frame)
-        if not np.isfinite(range_m).any():
-            continue
-        reach_m = float(np.nanmax(range_m)) * (1 + LIMITS.same_range)
-        near = np.array(
-            tree.query_ball_point(views.posed.T_map_camera[number, :3, 3], reach_m), np.int64
-        )
+    tree = cKDTree(corners.mean(axis=1))
+    facing = views.facing(corners.min(axis=(0, 1)), corners.max(axis=(0, 1)))
+    for number in facing.tolist():
+        reach_m = views.reach_m(number) * (1 + LIMITS.same_range)
+        eye = views.posed.T_map_camera[number, :3, 3]
+        near = np.array(tree.query_ball_point(eye, reach_m), np.int64)
         if not len(near):
             continue
-        points = np.concatenate([corners[near], centers[near, None]], axis=1)
-        seen, pixels = _seen(views, number, range_m, surface.bound_m, points)
-        near, pixels = near[seen], pixels[seen]
-        found = _value(
-            views.image(number), pixels, corners[near], surface.color[surface.triangles[near]]
+        seen = views.picture(number)
+        rate(
+            near,
+            (surface.position, surface.triangles, surface.color, surface.bound_m),
+            (views.posed.geometry.P_left @ views.posed.T_camera_map[number, :3], eye),
+            (seen.range_m, seen.soft, seen.sharpness),
+            (LIMITS.same_range, LIMITS.border_px, LIMITS.corner_loss, LIMITS.color_std),
+            number,
+            view,
+            value,
         )
-        worst = value[near].argmin(axis=1)
-        better = found > value[near, worst]
-        view[near[better], worst[better]] = number
-        value[near[better], worst[better]] = found[better]
     return Candidates(view, value)
 
 
-def _seen(
-    views: Views, number: int, range_m: Map, bound_m: float, points: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Which of triangles, points (n, 4, 3) with their centers last, a view shows, and the pixels
-    (n, 4, 2).
+@compiled
+def rate(near, surface, camera, seen, limits, number, view, value):  # type: ignore[no-untyped-def]
+    """Put a view among the best of each triangle that it shows. near (n,): triangles in reach.
+    camera: (3, 4) projection and (3,) place.
     """
-    pixels, depth_m = views.project(number, points)
-    height, width = range_m.shape
-    low, high = LIMITS.border_px, np.array([width, height]) - 1 - LIMITS.border_px
-    inside = (depth_m > 0).all(axis=1) & ((pixels >= low) & (pixels <= high)).all(axis=(1, 2))
-    distance_m = np.linalg.norm(points[inside] - views.posed.T_map_camera[number, :3, 3], axis=-1)
-    column, row = np.rint(pixels[inside]).astype(np.int64).transpose(2, 0, 1)
-    apart_m = np.abs(range_m[row, column] - distance_m)
-    most_m = np.maximum(LIMITS.same_range * distance_m, 2 * bound_m)
-    agree = (apart_m[:, 3] <= most_m[:, 3]) & ~(apart_m > most_m).any(axis=1)
-    result = np.zeros(len(points), np.bool_)
-    result[inside] = agree & (_twice_area_px(pixels[inside]) > 0)
-    return result, pixels
+    position, triangles, color, bound_m = surface
+    range_m, soft, sharpness = seen
+    same_range, border_px, corner_loss, color_std = limits
+    most = same_range, 2 * bound_m, border_px
+    middle_x, middle_y = (range_m.shape[1] - 1) / 2, (range_m.shape[0] - 1) / 2
+    point, pixel = np.empty((4, 3)), np.empty((4, 2))
+    for f in near:
+        for c in range(3):
+            for k in range(3):
+                point[k, c] = position[triangles[f, k], c]
+            point[3, c] = (point[0, c] + point[1, c] + point[2, c]) / 3
+        shown = True
+        for turn in range(4):  # the center first: nearly all that is not shown fails there
+            shown = shown and agrees(
+                point[3 - turn], camera, range_m, most, turn == 0, pixel[3 - turn]
+            )
+        if not shown:
+            continue
+        ax, ay = pixel[1, 0] - pixel[0, 0], pixel[1, 1] - pixel[0, 1]
+        bx, by = pixel[2, 0] - pixel[0, 0], pixel[2, 1] - pixel[0, 1]
+        # positive where it faces the camera: y points down there, and corners run the other way
+        area_px = ay * bx - ax * by
+        if area_px <= 0:
+            continue
+        off = ((pixel[3, 0] - middle_x) ** 2 + (pixel[3, 1] - middle_y) ** 2) / (
+            middle_x**2 + middle_y**2
+        )
+        found = (
+            sharpness
+            * np.sqrt(area_px / max(twice_area_m2(point), 1e-12))
+            * (1 - corner_loss * off)
+        )
+        at = soft[int(np.rint(pixel[3, 1])) // 2, int(np.rint(pixel[3, 0])) // 2]
+        found /= 1 + (difference(at, color, triangles[f]) / color_std) ** 2
+        worst = value[f].argmin()
+        if found > value[f, worst]:
+            view[f, worst], value[f, worst] = number, found
 
 
-def _twice_area_px(pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positive for triangles that face the camera: their corners run the other way round where y
-    points down.
+@compiled
+def agrees(point, camera, range_m, most, is_sure, pixel):  # type: ignore[no-untyped-def]
+    """Whether a view shows a point by its measured range, and where, into ``pixel`` (2,). is_sure:
+    not where nothing was measured.
     """
-    a, b = pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]
-    return np.asarray(a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1])
+    projection, eye = camera
+    same_range, least_m, border_px = most
+    p, (x, y, z) = projection, (point[0], point[1], point[2])
+    depth_m = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+    if depth_m <= 0:
+        return False
+    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / depth_m
+    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / depth_m
+    right, bottom = range_m.shape[1] - 1 - border_px, range_m.shape[0] - 1 - border_px
+    if not (border_px <= u <= right and border_px <= v <= bottom):
+        return False
+    pixel[0], pixel[1] = u, v
+    away_m = np.sqrt((x - eye[0]) ** 2 + (y - eye[1]) ** 2 + (z - eye[2]) ** 2)
+    apart_m = abs(range_m[int(np.rint(v)), int(np.rint(u))] - away_m)
+    most_m = max(same_range * away_m, least_m)
+    return apart_m <= most_m if is_sure else not apart_m > most_m
 
 
-def _value(
-    image: NDArray[np.uint8],
-    pixels: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    colors: NDArray[np.uint8],
-) -> NDArray[np.float64]:
-    height, width = image.shape[:2]
-    area_m2 = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    px_a_meter = np.sqrt(_twice_area_px(pixels) / np.maximum(area_m2, 1e-12))
-    middle = np.array([width - 1, height - 1]) / 2
-    off_center = ((pixels[:, 3] - middle) ** 2).sum(axis=1) / (middle**2).sum()
-    blurred = cv2.GaussianBlur(image, (0, 0), 3)
-    column, row = np.rint(pixels[:, 3]).astype(np.int64).T
-    difference = np.abs(blurred[row, column].astype(np.float64) - colors.mean(axis=1)).max(axis=1)
-    agreement = 1 / (1 + (difference / LIMITS.color_std) ** 2)
-    return np.asarray(
-        _sharpness(image) * px_a_meter * (1 - LIMITS.corner_loss * off_center) * agreement
-    )
+@compiled
+def twice_area_m2(point):  # type: ignore[no-untyped-def]
+    """Twice the area of the triangle of the first three points."""
+    a0, a1, a2 = point[1, 0] - point[0, 0], point[1, 1] - point[0, 1], point[1, 2] - point[0, 2]
+    b0, b1, b2 = point[2, 0] - point[0, 0], point[2, 1] - point[0, 1], point[2, 2] - point[0, 2]
+    return np.sqrt((a1 * b2 - a2 * b1) ** 2 + (a2 * b0 - a0 * b2) ** 2 + (a0 * b1 - a1 * b0) ** 2)
+
+
+@compiled
+def difference(at, color, corners):  # type: ignore[no-untyped-def]
+    """The largest of the three channels between a color and the mean of three vertices."""
+    largest = 0.0
+    for c in range(3):
+        mean = float(color[corners[0], c]) + float(color[corners[1], c])
+        mean = (mean + float(color[corners[2], c])) / 3
+        largest = max(largest, abs(float(at[c]) - mean))
+    return largest
+
+
+COARSE_PX = 4
+"""What is compared with the finest contrast is seen in a picture reduced so much."""
 
 
 def _sharpness(image: NDArray[np.uint8]) -> float:
@@ -163,7 +250,9 @@ def _sharpness(image: NDArray[np.uint8]) -> float:
     """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     fine = np.abs(gray - cv2.GaussianBlur(gray, (0, 0), 1)).mean()
-    coarse = np.abs(cv2.GaussianBlur(gray, (0, 0), 2) - cv2.GaussianBlur(gray, (0, 0), 6)).mean()
+    size = [max(1, side // COARSE_PX) for side in gray.shape[::-1]]
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    coarse = np.abs(small - cv2.GaussianBlur(small, (0, 0), 6 / COARSE_PX)).mean()
     return float((fine + 0.1) / (coarse + 0.1))
 
 
@@ -215,7 +304,7 @@ def build_charts(
     pixel = np.zeros((len(unique), 2))
     for number in np.unique(view):
         of_view = np.flatnonzero(view[chart] == number)
-        pixel[of_view] = views.project(int(number), surface.position[vertex[of_view]])[0]
+        pixel[of_view] = views.project(int(number), surface.position[vertex[of_view]])
     return Charts(
         of_face, view, of_group, node, vertex, chart, pixel, np.zeros((len(unique), 3), np.float32)
     )
@@ -238,38 +327,3 @@ def _components(
     seen = label >= 0
     result[seen] = np.unique(component[seen], return_inverse=True)[1]
     return result
-
-
-# Choice of one view for each triangle: a good one, and the same as its neighbors' where that
-# costs little.
-
-SEAM = 0.4
-"""Cost of an edge between two views, as a fraction of a view's value (Potts model): patches of some
-hundred triangles.
-"""
-SWEEPS = 30
-"""Iterated conditional modes (Besag 1986) change next to nothing after some twenty."""
-
-
-def choose(found: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Choose the view of each triangle: (F,), -1 where none shows it. across: (F, 3), neighbors or
-    -1.
-    """
-    with np.errstate(divide="ignore"):
-        cost = np.where(found.view >= 0, -np.log(np.maximum(found.value, 1e-9)), np.inf)
-    faces = np.arange(len(cost))
-    label = np.where(
-        np.isfinite(cost).any(axis=1), found.view[faces, cost.argmin(axis=1)], -1
-    ).astype(np.int32)
-    rng = np.random.default_rng(0)
-    for _ in range(SWEEPS):
-        # half at a time: two neighbors must not swap for ever
-        turn = np.flatnonzero(rng.random(len(cost)) < 0.5)
-        beside = np.where(across[turn] >= 0, label[across[turn]], -1)
-        differ = (beside[:, None, :] != found.view[turn, :, None]) & (beside[:, None, :] >= 0)
-        total = cost[turn] + SEAM * differ.sum(axis=2)
-        best = total.argmin(axis=1)
-        label[turn] = np.where(
-            np.isfinite(total[np.arange(len(turn)), best]), found.view[turn, best], -1
-        )
-    return label

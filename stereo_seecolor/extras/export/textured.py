@@ -16,6 +16,7 @@ from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.textured import Textured, textured
+from stereo_seecolor.texture.views import Views
 
 
 def summary(made: Textured, surface: SimplifiedSurface) -> str:
@@ -43,6 +44,16 @@ def open_surface(posed: PosedRun) -> SimplifiedSurface:
     return surface
 
 
+def painted(
+    views: Views, surface: SimplifiedSurface, group: NDArray[np.int64] | None = None
+) -> Textured:
+    """The surface with all images on it. Raises InputError if one is gone or damaged."""
+    made = textured(views, surface, group)
+    for message in views.unreadable.values():
+        raise InputError(message)
+    return made
+
+
 # The textured surface as binary glTF 2.0: for Blender, game engines, phones and web viewers.
 
 QUALITY = 95
@@ -56,7 +67,7 @@ def write_textured_glb(posed: PosedRun, folder: Path) -> str:
     damaged.
     """
     surface = open_surface(posed)
-    made = textured(posed, surface)
+    made = painted(Views(posed), surface)
     write_group(made, surface, folder / "reef.glb")
     return summary(made, surface)
 
@@ -99,7 +110,7 @@ def write_textured_obj(posed: PosedRun, folder: Path) -> str:
     damaged.
     """
     surface = open_surface(posed)
-    made = textured(posed, surface)
+    made = painted(Views(posed), surface)
     offset_m = " ".join(f"{value:.6f}" for value in posed.offset_m)
     with (
         (folder / "reef.obj").open("w", encoding="ascii") as file,

@@ -20,12 +20,12 @@ from stereo_seecolor.earth import (
 )
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.simplify import SimplifiedSurface, longest_edge_m
-from stereo_seecolor.extras.export.textured import open_surface, summary, write_group
+from stereo_seecolor.extras.export.textured import open_surface, painted, summary, write_group
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.posed_run import PosedRun
-from stereo_seecolor.texture.textured import textured
+from stereo_seecolor.texture.views import Views
 from stereo_seecolor.version import __version__
 
 NEAR_M = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
@@ -56,6 +56,7 @@ def write(posed: PosedRun, folder: Path) -> str:
     Raises InputError if an image is gone or damaged.
     """
     surface, boxes, finest_is = open_surface(posed), {}, ""
+    views = Views(posed)
     finest = _finest_level(posed, surface)
     low, high = surface.position.min(axis=0), surface.position.max(axis=0)
     side_m = max(float((high - low)[:2].max()), 1e-3) * (1 + 1e-9)
@@ -64,7 +65,7 @@ def write(posed: PosedRun, folder: Path) -> str:
         step = 1 << (finest - level)
         if level < finest:
             surface = surface.simplified(surface.bound_m, longest_edge_m(posed))
-        made = textured(posed, surface, _cells(surface, low, side_m, level))
+        made = painted(views, surface, _cells(surface, low, side_m, level))
         finest_is = finest_is or summary(made, surface)
         errors_m.append(max(surface.bound_m, LIMITS.viewer_px * step * posed.pixel_m))
         (folder / "tiles" / str(level)).mkdir(parents=True)
