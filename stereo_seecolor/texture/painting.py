@@ -357,8 +357,9 @@ def _seams(
 
 def _inner_edges(charts: Charts) -> NDArray[np.int64]:
     node = charts.node[charts.of_face >= 0]
-    ends = np.sort(np.stack([node, np.roll(node, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    return np.asarray(np.unique(ends, axis=0))
+    ends = np.stack([node, np.roll(node, -1, axis=1)])
+    key = np.unique(ends.min(axis=0) << 32 | ends.max(axis=0))
+    return np.stack([key >> 32, key & 0xFFFFFFFF], axis=1)
 
 
 def _colors(views: Views, charts: Charts, edges: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """The images as views of the surface: where each shows it, and how well."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -8,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
@@ -91,8 +91,8 @@ class Views:
             return 0.0
         return float(np.nanmax(range_m)) if np.isfinite(range_m).any() else 0.0
 
-    def facing(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The frames in whose sight a box lies, however far: numbers."""
+    def near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Iterator[int]:
+        """The frames that may show something of a box."""
         ends = np.stack([low, high])
         corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
         T = self.posed.T_camera_map
@@ -100,7 +100,12 @@ class Views:
         g, (width, height) = self.posed.geometry, self.posed.geometry.image_size
         u, v = g.focal_px * x + g.cx_left_px * z, g.focal_px * y + g.cy_px * z
         inside = (z, u, v, (width - 1) * z - u, (height - 1) * z - v)
-        return np.flatnonzero(np.all([(side > 0).any(axis=1) for side in inside], axis=0))
+        in_sight = np.all([(side > 0).any(axis=1) for side in inside], axis=0)
+        eye = self.posed.T_map_camera[:, :3, 3]
+        away_m = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0), axis=1)
+        for number in np.flatnonzero(in_sight).tolist():
+            if away_m[number] <= self.reach_m(number) * (1 + LIMITS.same_range):
+                yield number
 
     def project(self, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Pixels (N, 2), with (0, 0) in the center of the top left one, of points (N, 3) of the
@@ -132,17 +137,10 @@ def candidates(views: Views, surface: Surface) -> Candidates:
     if not faces:
         return Candidates(view, value)
     corners = surface.position[surface.triangles]
-    tree = cKDTree(corners.mean(axis=1))
-    facing = views.facing(corners.min(axis=(0, 1)), corners.max(axis=(0, 1)))
-    for number in facing.tolist():
-        reach_m = views.reach_m(number) * (1 + LIMITS.same_range)
+    for number in views.near(corners.min(axis=(0, 1)), corners.max(axis=(0, 1))):
         eye = views.posed.T_map_camera[number, :3, 3]
-        near = np.array(tree.query_ball_point(eye, reach_m), np.int64)
-        if not len(near):
-            continue
         seen = views.picture(number)
         rate(
-            near,
             (surface.position, surface.triangles, surface.color, surface.bound_m),
             (views.posed.geometry.P_left @ views.posed.T_camera_map[number, :3], eye),
             (seen.range_m, seen.soft, seen.sharpness),
@@ -155,9 +153,9 @@ def candidates(views: Views, surface: Surface) -> Candidates:
 
 
 @compiled
-def rate(near, surface, camera, seen, limits, number, view, value):  # type: ignore[no-untyped-def]
-    """Put a view among the best of each triangle that it shows. near (n,): triangles in reach.
-    camera: (3, 4) projection and (3,) place.
+def rate(surface, camera, seen, limits, number, view, value):  # type: ignore[no-untyped-def]
+    """Put a view among the best of each triangle that it shows. camera: (3, 4) projection and
+    (3,) place.
     """
     position, triangles, color, bound_m = surface
     range_m, soft, sharpness = seen
@@ -165,7 +163,7 @@ def rate(near, surface, camera, seen, limits, number, view, value):  # type: ign
     most = same_range, 2 * bound_m, border_px
     middle_x, middle_y = (range_m.shape[1] - 1) / 2, (range_m.shape[0] - 1) / 2
     point, pixel = np.empty((4, 3)), np.empty((4, 2))
-    for f in near:
+    for f in range(len(triangles)):
         for c in range(3):
             for k in range(3):
                 point[k, c] = position[triangles[f, k], c]

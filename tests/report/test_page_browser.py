@@ -8,7 +8,8 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -40,7 +41,7 @@ from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.records import Water
+from stereo_seecolor.records import SurveyFrame, Water
 from stereo_seecolor.report.map_mesh import MeshSizes
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -571,8 +572,8 @@ def on_map(new_context: Callable[..., BrowserContext], mapped: Path) -> Iterator
     assert not complaints
 
 
-def mapped_run(out: Path) -> None:
-    write_run(out, [flat_frame(i) for i in range(4)], PAIR)
+def mapped_run(out: Path, frames: Sequence[SurveyFrame] | None = None) -> None:
+    write_run(out, frames or [flat_frame(i) for i in range(4)], PAIR)
     rows = [f"f{i},ok,0,,,{i},,\n" for i in range(4)]
     (out / "frames.csv").write_text(
         "name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows)
@@ -621,6 +622,49 @@ def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Pag
     assert 1 <= found.count() <= 4
     found.first.click()
     expect(on_map.locator("#frames .frame-name")).to_be_visible()
+
+
+STRIPES_M, STRIPES_LEVELS = 0.03, 40
+"""Period and amplitude of stripes that the images resolve (four pixels), and voxels do not."""
+
+
+def striped_frame(i: int) -> SurveyFrame:
+    x_m = track(4).T_world_camera[i, 0, 3] + (np.arange(160) - 80) / 200 * 1.5
+    stripes = STRIPES_LEVELS * np.sin(2 * np.pi * x_m / STRIPES_M)
+    rgb = np.clip(np.rint(128 + stripes), 0, 255).astype(np.uint8)
+    return replace(flat_frame(i), color=np.tile(rgb[None, :, None], (128, 1, 3)))
+
+
+@pytest.mark.slow
+def test_a_zoom_by_wheel_shows_what_the_images_resolve_and_the_relief_stays_gray(
+    new_context: Callable[..., BrowserContext], tmp_path: Path
+) -> None:
+    """Three quarters of the stripes' contrast are seen; voxels of 2 cm keep a third of it."""
+    out = tmp_path / "out"
+    mapped_run(out, [striped_frame(i) for i in range(4)])
+    page = new_context().new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#map")
+    stage = page.locator(".map-stage canvas")
+    stage.wait_for()
+    at_rest(page)
+    box = box_of(stage)
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(*middle)
+    for _ in range(8):
+        page.mouse.wheel(0, -240)
+    until(page, lambda: contrast(at_rest(page)) > 0.75 * STRIPES_LEVELS)
+    page.get_by_role("button", name="Relief").click()
+    until(page, lambda: contrast(at_rest(page)) < 0.1 * STRIPES_LEVELS)
+    page.mouse.click(*middle)
+    page.locator(".found .card").first.wait_for()
+
+
+def contrast(screenshot: bytes) -> float:
+    """The amplitude of stripes in the middle of the map."""
+    image = cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_GRAYSCALE)
+    height, width = image.shape
+    part = image[height * 2 // 5 : height * 3 // 5, width * 2 // 5 : width * 3 // 5]
+    return float(np.sqrt(2) * part.std())
 
 
 @pytest.mark.slow
