@@ -36,7 +36,8 @@ class TextureSizes:
 
     triangles: int = 60_000  # of a tile, and
     pixels: int = 3_000_000  # of the images: loaded in a tenth of a second
-    texels_per_cell: int = 4  # a surface as fine as its texture shows nothing more
+    voxels_per_cell: float = 2.0  # finer cells are rough by noise, which smears what lies on them
+    texels_per_cell: float = 4.0  # a surface as fine as its texture shows nothing more
     jpeg_quality: int = 85  # errors below the noise of the images, a third of the bytes of 95
     steps_per_texel: int = 4  # of places in the texture
 
@@ -53,7 +54,7 @@ def textured_tiles(
     """Paint the levels of a mesh, of cells of that edge, the finest first: the first that is coarse
     enough has the images' pixels, each further one half as many along each axis.
     """
-    least_m = TEXTURES.texels_per_cell * posed.pixel_m
+    least_m = max(TEXTURES.voxels_per_cell * voxel_m, TEXTURES.texels_per_cell * posed.pixel_m)
     painted = [each for each in wholes if each[0] >= least_m] or wholes[-1:]
     finest = painted[0][1]
     corner_m, count = finest.corner_m, len(finest.triangles) / TEXTURES.triangles

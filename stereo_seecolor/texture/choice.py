@@ -18,7 +18,7 @@ SMALL = 300
 """Triangles of a patch that may take a neighbor's view as a whole, where none of them would
 alone.
 """
-ROUNDS = 3
+ROUNDS = 2
 """Of both: patches that became larger can be left by others again."""
 
 

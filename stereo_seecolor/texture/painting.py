@@ -145,28 +145,22 @@ def paint(
     image is gone or damaged.
     """
     width, height = page.size
-    result = np.zeros((height, width, 3), np.uint8)
+    between = int(surface.color.mean())  # what coarser copies of the texture mix in
+    result = np.full((height, width, 3), between, np.uint8)
     for i in np.argsort(charts.view[page.charts], kind="stable"):  # each image is read once
-        chart = page.charts[i]
-        left, top, w, h = page.source[i]
-        image = views.picture(int(charts.view[chart])).image
-        corners = charts.node[of_chart[chart]]
-        patch = np.empty((h, w, 3), np.uint8)
-        patch[:] = surface.color[charts.vertex[corners[0, 0]]]
-        cut(
-            image,
-            (left, top),
-            charts.pixel[corners] - (left, top),
-            charts.correction[corners],
-            PAD_PX * page.step,
-            patch,
-        )
-        if page.step > 1:
-            patch = cv2.resize(
-                patch, (int(w) // page.step, int(h) // page.step), interpolation=cv2.INTER_AREA
-            )
-        x, y = page.place[i]
-        result[y : y + len(patch), x : x + patch.shape[1]] = patch
+        chart, (x, y) = page.charts[i], page.place[i]
+        faces = of_chart[chart]
+        corners = charts.node[faces]
+        shown = (charts.pixel[corners], charts.correction[corners], charts.on_edge[faces])
+        image, source = views.picture(int(charts.view[chart])).image, page.source[i]
+        if page.step == 1:
+            cut(image, source, shown, PAD_PX, result, page.place[i])
+            continue
+        size = source[2:] // page.step
+        patch = np.full((source[3], source[2], 3), between, np.uint8)
+        cut(image, source, shown, PAD_PX * page.step, patch, np.zeros(2, np.int64))
+        part = cv2.resize(patch, size.tolist(), interpolation=cv2.INTER_AREA)
+        result[y : y + len(part), x : x + part.shape[1]] = part
     ramp = np.linspace(0, 1, BLOCK_PX)
     for face, (x, y) in zip(page.unseen, page.block, strict=True):
         a, b, c = surface.color[surface.triangles[face]].astype(np.float64)
@@ -176,60 +170,48 @@ def paint(
 
 
 @compiled
-def cut(image, corner, triangles, correction, margin_px, patch):  # type: ignore[no-untyped-def]
-    """Cut a patch (h, w, 3) out of an image, with the corrections of its triangles, (F, 3, 2)
-    pixels and (F, 3, 3); beyond them it stays as it is. corner: its left and top in the image.
+def cut(image, source, shown, margin_px, page, place):  # type: ignore[no-untyped-def]
+    """Cut triangles out of an image into a page at a place (2,), with their corrections; those on
+    the chart's edge with ``margin_px`` around. source: left, top, width and height in the image.
     """
-    left, top = corner
-    added = np.zeros(patch.shape, np.float32)
-    inside = np.zeros(patch.shape[:2], np.uint8)
-    spread(added, inside, triangles, correction, margin_px)
-    for y in range(patch.shape[0]):
-        row = min(max(top + y, 0), image.shape[0] - 1)
-        for x in range(patch.shape[1]):
-            if inside[y, x] == 0:
-                continue
-            column = min(max(left + x, 0), image.shape[1] - 1)
-            for c in range(3):
-                value = np.rint(image[row, column, c] + added[y, x, c])
-                patch[y, x, c] = np.uint8(min(max(value, 0), 255))
-
-
-@compiled
-def spread(added, inside, corners, correction, margin_px):  # type: ignore[no-untyped-def]
-    """Interpolate corrections over triangles, and up to ``margin_px`` beyond them. inside: 2 in a
-    triangle, 1 beside one.
-    """
-    height, width = inside.shape
-    for f in range(len(corners)):
-        ax, ay, bx, by = corners[f, 0, 0], corners[f, 0, 1], corners[f, 1, 0], corners[f, 1, 1]
-        cx, cy = corners[f, 2, 0], corners[f, 2, 1]
+    left, top, width, height = source
+    pixel, correction, on_edge = shown
+    done = np.zeros((height, width), np.uint8)  # 2 in a triangle, 1 beside one
+    for f in range(len(pixel)):
+        ax, ay = pixel[f, 0, 0] - left, pixel[f, 0, 1] - top
+        bx, by = pixel[f, 1, 0] - left, pixel[f, 1, 1] - top
+        cx, cy = pixel[f, 2, 0] - left, pixel[f, 2, 1] - top
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         if area == 0:
             continue
-        left = max(0, int(np.floor(min(ax, bx, cx))) - margin_px)
-        right = min(width - 1, int(np.ceil(max(ax, bx, cx))) + margin_px)
-        top = max(0, int(np.floor(min(ay, by, cy))) - margin_px)
-        bottom = min(height - 1, int(np.ceil(max(ay, by, cy))) + margin_px)
-        for y in range(top, bottom + 1):
-            for x in range(left, right + 1):
-                if inside[y, x] == 2:
+        margin = margin_px if on_edge[f] else 1
+        first_x = max(0, int(np.floor(min(ax, bx, cx))) - margin)
+        last_x = min(width - 1, int(np.ceil(max(ax, bx, cx))) + margin)
+        first_y = max(0, int(np.floor(min(ay, by, cy))) - margin)
+        last_y = min(height - 1, int(np.ceil(max(ay, by, cy))) + margin)
+        for y in range(first_y, last_y + 1):
+            row = min(max(top + y, 0), image.shape[0] - 1)
+            for x in range(first_x, last_x + 1):
+                if done[y, x] == 2:
                     continue
                 v = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
                 w = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
-                u = 1 - v - w
-                within = u >= 0 and v >= 0 and w >= 0
-                if not within:
-                    if inside[y, x] == 1:
-                        continue
-                    u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
-                    total = u + v + w
-                    u, v, w = u / total, v / total, w / total
-                for k in range(3):
-                    added[y, x, k] = (
-                        u * correction[f, 0, k] + v * correction[f, 1, k] + w * correction[f, 2, k]
-                    )
-                inside[y, x] = 2 if within else 1
+                within = v >= 0 and w >= 0 and v + w <= 1
+                if done[y, x] == 1 and not within:
+                    continue
+                done[y, x] = 2 if within else 1
+                column = min(max(left + x, 0), image.shape[1] - 1)
+                corrected(image[row, column], correction[f], v, w, page[place[1] + y, place[0] + x])
+
+
+@compiled(inline=True)
+def corrected(color, correction, v, w, into):  # type: ignore[no-untyped-def]
+    """A color with the correction of a place in a triangle, the nearest of it beyond."""
+    u, v, w = max(1 - v - w, 0.0), max(v, 0.0), max(w, 0.0)
+    total = u + v + w
+    for c in range(3):
+        added = u * correction[0, c] + v * correction[1, c] + w * correction[2, c]
+        into[c] = np.uint8(min(max(np.rint(color[c] + added / total), 0), 255))
 
 
 # Seams leveled: a smooth correction of each chart, so that both sides of a seam have the same

@@ -243,10 +243,12 @@ COARSE_PX = 4
 
 
 def _sharpness(image: NDArray[np.uint8]) -> float:
-    """Contrast from pixel to pixel against that over some pixels: falls with motion and defocus,
-    not with what is seen.
+    """Contrast from pixel to pixel against that over some pixels, in the middle of an image: falls
+    with motion and defocus, not with what is seen.
     """
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    height, width = image.shape[:2]
+    middle = image[height // 4 : -(-3 * height // 4), width // 4 : -(-3 * width // 4)]
+    gray = cv2.cvtColor(np.ascontiguousarray(middle), cv2.COLOR_RGB2GRAY).astype(np.float32)
     fine = np.abs(gray - cv2.GaussianBlur(gray, (0, 0), 1)).mean()
     size = [max(1, side // COARSE_PX) for side in gray.shape[::-1]]
     small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
@@ -259,8 +261,8 @@ def _sharpness(image: NDArray[np.uint8]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Charts:
-    """of_face (F,): the chart of each triangle, -1 where no view shows it. view, group (C,): of
-    each chart.
+    """of_face (F,): the chart of each triangle, -1 where no view shows it. on_edge (F,): whether it
+    has a neighbor that is in none or another. view, group (C,): of each chart.
 
     A node is a vertex in a chart. node (F, 3): of each corner, -1 without a chart. vertex, chart
     (N,): of each node. pixel (N, 2): where the chart's view shows it, (0, 0) in the center of the
@@ -268,6 +270,7 @@ class Charts:
     """
 
     of_face: NDArray[np.int64]
+    on_edge: NDArray[np.bool_]
     view: NDArray[np.int32]
     group: NDArray[np.int64]
     node: NDArray[np.int64]
@@ -303,9 +306,9 @@ def build_charts(
     for number in np.unique(view):
         of_view = np.flatnonzero(view[chart] == number)
         pixel[of_view] = views.project(int(number), surface.position[vertex[of_view]])
-    return Charts(
-        of_face, view, of_group, node, vertex, chart, pixel, np.zeros((len(unique), 3), np.float32)
-    )
+    on_edge = (of_face[across] != of_face[:, None]).any(axis=1) | (across < 0).any(axis=1)
+    none = np.zeros((len(unique), 3), np.float32)
+    return Charts(of_face, on_edge, view, of_group, node, vertex, chart, pixel, none)
 
 
 def _components(
