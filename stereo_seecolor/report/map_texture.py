@@ -25,7 +25,7 @@ from stereo_seecolor.report.range_code import text
 from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
-from stereo_seecolor.texture.surface import Surface
+from stereo_seecolor.texture.surface import PaintedSurface
 from stereo_seecolor.texture.textured import textured
 from stereo_seecolor.texture.views import Views
 
@@ -119,7 +119,7 @@ def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]
     the map's colors. tile: edge of its cells, pixels of the images to one of the texture, mesh.
     """
     cell_m, step, piece = tile
-    surface = Surface(
+    surface = PaintedSurface(
         piece.points_m.astype(np.float64),
         piece.colors,
         piece.triangles.astype(np.int32),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.texture.surface import Surface
+from stereo_seecolor.texture.surface import PaintedSurface
 from stereo_seecolor.texture.views import Charts, Views
 
 # Pages of texture: charts packed as rectangles, each cut out of its image, row after row.
@@ -136,7 +136,7 @@ def _shelves(
 
 def paint(
     views: Views,
-    surface: Surface,
+    surface: PaintedSurface,
     charts: Charts,
     page: Page,
     of_chart: Sequence[NDArray[np.int64]],
@@ -243,7 +243,9 @@ than from light.
 """
 
 
-def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int64]) -> Charts:
+def level(
+    views: Views, surface: PaintedSurface, charts: Charts, across: NDArray[np.int64]
+) -> Charts:
     """The charts with their corrections. across: (F, 3) neighbors or -1."""
     if not len(charts.vertex):
         return charts

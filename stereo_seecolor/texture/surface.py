@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class PaintedSurface:
     """position (V, 3) float64 meters, map coordinates; color (V, 3) uint8, of all frames together;
     triangles (F, 3) int32, facing outwards.
 

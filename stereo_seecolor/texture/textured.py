@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.texture.choice import choose
 from stereo_seecolor.texture.painting import PageMesh, level, pack, page_mesh, paint
-from stereo_seecolor.texture.surface import Surface, neighbors
+from stereo_seecolor.texture.surface import PaintedSurface, neighbors
 from stereo_seecolor.texture.views import Charts, Views, build_charts, candidates
 
 
@@ -17,7 +17,7 @@ class Textured:
     """group (F,): pages hold triangles of one group each."""
 
     views: Views
-    surface: Surface
+    surface: PaintedSurface
     charts: Charts
     group: NDArray[np.int64]
 
@@ -35,7 +35,9 @@ class Textured:
             yield mesh, paint(self.views, self.surface, self.charts, page, of_chart)
 
 
-def textured(views: Views, surface: Surface, group: NDArray[np.int64] | None = None) -> Textured:
+def textured(
+    views: Views, surface: PaintedSurface, group: NDArray[np.int64] | None = None
+) -> Textured:
     """Choose views, cut charts and level their seams. group (F,): zeros if None."""
     across = neighbors(surface.triangles)
     of_face = np.zeros(len(surface.triangles), np.int64) if group is None else group

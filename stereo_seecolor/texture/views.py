@@ -16,7 +16,7 @@ from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.posed_run import PosedRun
-from stereo_seecolor.texture.surface import Surface
+from stereo_seecolor.texture.surface import PaintedSurface
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Candidates:
     value: NDArray[np.float32]
 
 
-def candidates(views: Views, surface: Surface) -> Candidates:
+def candidates(views: Views, surface: PaintedSurface) -> Candidates:
     """The best views of each triangle: by pixels a meter (range and slant), sharpness, place in the
     image, and agreement in color.
 
@@ -286,7 +286,7 @@ class Charts:
 
 def build_charts(
     views: Views,
-    surface: Surface,
+    surface: PaintedSurface,
     label: NDArray[np.int32],
     across: NDArray[np.int64],
     group: NDArray[np.int64],

@@ -27,7 +27,7 @@ from stereo_seecolor.mapping.surface.small_holes import closed
 from stereo_seecolor.mapping.surface.surface import only_used
 from stereo_seecolor.run_folder.layout import MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun
-from stereo_seecolor.texture.surface import Surface
+from stereo_seecolor.texture.surface import PaintedSurface
 
 # Mesh simplification by edge collapse, cheapest edge first, with a bound on the distance of the
 # original's vertices to the result.
@@ -360,7 +360,7 @@ image as a whole.
 
 
 @dataclass(frozen=True, eq=False)
-class SimplifiedSurface(Surface):
+class SimplifiedSurface(PaintedSurface):
     """normal (V, 3) float32. largest_m, rms_m: how far the vertices of the map's own surface are
     from it. original: how many triangles that one has.
     """
