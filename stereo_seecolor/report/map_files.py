@@ -14,7 +14,7 @@ from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
-from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
+from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, box, levels, read_mesh
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.range_code import height_std_m, height_tiles
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
@@ -23,9 +23,10 @@ from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
+from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "6"
+FORMAT = "7"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.
@@ -85,6 +86,7 @@ class _MapFiles:
     """
 
     made: FinishedMap
+    posed: PosedRun | None
     std_m: float
     terrain: TerrainImages | None
     raw: RawMosaic | None
@@ -103,7 +105,9 @@ class _MapFiles:
         raw = (
             RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
         )
-        return cls(made, height_std_m(facts.run), terrain, raw, facts.squares, there[MOSAIC])
+        return cls(
+            made, facts.posed, height_std_m(facts.run), terrain, raw, facts.squares, there[MOSAIC]
+        )
 
     def contents(self, key: str) -> Files:
         """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
@@ -117,7 +121,7 @@ class _MapFiles:
             "preview": f"{MAP}/orthomosaic_preview.png",
         }
         about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])
-        yield from self._mesh(about["pieces"])
+        yield from self._mesh(about)
         if self.has_mosaic and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
             about["mosaic"], tiles = mosaic
             yield from ((f"mosaic/{name}", content) for name, content in tiles)
@@ -125,20 +129,35 @@ class _MapFiles:
         yield "map.js", script("map", about)
 
     def _mesh(self, about: dict[str, Any]) -> Files:
+        pieces = about["pieces"]
         mesh = read_mesh(self.made.folder / MESH) if (self.made.folder / MESH).is_file() else None
         if mesh is None or not len(mesh.triangles):
             return
         voxel_m = self.made.cell_m["voxel_m"]
-        for level, (cell_m, tiles) in enumerate(levels(mesh, voxel_m)):
+        wholes, name = [], ""
+        for level, (cell_m, tiles, whole) in enumerate(levels(mesh, voxel_m)):
             for place, piece in tiles.items():
-                about[_name(level, place)] = {
-                    **_box(piece),
+                name = _name(level, place)
+                pieces[name] = {
+                    **box(piece),
                     "cell_m": cell_m,
-                    "finer": _finer(about, level, place),
+                    "finer": _finer(pieces, level, place),
                 }
-            pieces = ((_name(level, place), piece) for place, piece in tiles.items())
+            named = ((_name(level, place), piece) for place, piece in tiles.items())
             on_cores = Threads(cores())
-            yield from chain.from_iterable(on_cores.each(partial(self._piece, cell_m), pieces))
+            yield from chain.from_iterable(on_cores.each(partial(self._piece, cell_m), named))
+            wholes.append((cell_m, whole))
+        if self.posed is None:
+            return
+        from stereo_seecolor.report.map_texture import textured_tiles  # scipy takes long to load
+
+        made = about["textured"] = {}
+        for tile_name, tile, content in textured_tiles(self.posed, wholes, voxel_m):
+            made[tile_name] = tile
+            yield f"{tile_name}.js", content
+        if len(tiles) == 1:  # else several pieces show the whole map at first
+            below = {finer for tile in made.values() for finer in tile["finer"]}
+            made[name] = pieces[name] | {"finer": sorted(made.keys() - below)}
 
     def _piece(self, cell_m: float, named: tuple[str, Piece]) -> list[tuple[str, bytes]]:
         """The files of a tile of the mesh, of a level with cells of that edge."""
@@ -186,15 +205,6 @@ def _finer(about: dict[str, Any], level: int, place: Place) -> list[str]:
         _name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)
     ]
     return [name for name in around if name in about]
-
-
-def _box(piece: Piece) -> dict[str, Any]:
-    low, high = piece.points_m.min(axis=0), piece.points_m.max(axis=0)
-    corners = {
-        name: [round(float(value), 4) for value in corner]
-        for name, corner in (("low_m", low), ("high_m", high))
-    }
-    return {**corners, "triangles": len(piece.triangles)}
 
 
 def _squares(squares: Squares | None, edge_m: float) -> dict[str, Any] | None:

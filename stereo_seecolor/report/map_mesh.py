@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,16 @@ class Piece:
         a, b, c = (self.points_m[corner, :2] for corner in self.triangles.T)
         return np.asarray((a + b + c) / 3)  # a fifth of the time of a mean over an axis of three
 
+    @property
+    def corner_m(self) -> NDArray[np.float32]:
+        """Where tiles begin: the least x and y of the middles, (2,)."""
+        return np.asarray(self.middles_m.min(axis=0))
+
+    @property
+    def side_m(self) -> float:
+        """The longer side of what it covers."""
+        return float((self.middles_m.max(axis=0) - self.corner_m).max())
+
     def of(self, chosen: NDArray[np.int64]) -> "Piece":
         """The triangles of these numbers, with their vertices."""
         used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
@@ -83,38 +93,55 @@ class Piece:
         """The piece with triangles ordered by strips across the map, and vertices in the order in
         which triangles use them.
         """
-        strips = np.floor(self.middles_m[:, 1] / strip_m).astype(np.int64)
-        walked = self._of_vertices(
-            *_by_first_use(self.triangles[np.lexsort((self.middles_m[:, 0], strips))])
-        )
-        return walked._of_vertices(*_by_first_use(_newest_first(walked.triangles)))
-
-    def _of_vertices(self, vertices: NDArray[np.int64], triangles: NDArray[np.int64]) -> "Piece":
+        vertices, triangles = in_strips(self, strip_m)
         return Piece(self.points_m[vertices], self.colors[vertices], triangles)
 
     def packed(self, step_m: float) -> dict[str, Any]:
         """The piece as the page reads it: differences of positions between vertices, in steps;
         indices relative to the newest.
         """
-        # steps of one grid for all tiles: what two of them share stays in one place, without cracks
-        steps = np.rint(self.points_m.astype(np.float64) / step_m).astype(np.int64)
-        low = steps.min(axis=0)
-        positions = steps - low
-        indices = self.triangles.ravel()
-        newest = np.maximum.accumulate(np.concatenate([[-1], indices[:-1]]))
-        return {
-            "vertices": len(self.points_m),
-            "triangles": len(self.triangles),
-            "low_m": [float(value) for value in low * step_m],
-            "step_m": step_m,
-            "positions": text(
-                deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), repeats=True)
-            ),
-            "colors": packed_colors(self.colors),
-            "indices": text(
-                deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), repeats=True)
-            ),
+        return packed_surface(self.points_m, self.triangles, step_m) | {
+            "colors": packed_colors(self.colors)
         }
+
+
+def in_strips(piece: Piece, strip_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Numbers of the vertices of a piece in the order in which triangles use them, and the
+    triangles, ordered by strips across the map, with the vertices' new numbers.
+    """
+    strips = np.floor(piece.middles_m[:, 1] / strip_m).astype(np.int64)
+    walked = piece.triangles[np.lexsort((piece.middles_m[:, 0], strips))]
+    vertices, triangles = _by_first_use(walked)
+    again, triangles = _by_first_use(_newest_first(triangles))
+    return vertices[again], triangles
+
+
+def packed_surface(
+    points_m: NDArray[np.float32], triangles: NDArray[np.int64], step_m: float
+) -> dict[str, Any]:
+    """Vertices (N, 3) and triangles (T, 3), whose vertices come in the order in which triangles use
+    them, as the page reads them.
+    """
+    # steps of one grid for all tiles: what two of them share stays in one place, without cracks
+    steps = np.rint(points_m.astype(np.float64) / step_m).astype(np.int64)
+    low = steps.min(axis=0)
+    indices = triangles.ravel()
+    newest = np.maximum.accumulate(np.concatenate([[-1], indices[:-1]]))
+    return {
+        "vertices": len(points_m),
+        "triangles": len(triangles),
+        "low_m": [float(value) for value in low * step_m],
+        "step_m": step_m,
+        "positions": packed_steps(steps - low),
+        "indices": text(
+            deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), repeats=True)
+        ),
+    }
+
+
+def packed_steps(steps: NDArray[np.int64]) -> str:
+    """Whole numbers (N, C) of less than 23 bits as differences from row to row."""
+    return text(deflated(_planes(np.diff(steps, axis=0, prepend=0).T.ravel(), 3), repeats=True))
 
 
 def packed_colors(colors: NDArray[np.uint8]) -> str:
@@ -167,25 +194,30 @@ def read_mesh(path: Path) -> Piece:
     )
 
 
-def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Piece]]]:
-    """(cell_m, tiles by column and row) of each level of detail, the finest first: each has half as
-    fine cells as the one before.
+class Level(NamedTuple):
+    """A level of detail: the edge of its cells, its tiles, and all of it."""
+
+    cell_m: float
+    tiles: dict[Place, Piece]
+    whole: Piece
+
+
+def levels(mesh: Piece, voxel_m: float) -> Iterator[Level]:
+    """Make the levels of detail, the finest first: each has half as fine cells as the one before.
 
     A tile of a level covers four of the level before, and holds about as many triangles as each of
     those. Holes of two cells of a level are closed in it.
     """
     mesh = mesh.without_small_holes(voxel_m)
-    low, high = mesh.middles_m.min(axis=0), mesh.middles_m.max(axis=0)
-    tiles, side_m = len(mesh.triangles) / SIZES.tile_triangles, float((high - low).max()) + voxel_m
-    edge_m = (
-        side_m
-        if tiles <= 1
-        else max(float(np.sqrt(np.prod(high - low) / tiles)), side_m / SIZES.most_columns)
+    low, side_m = mesh.corner_m, mesh.side_m + voxel_m
+    edge_m = max(
+        tile_edge_m(mesh, voxel_m, len(mesh.triangles) / SIZES.tile_triangles),
+        side_m / SIZES.most_columns,
     )
     cell_m = voxel_m
     while True:
-        made = dict(_tiles(mesh, low, edge_m))
-        yield cell_m, made
+        made = dict(tiles(mesh, low, edge_m))
+        yield Level(cell_m, made, mesh)
         if len(made) <= 1 and len(mesh.triangles) <= SIZES.first_triangles:
             return
         cell_m, edge_m, before = 2 * cell_m, 2 * edge_m, len(mesh.triangles)
@@ -194,7 +226,14 @@ def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Pie
             return
 
 
-def _tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tuple[Place, Piece]]:
+def tile_edge_m(mesh: Piece, voxel_m: float, count: float) -> float:
+    """The edge of square tiles of which a mesh fills about ``count``."""
+    if count <= 1:
+        return mesh.side_m + voxel_m
+    return float(np.sqrt(np.prod(mesh.middles_m.max(axis=0) - mesh.corner_m) / count))
+
+
+def tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tuple[Place, Piece]]:
     """The triangles of a mesh by the square that their centers lie in."""
     places = np.maximum(np.floor((mesh.middles_m - low) / edge_m).astype(np.int64), 0)
     keys = places[:, 1] << 32 | places[:, 0]
@@ -202,3 +241,13 @@ def _tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tup
     found, first = np.unique(keys[order], return_index=True)
     for key, members in zip(found, np.split(order, first[1:]), strict=True):
         yield (int(key & 0xFFFFFFFF), int(key >> 32)), mesh.of(members)
+
+
+def box(piece: Piece) -> dict[str, Any]:
+    """Where a piece lies, and how many triangles it has, as the list of all pieces states it."""
+    low, high = piece.points_m.min(axis=0), piece.points_m.max(axis=0)
+    corners = {
+        name: [round(float(value), 4) for value in corner]
+        for name, corner in (("low_m", low), ("high_m", high))
+    }
+    return {**corners, "triangles": len(piece.triangles)}

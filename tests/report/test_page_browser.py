@@ -8,7 +8,8 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -40,7 +41,7 @@ from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.records import Water
+from stereo_seecolor.records import SurveyFrame, Water
 from stereo_seecolor.report.map_mesh import MeshSizes
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -571,8 +572,8 @@ def on_map(new_context: Callable[..., BrowserContext], mapped: Path) -> Iterator
     assert not complaints
 
 
-def mapped_run(out: Path) -> None:
-    write_run(out, [flat_frame(i) for i in range(4)], PAIR)
+def mapped_run(out: Path, frames: Sequence[SurveyFrame] | None = None) -> None:
+    write_run(out, frames or [flat_frame(i) for i in range(4)], PAIR)
     rows = [f"f{i},ok,0,,,{i},,\n" for i in range(4)]
     (out / "frames.csv").write_text(
         "name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows)
@@ -621,6 +622,69 @@ def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Pag
     assert 1 <= found.count() <= 4
     found.first.click()
     expect(on_map.locator("#frames .frame-name")).to_be_visible()
+
+
+STRIPES_M, STRIPES_LEVELS = 0.02, 40
+"""Period and amplitude of stripes that the images resolve (2.7 pixels), and voxels of 2 cm do
+not.
+"""
+
+
+def striped_frame(i: int) -> SurveyFrame:
+    x_m = track(4).T_world_camera[i, 0, 3] + (np.arange(160) - 80) / 200 * 1.5
+    stripes = STRIPES_LEVELS * np.sin(2 * np.pi * x_m / STRIPES_M)
+    rgb = np.clip(np.rint(128 + stripes), 0, 255).astype(np.uint8)
+    return replace(flat_frame(i), color=np.tile(rgb[None, :, None], (128, 1, 3)))
+
+
+@pytest.mark.slow
+def test_a_zoom_by_wheel_shows_what_the_images_resolve_and_the_relief_stays_gray(
+    new_context: Callable[..., BrowserContext], tmp_path: Path
+) -> None:
+    """The colors of voxels make fewer and wider stripes of them."""
+    out = tmp_path / "out"
+    mapped_run(out, [striped_frame(i) for i in range(4)])
+    page = new_context().new_page()
+
+    def seen() -> bytes:
+        page.goto("about:blank")
+        page.goto(f"{(out / 'index.html').as_uri()}#map")
+        page.locator(".map-stage canvas").wait_for()
+        at_rest(page)
+        box = box_of(page.locator(".map-stage canvas"))
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        for _ in range(8):
+            page.mouse.wheel(0, -240)
+        return at_rest(page)
+
+    sharp = seen()
+    assert contrast(sharp) > 0.5 * STRIPES_LEVELS
+    page.get_by_role("button", name="Relief").click()
+    until(page, lambda: contrast(at_rest(page)) < 0.1 * STRIPES_LEVELS)
+    page.locator(".map-stage canvas").click()
+    page.locator(".found .card").first.wait_for()
+    listed = out / "page" / "map" / "map.js"
+    listed.write_text(listed.read_text("utf-8").replace('"textured":', '"unused":'), "utf-8")
+    assert stripes(sharp) > 2 * stripes(seen())
+
+
+def middle(screenshot: bytes) -> np.ndarray:
+    """The middle of the map, in gray."""
+    image = cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_GRAYSCALE)
+    height, width = image.shape
+    return image[height * 2 // 5 : height * 3 // 5, width * 2 // 5 : width * 3 // 5].astype(float)
+
+
+def contrast(screenshot: bytes) -> float:
+    """The amplitude of stripes in the middle of the map."""
+    return float(np.sqrt(2) * middle(screenshot).std())
+
+
+def stripes(screenshot: bytes) -> int:
+    """How often it is light in the middle row of the map, beside dark."""
+    row = middle(screenshot)
+    is_light = row[len(row) // 2] > row.mean()
+    return int((is_light[1:] & ~is_light[:-1]).sum())
 
 
 @pytest.mark.slow

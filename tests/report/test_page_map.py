@@ -121,11 +121,11 @@ def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(
     assert len(finest[1]) > 4
     assert sum(len(tile.triangles) for tile in finest[1].values()) == len(mesh.triangles)
     assert set.union(*(as_set(tile, 1e-4) for tile in finest[1].values())) == as_set(mesh, 1e-4)
-    assert [cell_m for cell_m, _ in coarser] == [
+    assert [cell_m for cell_m, _, _ in coarser] == [
         0.01 * 2**level for level in range(1, len(coarser) + 1)
     ]
     assert sum(len(tile.triangles) for tile in coarser[-1][1].values()) <= 300
-    for (_, fine), (_, coarse) in zip([finest, *coarser], coarser, strict=False):
+    for (_, fine, _), (_, coarse, _) in zip([finest, *coarser], coarser, strict=False):
         assert {(column // 2, row // 2) for column, row in fine} >= coarse.keys()
 
 
@@ -139,7 +139,7 @@ def test_no_level_has_a_gap_that_the_whole_mesh_has_not(monkeypatch: pytest.Monk
     away = np.hypot(*(mesh.points_m[mesh.triangles].mean(axis=1)[:, :2] - (5.3, -2.7)).T)
     mesh = replace(mesh, triangles=mesh.triangles[away > 0.1])  # a gap of 20 cm
     rim = mesh.points_m[np.stack(boundary(mesh.triangles))].reshape(-1, 3)
-    for cell_m, tiles in mesh_levels(mesh, 0.01):
+    for cell_m, tiles, _ in mesh_levels(mesh, 0.01):
         step_m = cell_m / 16
         shown = [unpacked(tile.in_strips(cell_m).packed(step_m)) for tile in tiles.values()]
         points = np.concatenate([tile.points_m for tile in shown])
@@ -262,7 +262,8 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
         path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
     }
     folders = {"map.js", "mosaic", "terrain", "hillshade", "heights"}
-    assert {path.name for path in (out / "page/map").iterdir()} == {"0_0_0.js", *folders}
+    meshes = {"0_0_0.js", "textured_0_0_0.js"}
+    assert {path.name for path in (out / "page/map").iterdir()} == meshes | folders
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())
     report(out)
     assert first == {

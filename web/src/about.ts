@@ -9,12 +9,17 @@ export interface Place {
   pixel_m: number;
 }
 
-/** A piece of the mesh. cell_m: how fine it is. finer: the pieces that show the same at half of that. */
+/**
+ * A piece of the mesh. cell_m: how fine it is. finer: the pieces that show the same at half of that.
+ * texel_m, texels: how fine its texture is, and how many pixels it has; without one it has the colors of its vertices.
+ */
 export interface Piece {
   low_m: number[];
   high_m: number[];
   triangles: number;
   cell_m: number;
+  texel_m?: number;
+  texels?: number;
   finer: string[];
 }
 
@@ -30,6 +35,7 @@ export interface Squares {
 export interface About {
   id: string;
   pieces: Record<string, Piece>;
+  textured?: Record<string, Piece>; // the images on the surface; the first piece has the colors of its vertices
   mosaic?: Place;
   raw?: Place;
   terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number };

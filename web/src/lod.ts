@@ -1,31 +1,45 @@
 // Levels of detail: which pieces of the mesh are drawn, so that none is coarser on the screen than a few pixels.
 
-import { Box3, Frustum, Matrix4, Mesh, Vector3, type Material, type Object3D, type PerspectiveCamera } from "three";
-import type { About, Piece } from "./about";
-import { piece, rawColors } from "./pieces";
+import { Box3, Frustum, Group, Matrix4, Vector3, type Material, type Mesh, type Object3D, type PerspectiveCamera } from "three";
+import type { Piece } from "./about";
+import { colored, dispose, rawColors, textured } from "./pieces";
 
 const FILL_CELLS = 1.5;
+const TEXELS_PER_CELL = 4; // of a textured piece: its texture hides that cells are coarser than a pixel, but for outlines
 const MOST_TRIANGLES = 3_000_000; // in memory: 40 bytes each
+const MOST_TEXELS = 64_000_000; // 4 bytes each, and a third more for coarser copies
 const SAMPLE = 500; // vertices of a piece: its outline to a few percent
 const AT_ONCE = 3; // pieces that are fetched at a time
 
+/** How fine a piece is as it is seen. */
+function fineness_m({ cell_m, texel_m }: Piece): number {
+  return texel_m ? Math.max(texel_m, cell_m / TEXELS_PER_CELL) : cell_m;
+}
+
+/** What pieces weigh in memory, as a fraction of what there is room for. */
+function weight(pieces: Piece[]): number {
+  const sum = (of: (each: Piece) => number) => pieces.reduce((total, each) => total + of(each), 0);
+  return Math.max(sum((each) => each.triangles) / MOST_TRIANGLES, sum((each) => each.texels ?? 0) / MOST_TEXELS);
+}
+
 export class Detail {
-  private readonly meshes = new Map<string, Mesh>();
+  /** Everything that is loaded, to be put into a scene. */
+  readonly root = new Group();
+  private readonly parts = new Map<string, Group>();
   private readonly loading = new Set<string>();
   private readonly used = new Map<string, number>();
   private readonly boxes: Map<string, Box3>;
   private readonly roots: string[];
+  private drawn = new Set<string>();
   private clock = 0;
   private raw = false;
 
   constructor(
-    private readonly about: About,
-    private readonly parent: Object3D,
+    private readonly pieces: Record<string, Piece>,
     private material: Material,
-    private behind: Material,
     private readonly changed: () => void,
   ) {
-    const all = Object.entries(about.pieces);
+    const all = Object.entries(pieces);
     this.boxes = new Map(all.map(([name, { low_m, high_m }]) => [name, new Box3(vector(low_m), vector(high_m))]));
     const below = new Set(all.flatMap(([, each]) => each.finer));
     this.roots = all.map(([name]) => name).filter((name) => !below.has(name));
@@ -33,7 +47,11 @@ export class Detail {
 
   /** All that is drawn now, without what only fills cracks. */
   get shown(): Mesh[] {
-    return [...this.meshes.values()].filter((mesh) => mesh.visible && mesh.material === this.material);
+    return [...this.drawn].flatMap((name) => this.meshes(name));
+  }
+
+  private meshes(name: string): Mesh[] {
+    return (this.parts.get(name)?.children ?? []) as Mesh[];
   }
 
   get triangles(): number {
@@ -43,7 +61,7 @@ export class Detail {
   /** Some vertices of all that is loaded. */
   sample(): Vector3[] {
     const found: Vector3[] = [];
-    for (const mesh of this.meshes.values()) {
+    for (const mesh of [...this.parts.keys()].flatMap((name) => this.meshes(name))) {
       const position = mesh.geometry.getAttribute("position");
       const step = Math.max(1, Math.floor(position.count / SAMPLE));
       for (let i = 0; i < position.count; i += step) found.push(new Vector3().fromBufferAttribute(position, i));
@@ -53,63 +71,63 @@ export class Detail {
 
   /** How fine the piece of a drawn mesh is. */
   cell_m(mesh: Object3D): number {
-    return this.about.pieces[mesh.name]?.cell_m ?? 0;
+    return this.pieces[mesh.parent?.name ?? ""]?.cell_m ?? 0;
   }
 
-  /** behind: the same a little farther away, for the coarser pieces that fill cracks. */
-  setMaterial(material: Material, behind: Material): void {
+  /** Of the pieces that have the colors of their vertices. */
+  setMaterial(material: Material): void {
+    for (const mesh of [...this.parts.keys()].flatMap((name) => this.meshes(name))) if (mesh.material === this.material) mesh.material = material;
     this.material = material;
-    this.behind = behind;
   }
 
   /** Colors as the camera saw them, or corrected. */
   setRaw(raw: boolean): void {
     this.raw = raw;
-    for (const [name, mesh] of this.meshes) void this.paint(name, mesh);
+    for (const name of this.parts.keys()) void this.paint(name);
   }
 
   /**
    * Draw what is wanted of what is there, and fetch what is missing, the coarsest on the screen first.
-   * pixels: of a meter at a meter. coarsest_px: a cell of a piece on the screen; finer ones are drawn where it is larger.
+   * pixels: of a meter at a meter. coarsest_px: a cell or texel of a piece on the screen; finer ones are drawn where it is larger.
    */
   update(camera: PerspectiveCamera, pixels: number, coarsest_px: number): void {
     this.clock++;
     const wanted = new Map<string, number>();
-    const drawn = new Set<string>();
+    this.drawn = new Set<string>();
     const filling = new Set<string>(); // between pieces of two levels are cracks: what is one level coarser shows there
     const eye = camera.position;
     camera.updateMatrixWorld();
     const sight = new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
-    const coarseness = (box: Box3, each: Piece) => (each.cell_m * pixels) / Math.max(box.distanceToPoint(eye), camera.near);
+    const coarseness = (box: Box3, each: Piece) => (fineness_m(each) * pixels) / Math.max(box.distanceToPoint(eye), camera.near);
     const visit = (name: string, parent: string) => {
-      const each = this.about.pieces[name];
+      const each = this.pieces[name];
       this.used.set(name, this.clock);
       const box = this.boxes.get(name) as Box3;
       const tooCoarse = sight.intersectsBox(box) ? coarseness(box, each) : 0;
       const finer = each.finer;
       if (tooCoarse > coarsest_px && finer.length) {
-        if (finer.every((child) => this.meshes.has(child))) {
+        if (finer.every((child) => this.parts.has(child))) {
           for (const child of finer) visit(child, name);
           return;
         }
         for (const child of finer) {
           this.used.set(child, this.clock);
-          if (!this.meshes.has(child)) wanted.set(child, tooCoarse);
+          if (!this.parts.has(child)) wanted.set(child, tooCoarse);
         }
       }
-      drawn.add(name);
+      this.drawn.add(name);
       if (parent) filling.add(parent);
     };
     for (const root of this.roots) {
-      if (this.meshes.has(root)) visit(root, "");
+      if (this.parts.has(root)) visit(root, "");
       else wanted.set(root, Infinity);
     }
-    for (const [name, mesh] of this.meshes) {
-      mesh.visible = drawn.has(name) || filling.has(name);
-      mesh.material = drawn.has(name) ? this.material : this.behind;
-      const away = drawn.has(name) ? 0 : this.behindBy(name, camera);
-      mesh.scale.setScalar(1 + away); // around the eye: farther away, and at the same place of the screen
-      mesh.position.copy(eye).multiplyScalar(-away);
+    for (const [name, part] of this.parts) {
+      const drawn = this.drawn.has(name);
+      part.visible = drawn || filling.has(name);
+      const away = drawn ? 0 : this.behindBy(name, camera);
+      part.scale.setScalar(1 + away); // around the eye: farther away, and at the same place of the screen
+      part.position.copy(eye).multiplyScalar(-away);
     }
     this.forget();
     const room = AT_ONCE - this.loading.size;
@@ -120,50 +138,47 @@ export class Detail {
   /** So much farther away is a piece that fills cracks, that its coarser surface does not show through the finer one. */
   private behindBy(name: string, camera: PerspectiveCamera): number {
     const distance_m = this.boxes.get(name)?.distanceToPoint(camera.position) ?? 0;
-    return (FILL_CELLS * this.about.pieces[name].cell_m) / Math.max(distance_m, camera.near, this.about.pieces[name].cell_m);
-  }
-
-  private total(): number {
-    let sum = 0;
-    for (const name of [...this.meshes.keys(), ...this.loading]) sum += this.about.pieces[name].triangles;
-    return sum;
+    return (FILL_CELLS * this.pieces[name].cell_m) / Math.max(distance_m, camera.near, this.pieces[name].cell_m);
   }
 
   private hasRoom(name: string): boolean {
-    return this.roots.includes(name) || this.total() + this.about.pieces[name].triangles <= MOST_TRIANGLES;
+    return this.roots.includes(name) || weight([...this.parts.keys(), ...this.loading, name].map((each) => this.pieces[each])) <= 1;
   }
 
   /** Drop what was not looked at for longest, once there is too much of it. */
   private forget(): void {
-    const spare = [...this.meshes.keys()].filter((name) => !this.roots.includes(name) && (this.used.get(name) ?? 0) < this.clock);
+    const spare = [...this.parts.keys()].filter((name) => !this.roots.includes(name) && (this.used.get(name) ?? 0) < this.clock);
     spare.sort((a, b) => (this.used.get(a) ?? 0) - (this.used.get(b) ?? 0));
-    while (spare.length && this.total() > 0.75 * MOST_TRIANGLES) {
+    while (spare.length && weight([...this.parts.keys(), ...this.loading].map((each) => this.pieces[each])) > 0.75) {
       const name = spare.shift() as string;
-      const mesh = this.meshes.get(name);
-      if (!mesh) continue;
-      mesh.geometry.dispose();
-      this.parent.remove(mesh);
-      this.meshes.delete(name);
+      const part = this.parts.get(name);
+      if (!part) continue;
+      dispose(this.meshes(name), this.material);
+      this.root.remove(part);
+      this.parts.delete(name);
     }
   }
 
   private async load(name: string): Promise<void> {
     this.loading.add(name);
     try {
-      const mesh = new Mesh(await piece(name), this.material);
-      mesh.name = name;
-      mesh.visible = false;
-      if (this.raw) await this.paint(name, mesh);
-      this.meshes.set(name, mesh);
-      this.parent.add(mesh);
+      const meshes = await (this.pieces[name].texel_m ? textured : colored)(name, this.material);
+      const part = new Group().add(...meshes);
+      for (const mesh of meshes) mesh.material = mesh.geometry.hasAttribute("color") ? this.material : mesh.material;
+      part.name = name;
+      part.visible = false;
+      this.parts.set(name, part);
+      if (this.raw) await this.paint(name);
+      this.root.add(part);
     } finally {
       this.loading.delete(name);
     }
     this.changed();
   }
 
-  private async paint(name: string, mesh: Mesh): Promise<void> {
-    const { geometry } = mesh;
+  private async paint(name: string): Promise<void> {
+    if (this.pieces[name].texel_m) return;
+    const [{ geometry }] = this.meshes(name);
     const wanted = this.raw ? "raw" : "corrected";
     if (!geometry.userData.corrected) geometry.userData.corrected = geometry.getAttribute("color");
     if (this.raw) geometry.userData.raw ??= await rawColors(name, geometry.getAttribute("position").count).catch(() => null);

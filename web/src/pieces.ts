@@ -1,22 +1,36 @@
 // Pieces of the map's mesh: loaded as scripts, inflated, and made into geometry (stereo_seecolor/report/map_mesh.py).
 
-import { BufferAttribute, BufferGeometry } from "three";
-import { inflated } from "./ranges";
+import { BufferAttribute, BufferGeometry, Mesh, MeshBasicMaterial, SRGBColorSpace, Texture, type Material } from "three";
+import { fromText, inflated } from "./ranges";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
 
-interface Packed {
+interface Surface {
   vertices: number;
   triangles: number;
   low_m: number[];
   step_m: number;
   positions: string;
-  colors: string;
   indices: string;
+}
+
+interface Packed extends Surface {
+  colors: string;
+}
+
+/** A page of texture and its triangles. uv: places in it, in steps of a pixel, from its upper left corner. */
+interface Page extends Surface {
+  uv: string;
+  uv_steps: number;
+  size: [number, number];
+  jpeg: string;
 }
 
 const received = new Map<string, Packed>();
 seecolor.mesh = (name: string, packed: Packed) => received.set(name, packed);
+
+const receivedParts = new Map<string, (Page | Packed)[]>();
+seecolor.textured = (name: string, parts: (Page | Packed)[]) => receivedParts.set(name, parts);
 
 const receivedColors = new Map<string, string>();
 seecolor.meshColors = (name: string, colors: string) => receivedColors.set(name, colors);
@@ -30,16 +44,64 @@ export async function rawColors(name: string, vertices: number): Promise<BufferA
   return new BufferAttribute(linear(await inflated(packed), vertices), 4, true);
 }
 
-/** A piece as geometry; positions in the map's own coordinates. */
-export async function piece(name: string): Promise<BufferGeometry> {
+/** A piece in the colors of its vertices; positions in the map's own coordinates. */
+export async function colored(name: string, material: Material): Promise<Mesh[]> {
   await script(`page/map/${encodeURIComponent(name)}.js`);
   const packed = received.get(name);
   if (!packed) throw new Error(`${name} is not a piece of the map`);
   received.delete(name);
-  const [positions, colors, indices] = await Promise.all([packed.positions, packed.colors, packed.indices].map(inflated));
+  return [new Mesh(await withColors(packed), material)];
+}
+
+/** A piece with the images on it: a part for each page of texture, and one of what no image shows. */
+export async function textured(name: string, material: Material): Promise<Mesh[]> {
+  await script(`page/map/${encodeURIComponent(name)}.js`);
+  const parts = receivedParts.get(name);
+  if (!parts) throw new Error(`${name} is not a piece of the map`);
+  receivedParts.delete(name);
+  return Promise.all(parts.map(async (part) => ("jpeg" in part ? new Mesh(await withPlaces(part), await painted(part.jpeg)) : new Mesh(await withColors(part), material))));
+}
+
+/** Free what a piece holds on the graphics card. material: that of all pieces, which stays. */
+export function dispose(parts: Mesh[], material: Material): void {
+  for (const { geometry, material: own } of parts) {
+    geometry.dispose();
+    if (own === material || !(own instanceof MeshBasicMaterial)) continue;
+    own.map?.dispose();
+    own.dispose();
+  }
+}
+
+async function withColors(packed: Packed): Promise<BufferGeometry> {
+  const [geometry, colors] = await Promise.all([surface(packed), inflated(packed.colors)]);
+  return geometry.setAttribute("color", new BufferAttribute(linear(colors, packed.vertices), 4, true));
+}
+
+async function withPlaces(page: Page): Promise<BufferGeometry> {
+  const [geometry, bytes] = await Promise.all([surface(page), inflated(page.uv)]);
+  const steps = sums(bytes, 3, page.vertices);
+  const uv = new Float32Array(2 * page.vertices);
+  for (let axis = 0; axis < 2; axis++) {
+    for (let i = 0; i < page.vertices; i++) uv[2 * i + axis] = steps[axis * page.vertices + i] / page.uv_steps / page.size[axis];
+  }
+  return geometry.setAttribute("uv", new BufferAttribute(uv, 2));
+}
+
+/** A texture as a material. Pages opened from a file may give graphics cards no image of a file: it comes in the script. */
+async function painted(jpeg: string): Promise<Material> {
+  const bitmap = await createImageBitmap(new Blob([fromText(jpeg)], { type: "image/jpeg" }));
+  const texture = new Texture(bitmap);
+  texture.colorSpace = SRGBColorSpace;
+  texture.flipY = false;
+  texture.needsUpdate = true;
+  texture.onUpdate = () => bitmap.close(); // the graphics card has its own copy
+  return new MeshBasicMaterial({ map: texture, side: 2 });
+}
+
+async function surface(packed: Surface): Promise<BufferGeometry> {
+  const [positions, indices] = await Promise.all([packed.positions, packed.indices].map(inflated));
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(placed(positions, packed), 3));
-  geometry.setAttribute("color", new BufferAttribute(linear(colors, packed.vertices), 4, true));
   geometry.setIndex(new BufferAttribute(counted(indices, 3 * packed.triangles), 1));
   geometry.computeBoundingSphere();
   return geometry;
@@ -58,7 +120,7 @@ function sums(bytes: Uint8Array, planes: number, rows: number): Int32Array {
   return values;
 }
 
-function placed(bytes: Uint8Array, { vertices, low_m, step_m }: Packed): Float32Array {
+function placed(bytes: Uint8Array, { vertices, low_m, step_m }: Surface): Float32Array {
   const steps = sums(bytes, 3, vertices);
   const positions = new Float32Array(3 * vertices);
   for (let axis = 0; axis < 3; axis++) {

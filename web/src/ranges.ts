@@ -75,9 +75,14 @@ async function unpack(packed: Packed): Promise<Ranges> {
 
 /** Bytes of a deflated, base64 text. */
 export async function inflated(text: string): Promise<Uint8Array> {
+  const stream = new Blob([fromText(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Bytes that a script holds as base64. */
+export function fromText(text: string): Uint8Array<ArrayBuffer> {
   const binary = atob(text);
   const bytes = new Uint8Array(binary.length);
   for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
+  return bytes;
 }

@@ -55,11 +55,13 @@ export class Scene {
   private readonly controls: MapControls;
   private readonly plain = new MeshBasicMaterial({ vertexColors: true, side: 2 });
   private readonly shaded = new MeshLambertMaterial({ color: 0xb9c4c6, flatShading: true, side: 2 });
-  private readonly detail: Detail;
+  private readonly colored: Detail;
+  private readonly textured: Detail | null;
+  private detail: Detail;
   private readonly track = new Three();
   private readonly spot: Points;
-  private readonly plainBehind = new MeshBasicMaterial({ vertexColors: true, side: 2 });
-  private readonly shadedBehind = new MeshLambertMaterial({ color: 0xb9c4c6, flatShading: true, side: 2 });
+  private relief = false;
+  private raw = false;
   private waiting = false;
   private moving_px = FINEST_PX;
   private drawn_ms = 0;
@@ -96,7 +98,10 @@ export class Scene {
     this.scene.add(this.spot);
     this.addTrack(dive);
     this.listen();
-    this.detail = new Detail(about, this.scene, this.plain, this.plainBehind, () => this.loaded());
+    this.colored = new Detail(about.pieces, this.plain, () => this.loaded());
+    this.textured = about.textured ? new Detail(about.textured, this.plain, () => this.loaded()) : null;
+    this.detail = this.textured ?? this.colored;
+    this.scene.add(this.detail.root);
   }
 
   /** Fit the drawing to its place. */
@@ -161,14 +166,24 @@ export class Scene {
 
   /** Colors of the reef, or its relief alone. */
   showRelief(relief: boolean): void {
-    if (relief) this.detail.setMaterial(this.shaded, this.shadedBehind);
-    else this.detail.setMaterial(this.plain, this.plainBehind);
-    this.draw();
+    this.relief = relief;
+    this.colored.setMaterial(relief ? this.shaded : this.plain);
+    this.choose();
   }
 
   /** Colors as the camera saw them, or corrected. */
   showRaw(raw: boolean): void {
-    this.detail.setRaw(raw);
+    this.raw = raw;
+    this.colored.setRaw(raw);
+    this.choose();
+  }
+
+  /** The images lie on the reef where its corrected colors are shown. */
+  private choose(): void {
+    this.scene.remove(this.detail.root);
+    this.detail = this.textured && !this.relief && !this.raw ? this.textured : this.colored;
+    this.scene.add(this.detail.root);
+    this.draw();
   }
 
   /** Where a point lies on the screen, in pixels of the drawing; null behind the viewer. */

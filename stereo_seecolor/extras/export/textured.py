@@ -1,7 +1,5 @@
 """The surface of a map with its texture, page by page, as binary glTF 2.0 and as Wavefront OBJ."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
@@ -12,62 +10,28 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.glb import Glb, unit
-from stereo_seecolor.extras.export.texture.painting import PageMesh, level, pack, page_mesh, paint
-from stereo_seecolor.extras.export.texture.simplify import (
-    SimplifiedSurface,
-    neighbors,
-    read_surface,
-)
-from stereo_seecolor.extras.export.texture.views import (
-    Charts,
-    Views,
-    build_charts,
-    candidates,
-    choose,
-)
+from stereo_seecolor.extras.export.simplify import SimplifiedSurface, read_surface
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.texture.painting import PageMesh
+from stereo_seecolor.texture.textured import Textured, textured
+from stereo_seecolor.texture.views import Views
 
 
-@dataclass(frozen=True, eq=False)
-class Textured:
-    """group (F,): pages hold triangles of one group each."""
-
-    views: Views
-    surface: SimplifiedSurface
-    charts: Charts
-    group: NDArray[np.int64]
-
-    def pages(self, group: int = 0, step: int = 1) -> Iterator[tuple[PageMesh, NDArray[np.uint8]]]:
-        """A group's triangles and their textures (H, W, 3) RGB. step: pixels of the images to one
-        of the texture.
-
-        Raises InputError if an image is gone or damaged.
-        """
-        own = np.flatnonzero((self.group == group) & (self.charts.of_face >= 0))
-        order = own[np.argsort(self.charts.of_face[own], kind="stable")]
-        counts = np.bincount(self.charts.of_face[order], minlength=len(self.charts.view))
-        of_chart = np.split(order, np.cumsum(counts)[:-1]) if len(counts) else []
-        unseen = np.flatnonzero((self.group == group) & (self.charts.of_face < 0))
-        for page in pack(self.charts, group, unseen, step):
-            mesh = page_mesh(self.charts, page, self.surface.triangles, of_chart)
-            yield mesh, paint(self.views, self.surface, self.charts, page, of_chart)
-
-    @property
-    def summary(self) -> str:
-        """The outcome of the map's surface, for a person."""
-        surface, pixel_mm = self.surface, 1000 * self.views.posed.pixel_m
-        largest_mm, bound_mm, rms_mm = (
-            1000 * value for value in (surface.largest_m, surface.bound_m, surface.rms_m)
-        )
-        seen, frames = float((self.charts.of_face >= 0).mean()), len(np.unique(self.charts.view))
-        return (
-            f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices lie "
-            f"at most {largest_mm:.2f} mm from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} "
-            f"mm); texture at the images' {pixel_mm:.2f} mm a pixel from {frames} frames, on "
-            f"{seen:.1%} of the triangles"
-        )
+def summary(made: Textured, surface: SimplifiedSurface) -> str:
+    """The outcome of the map's surface, for a person."""
+    pixel_mm = 1000 * made.views.posed.pixel_m
+    largest_mm, bound_mm, rms_mm = (
+        1000 * value for value in (surface.largest_m, surface.bound_m, surface.rms_m)
+    )
+    seen, frames = float((made.charts.of_face >= 0).mean()), len(np.unique(made.charts.view))
+    return (
+        f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices lie "
+        f"at most {largest_mm:.2f} mm from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} "
+        f"mm); texture at the images' {pixel_mm:.2f} mm a pixel from {frames} frames, on "
+        f"{seen:.1%} of the triangles"
+    )
 
 
 def open_surface(posed: PosedRun) -> SimplifiedSurface:
@@ -80,17 +44,14 @@ def open_surface(posed: PosedRun) -> SimplifiedSurface:
     return surface
 
 
-def textured(
-    posed: PosedRun, surface: SimplifiedSurface, group: NDArray[np.int64] | None = None
+def painted(
+    views: Views, surface: SimplifiedSurface, group: NDArray[np.int64] | None = None
 ) -> Textured:
-    """Choose views, cut charts and level their seams. group (F,): zeros if None. Raises InputError
-    as Views.image.
-    """
-    views, across = Views(posed), neighbors(surface.triangles)
-    of_face = np.zeros(len(surface.triangles), np.int64) if group is None else group
-    label = choose(candidates(views, surface), across)
-    charts = level(views, surface, build_charts(views, surface, label, across, of_face), across)
-    return Textured(views, surface, charts, of_face)
+    """The surface with all images on it. Raises InputError if one is gone or damaged."""
+    made = textured(views, surface, group)
+    for message in views.unreadable.values():
+        raise InputError(message)
+    return made
 
 
 # The textured surface as binary glTF 2.0: for Blender, game engines, phones and web viewers.
@@ -105,17 +66,20 @@ def write_textured_glb(posed: PosedRun, folder: Path) -> str:
     """reef.glb; how good it is. Raises InputError for more than 4 GB, or if an image is gone or
     damaged.
     """
-    made = textured(posed, open_surface(posed))
-    write_group(made, folder / "reef.glb")
-    return made.summary
+    surface = open_surface(posed)
+    made = painted(Views(posed), surface)
+    write_group(made, surface, folder / "reef.glb")
+    return summary(made, surface)
 
 
-def write_group(made: Textured, path: Path, group: int = 0, step: int = 1) -> None:
+def write_group(
+    made: Textured, surface: SimplifiedSurface, path: Path, group: int = 0, step: int = 1
+) -> None:
     """The triangles of one group."""
     with Glb(path, made.views.posed) as glb:
         for mesh, pixels in made.pages(group, step):
-            position = made.surface.position[mesh.vertex].astype(np.float32)
-            normal = unit(made.surface.normal[mesh.vertex])
+            position = surface.position[mesh.vertex].astype(np.float32)
+            normal = unit(surface.normal[mesh.vertex])
             flags = [
                 cv2.IMWRITE_JPEG_QUALITY,
                 QUALITY,
@@ -145,10 +109,9 @@ def write_textured_obj(posed: PosedRun, folder: Path) -> str:
     """reef.obj, reef.mtl, reef_PAGE.png; how good it is. Raises InputError if an image is gone or
     damaged.
     """
-    made, offset_m = (
-        textured(posed, open_surface(posed)),
-        " ".join(f"{value:.6f}" for value in posed.offset_m),
-    )
+    surface = open_surface(posed)
+    made = painted(Views(posed), surface)
+    offset_m = " ".join(f"{value:.6f}" for value in posed.offset_m)
     with (
         (folder / "reef.obj").open("w", encoding="ascii") as file,
         (folder / "reef.mtl").open("w", encoding="ascii") as materials,
@@ -164,9 +127,9 @@ def write_textured_obj(posed: PosedRun, folder: Path) -> str:
                 f"newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}.png\n"
             )
             file.write(f"usemtl {name}\n")
-            _write_page(file, mesh, made.surface.position[mesh.vertex], before)
+            _write_page(file, mesh, surface.position[mesh.vertex], before)
             before += len(mesh.vertex)
-    return made.summary
+    return summary(made, surface)
 
 
 def _write_page(file: TextIO, mesh: PageMesh, position: NDArray[np.float64], before: int) -> None:

@@ -19,12 +19,13 @@ from stereo_seecolor.earth import (
     geocentric_from_geodetic,
 )
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.extras.export.texture.simplify import SimplifiedSurface, longest_edge_m
-from stereo_seecolor.extras.export.textured import open_surface, textured, write_group
+from stereo_seecolor.extras.export.simplify import SimplifiedSurface, longest_edge_m
+from stereo_seecolor.extras.export.textured import open_surface, painted, summary, write_group
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.texture.views import Views
 from stereo_seecolor.version import __version__
 
 NEAR_M = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
@@ -54,7 +55,8 @@ def write(posed: PosedRun, folder: Path) -> str:
 
     Raises InputError if an image is gone or damaged.
     """
-    surface, boxes, summary = open_surface(posed), {}, ""
+    surface, boxes, finest_is = open_surface(posed), {}, ""
+    views = Views(posed)
     finest = _finest_level(posed, surface)
     low, high = surface.position.min(axis=0), surface.position.max(axis=0)
     side_m = max(float((high - low)[:2].max()), 1e-3) * (1 + 1e-9)
@@ -63,13 +65,13 @@ def write(posed: PosedRun, folder: Path) -> str:
         step = 1 << (finest - level)
         if level < finest:
             surface = surface.simplified(surface.bound_m, longest_edge_m(posed))
-        made = textured(posed, surface, _cells(surface, low, side_m, level))
-        summary = summary or made.summary
+        made = painted(views, surface, _cells(surface, low, side_m, level))
+        finest_is = finest_is or summary(made, surface)
         errors_m.append(max(surface.bound_m, LIMITS.viewer_px * step * posed.pixel_m))
         (folder / "tiles" / str(level)).mkdir(parents=True)
         for cell in np.unique(made.group).tolist():
             row, column = divmod(cell, 1 << level)
-            write_group(made, folder / _uri(level, column, row), cell, step)
+            write_group(made, surface, folder / _uri(level, column, row), cell, step)
             boxes[level, column, row] = _bounds(
                 surface.position[surface.triangles[made.group == cell]].reshape(-1, 3)
             )
@@ -81,7 +83,7 @@ def write(posed: PosedRun, folder: Path) -> str:
     }
     tileset = {"asset": asset, "geometricError": float(np.linalg.norm(high - low)), "root": root}
     (folder / "tileset.json").write_text(json.dumps(tileset, indent=2) + "\n", encoding="utf-8")
-    return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {summary}"
+    return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {finest_is}"
 
 
 def _finest_level(posed: PosedRun, surface: SimplifiedSurface) -> int:

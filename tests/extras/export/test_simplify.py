@@ -1,10 +1,15 @@
-"""Meshes with fewer triangles: held against the original from both sides."""
+"""Meshes with fewer triangles: held against the original from both sides; small holes closed."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from mapping_scene import CONFIG, flat_frames, write_map
 
-from stereo_seecolor.extras.export.texture.simplify import boundary_edges, simplify
+from stereo_seecolor.extras.export.simplify import boundary_edges, read_surface, simplify
+from stereo_seecolor.files.ply import FACE, VERTEX, header, read_triangles, read_vertices
+from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 BOUND_M = 0.004
 
@@ -130,3 +135,29 @@ def test_no_edge_gets_longer_than_is_asked() -> None:
     assert (
         0.04 < np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=-1).max() <= 0.05 + 1e-9
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("radius_m", "is_closed"), [(0.02, True), (0.15, False)])
+def test_a_hole_of_one_voxel_is_closed_and_a_gap_stays(
+    tmp_path: Path, radius_m: float, is_closed: bool
+) -> None:
+    """Of the mesh that is textured: the triangles around a place in the middle are missing."""
+    out = write_map(tmp_path / "out", flat_frames(3))
+    path = out / "map" / "mesh.ply"
+    vertices, faces = np.array(read_vertices(path)), np.array(read_triangles(path))
+    place = vertices["position"][:, :2]
+    middle = place[np.hypot(*(place - (0.3, 0)).T).argmin()]
+    away = np.hypot(*(place[faces["indices"]].mean(axis=1) - middle).T)
+    kept = faces[away > radius_m]
+    assert 0 < len(faces) - len(kept) < 0.2 * len(faces)
+    path.write_bytes(
+        header("", VERTEX, len(vertices), len(kept))
+        + vertices.astype(VERTEX).tobytes()
+        + kept.astype(FACE).tobytes()
+    )
+    surface = read_surface(open_posed_run(out))
+    edge = boundary_edges(surface.triangles)
+    ends = surface.position[surface.triangles[edge.any(axis=1)]].reshape(-1, 3)
+    is_open = (np.hypot(*(ends[:, :2] - middle).T) < radius_m + CONFIG.voxel_m).any()
+    assert is_open != is_closed

@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
-from scipy.sparse.linalg import splu
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.extras.export.texture.simplify import SimplifiedSurface
-from stereo_seecolor.extras.export.texture.views import Charts, Views
+from stereo_seecolor.texture.surface import PaintedSurface
+from stereo_seecolor.texture.views import Charts, Views
 
 # Pages of texture: charts packed as rectangles, each cut out of its image, row after row.
 
@@ -137,7 +136,7 @@ def _shelves(
 
 def paint(
     views: Views,
-    surface: SimplifiedSurface,
+    surface: PaintedSurface,
     charts: Charts,
     page: Page,
     of_chart: Sequence[NDArray[np.int64]],
@@ -146,28 +145,22 @@ def paint(
     image is gone or damaged.
     """
     width, height = page.size
-    result = np.zeros((height, width, 3), np.uint8)
+    between = int(surface.color.mean())  # what coarser copies of the texture mix in
+    result = np.full((height, width, 3), between, np.uint8)
     for i in np.argsort(charts.view[page.charts], kind="stable"):  # each image is read once
-        chart = page.charts[i]
-        left, top, w, h = page.source[i]
-        image = views.image(int(charts.view[chart]))
-        rows, columns = (
-            np.clip(np.arange(a, a + n), 0, size - 1)
-            for a, n, size in ((top, h, len(image)), (left, w, image.shape[1]))
-        )
-        corners = charts.node[of_chart[chart]]
-        patch = _leveled(
-            image[np.ix_(rows, columns)],
-            charts.pixel[corners] - (left, top),
-            charts.correction[corners],
-            PAD_PX * page.step,
-        )
-        if page.step > 1:
-            patch = cv2.resize(
-                patch, (int(w) // page.step, int(h) // page.step), interpolation=cv2.INTER_AREA
-            )
-        x, y = page.place[i]
-        result[y : y + len(patch), x : x + patch.shape[1]] = patch
+        chart, (x, y) = page.charts[i], page.place[i]
+        faces = of_chart[chart]
+        corners = charts.node[faces]
+        shown = (charts.pixel[corners], charts.correction[corners], charts.on_edge[faces])
+        image, source = views.picture(int(charts.view[chart])).image, page.source[i]
+        if page.step == 1:
+            cut(image, source, shown, PAD_PX, result, page.place[i])
+            continue
+        size = source[2:] // page.step
+        patch = np.full((source[3], source[2], 3), between, np.uint8)
+        cut(image, source, shown, PAD_PX * page.step, patch, np.zeros(2, np.int64))
+        part = cv2.resize(patch, size.tolist(), interpolation=cv2.INTER_AREA)
+        result[y : y + len(part), x : x + part.shape[1]] = part
     ramp = np.linspace(0, 1, BLOCK_PX)
     for face, (x, y) in zip(page.unseen, page.block, strict=True):
         a, b, c = surface.color[surface.triangles[face]].astype(np.float64)
@@ -176,59 +169,49 @@ def paint(
     return result
 
 
-def _leveled(
-    patch: NDArray[np.uint8],
-    corners: NDArray[np.float64],
-    correction: NDArray[np.float32],
-    margin_px: int,
-) -> NDArray[np.uint8]:
-    """A patch with the corrections of its triangles, (F, 3, 2) pixels and (F, 3, 3); beyond them
-    its mean color.
-    """
-    added = np.zeros(patch.shape, np.float32)
-    inside = np.zeros(patch.shape[:2], np.uint8)
-    spread(added, inside, corners, correction, margin_px)
-    result: NDArray[np.uint8] = np.clip(np.rint(patch + added), 0, 255).astype(np.uint8)
-    if (inside == 2).any():
-        result[inside == 0] = result[inside == 2].mean(axis=0)
-    return result
-
-
 @compiled
-def spread(added, inside, corners, correction, margin_px):  # type: ignore[no-untyped-def]
-    """Interpolate corrections over triangles, and up to ``margin_px`` beyond them. inside: 2 in a
-    triangle, 1 beside one.
+def cut(image, source, shown, margin_px, page, place):  # type: ignore[no-untyped-def]
+    """Cut triangles out of an image into a page at a place (2,), with their corrections; those on
+    the chart's edge with ``margin_px`` around. source: left, top, width and height in the image.
     """
-    height, width = inside.shape
-    for f in range(len(corners)):
-        ax, ay, bx, by = corners[f, 0, 0], corners[f, 0, 1], corners[f, 1, 0], corners[f, 1, 1]
-        cx, cy = corners[f, 2, 0], corners[f, 2, 1]
+    left, top, width, height = source
+    pixel, correction, on_edge = shown
+    done = np.zeros((height, width), np.uint8)  # 2 in a triangle, 1 beside one
+    for f in range(len(pixel)):
+        ax, ay = pixel[f, 0, 0] - left, pixel[f, 0, 1] - top
+        bx, by = pixel[f, 1, 0] - left, pixel[f, 1, 1] - top
+        cx, cy = pixel[f, 2, 0] - left, pixel[f, 2, 1] - top
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         if area == 0:
             continue
-        left = max(0, int(np.floor(min(ax, bx, cx))) - margin_px)
-        right = min(width - 1, int(np.ceil(max(ax, bx, cx))) + margin_px)
-        top = max(0, int(np.floor(min(ay, by, cy))) - margin_px)
-        bottom = min(height - 1, int(np.ceil(max(ay, by, cy))) + margin_px)
-        for y in range(top, bottom + 1):
-            for x in range(left, right + 1):
-                if inside[y, x] == 2:
+        margin = margin_px if on_edge[f] else 1
+        first_x = max(0, int(np.floor(min(ax, bx, cx))) - margin)
+        last_x = min(width - 1, int(np.ceil(max(ax, bx, cx))) + margin)
+        first_y = max(0, int(np.floor(min(ay, by, cy))) - margin)
+        last_y = min(height - 1, int(np.ceil(max(ay, by, cy))) + margin)
+        for y in range(first_y, last_y + 1):
+            row = min(max(top + y, 0), image.shape[0] - 1)
+            for x in range(first_x, last_x + 1):
+                if done[y, x] == 2:
                     continue
                 v = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
                 w = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
-                u = 1 - v - w
-                within = u >= 0 and v >= 0 and w >= 0
-                if not within:
-                    if inside[y, x] == 1:
-                        continue
-                    u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
-                    total = u + v + w
-                    u, v, w = u / total, v / total, w / total
-                for k in range(3):
-                    added[y, x, k] = (
-                        u * correction[f, 0, k] + v * correction[f, 1, k] + w * correction[f, 2, k]
-                    )
-                inside[y, x] = 2 if within else 1
+                within = v >= 0 and w >= 0 and v + w <= 1
+                if done[y, x] == 1 and not within:
+                    continue
+                done[y, x] = 2 if within else 1
+                column = min(max(left + x, 0), image.shape[1] - 1)
+                corrected(image[row, column], correction[f], v, w, page[place[1] + y, place[0] + x])
+
+
+@compiled(inline=True)
+def corrected(color, correction, v, w, into):  # type: ignore[no-untyped-def]
+    """A color with the correction of a place in a triangle, the nearest of it beyond."""
+    u, v, w = max(1 - v - w, 0.0), max(v, 0.0), max(w, 0.0)
+    total = u + v + w
+    for c in range(3):
+        added = u * correction[0, c] + v * correction[1, c] + w * correction[2, c]
+        into[c] = np.uint8(min(max(np.rint(color[c] + added / total), 0), 255))
 
 
 # Seams leveled: a smooth correction of each chart, so that both sides of a seam have the same
@@ -244,11 +227,16 @@ noise and parallax.
 """
 MAP = 0.1
 """Weight of the map's color at a vertex."""
+RIM = 0.3
+"""The same where a triangle has no neighbor or one that no view shows: what lies beyond, of another
+tile or of the map's colors, is to fit.
+"""
+ROUNDS = 8
+"""Of averages with the neighbors: over some three vertices."""
+SWEEPS = 20
+"""Of the relaxation: the averages of differences from the map are a good guess of all but seams."""
 ALONG = np.linspace(0, 1, 7)
 """Places on an edge where its color is taken."""
-BLUR_PX = 2.0
-"""Before colors are compared: a seam may be off by a pixel or two."""
-
 LIGHT_STD = 20.0
 """Of 255: larger differences between views come from different content (edges of objects) rather
 than from light.
@@ -256,30 +244,76 @@ than from light.
 
 
 def level(
-    views: Views, surface: SimplifiedSurface, charts: Charts, across: NDArray[np.int64]
+    views: Views, surface: PaintedSurface, charts: Charts, across: NDArray[np.int64]
 ) -> Charts:
     """The charts with their corrections. across: (F, 3) neighbors or -1."""
     if not len(charts.vertex):
         return charts
     one, other = _seams(charts, across)
-    difference = _colors(views, charts, other) - _colors(views, charts, one)
-    every = np.arange(len(charts.vertex))
-    to_map = surface.color[charts.vertex] - _colors(views, charts, np.stack([every, every], axis=1))
     count, nodes = len(one), len(charts.vertex)
+    every = np.repeat(np.arange(nodes), 2).reshape(-1, 2)
+    found = _colors(views, charts, np.concatenate([other, one, every]))
+    difference = found[:count] - found[count : 2 * count]
+    to_map = surface.color[charts.vertex] - found[2 * count :]
     row = np.repeat(np.arange(count), 4)
     column = np.concatenate([one, other], axis=1).ravel()
+    inner = _inner_edges(charts)
+    to_map = _smoothed(to_map, inner)
     sure, sure_of_map = _sureness(difference), _sureness(to_map)
+    rim = np.zeros(nodes, np.bool_)
+    rim[_rim(charts, across)] = True
+    sure_of_map *= np.where(rim, RIM, MAP)
     signs = (sure[:, None] * (0.5, 0.5, -0.5, -0.5)).ravel()
     seam = coo_array((signs, (row, column)), shape=(count, nodes)).tocsr()
-    inner = _inner_edges(charts)
     signs = np.tile([1.0, -1.0], len(inner))
     smooth = coo_array(
         (signs, (np.repeat(np.arange(len(inner)), 2), inner.ravel())), shape=(len(inner), nodes)
     ).tocsr()
-    normal = seam.T @ seam + SMOOTH**2 * (smooth.T @ smooth) + diags_array((MAP * sure_of_map) ** 2)
-    right = seam.T @ (sure[:, None] * difference) + (MAP * sure_of_map[:, None]) ** 2 * to_map
-    solved = splu(normal.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(np.asarray(right))
-    return charts.leveled(solved.astype(np.float32))
+    normal = seam.T @ seam + SMOOTH**2 * (smooth.T @ smooth) + diags_array(sure_of_map**2)
+    normal = normal.tocsr()
+    right = seam.T @ (sure[:, None] * difference) + sure_of_map[:, None] ** 2 * to_map
+    relax(normal.indptr, normal.indices, normal.data, np.asarray(right), to_map, SWEEPS)
+    return charts.leveled(to_map.astype(np.float32))
+
+
+@compiled
+def relax(starts, columns, weights, right, values, sweeps):  # type: ignore[no-untyped-def]
+    """Solve equations of a symmetric matrix by rows (Gauss and Seidel), forth and back in turns.
+    values (N, 3): a guess, which becomes the solution.
+    """
+    rows = len(values)
+    for sweep in range(sweeps):
+        for i in range(rows):
+            row = i if sweep % 2 == 0 else rows - 1 - i
+            for c in range(3):
+                total, own = right[row, c], 1.0
+                for k in range(starts[row], starts[row + 1]):
+                    if columns[k] == row:
+                        own = weights[k]
+                    else:
+                        total -= weights[k] * values[columns[k], c]
+                values[row, c] = total / own
+
+
+def _smoothed(values: NDArray[np.float64], edges: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Values of nodes (N, 3) averaged over some neighbors: what the map's cells blend is no
+    error.
+    """
+    ends = np.concatenate(
+        [edges, edges[:, ::-1], np.repeat(np.arange(len(values)), 2).reshape(-1, 2)]
+    )
+    around = coo_array((np.ones(len(ends)), ends.T), shape=(len(values),) * 2).tocsr()
+    mean = diags_array(1 / np.asarray(around.sum(axis=1)).ravel()) @ around
+    for _ in range(ROUNDS):
+        values = mean @ values
+    return values
+
+
+def _rim(charts: Charts, across: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nodes of edges beyond which no view shows anything."""
+    beyond = (across < 0) | (charts.of_face[across] < 0)
+    face, corner = np.nonzero(beyond & (charts.of_face >= 0)[:, None])
+    return np.concatenate([charts.node[face, corner], charts.node[face, (corner + 1) % 3]])
 
 
 def _sureness(difference: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -307,25 +341,28 @@ def _seams(
 
 def _inner_edges(charts: Charts) -> NDArray[np.int64]:
     node = charts.node[charts.of_face >= 0]
-    ends = np.sort(np.stack([node, np.roll(node, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    return np.asarray(np.unique(ends, axis=0))
+    ends = np.stack([node, np.roll(node, -1, axis=1)])
+    key = np.unique(ends.min(axis=0) << 32 | ends.max(axis=0))
+    return np.stack([key >> 32, key & 0xFFFFFFFF], axis=1)
 
 
 def _colors(views: Views, charts: Charts, edges: NDArray[np.int64]) -> NDArray[np.float64]:
     """(S, 3) mean color of edges (S, 2) in the view of their charts."""
     view = charts.view[charts.chart[edges[:, 0]]]
     result = np.zeros((len(edges), 3))
-    for number in np.unique(view):
-        of_view = np.flatnonzero(view == number)
-        image = cv2.GaussianBlur(views.image(int(number)), (0, 0), BLUR_PX).astype(np.float32)
+    order = np.argsort(view, kind="stable")
+    numbers, first = np.unique(view[order], return_index=True)
+    for number, of_view in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+        soft = views.picture(number).soft
         start, end = charts.pixel[edges[of_view, 0]], charts.pixel[edges[of_view, 1]]
-        places = (start[:, None] + ALONG[:, None] * (end - start)[:, None]).astype(np.float32)
+        at = start[:, None] + ALONG[:, None] * (end - start)[:, None]
+        places = ((at + 0.5) / 2 - 0.5).astype(np.float32)  # soft has half the pixels
         # remap takes at most 32767 rows
         sampled = [
             cv2.remap(
-                image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-            )
+                soft, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            ).mean(axis=1)
             for part in np.array_split(places, 1 + len(places) // 30000)
         ]
-        result[of_view] = np.concatenate(sampled).mean(axis=1)
+        result[of_view] = np.concatenate(sampled)
     return result

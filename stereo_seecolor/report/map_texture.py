@@ -1,0 +1,154 @@
+"""The map's surface with the images on it, for the page: tiles of several levels of detail."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.compute.threads import Threads, cores
+from stereo_seecolor.report.map_mesh import (
+    SIZES,
+    Piece,
+    Place,
+    box,
+    in_strips,
+    packed_steps,
+    packed_surface,
+    tile_edge_m,
+    tiles,
+)
+from stereo_seecolor.report.range_code import text
+from stereo_seecolor.report.texts import script
+from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.texture.painting import PageMesh
+from stereo_seecolor.texture.surface import PaintedSurface
+from stereo_seecolor.texture.textured import textured
+from stereo_seecolor.texture.views import Views
+
+
+@dataclass(frozen=True)
+class TextureSizes:
+    """Sizes of tiles, and how fine their surface and texture are."""
+
+    triangles: int = 60_000  # of a tile, and
+    pixels: int = 3_000_000  # of the images: loaded in a tenth of a second
+    voxels_per_cell: float = 2.0  # finer cells are rough by noise, which smears what lies on them
+    texels_per_cell: float = 4.0  # a surface as fine as its texture shows nothing more
+    jpeg_quality: int = 85  # errors below the noise of the images, a third of the bytes of 95
+    steps_per_texel: int = 4  # of places in the texture
+
+
+TEXTURES = TextureSizes()
+
+Tile = tuple[str, dict[str, Any], bytes]
+"""Name, entry in the list of pieces, and script."""
+
+
+def textured_tiles(
+    posed: PosedRun, wholes: Sequence[tuple[float, Piece]], voxel_m: float
+) -> Iterator[Tile]:
+    """Paint the levels of a mesh, of cells of that edge, the finest first: the first that is coarse
+    enough has the images' pixels, each further one half as many along each axis.
+    """
+    least_m = max(TEXTURES.voxels_per_cell * voxel_m, TEXTURES.texels_per_cell * posed.pixel_m)
+    painted = [each for each in wholes if each[0] >= least_m] or wholes[-1:]
+    finest = painted[0][1]
+    corner_m, count = finest.corner_m, len(finest.triangles) / TEXTURES.triangles
+    count = max(count, _area_m2(finest) / posed.pixel_m**2 / TEXTURES.pixels)
+    edge_m = tile_edge_m(finest, voxel_m, count)
+    cut = [
+        (cell_m, dict(tiles(mesh, corner_m, edge_m * 2**level)))
+        for level, (cell_m, mesh) in enumerate(painted)
+    ]
+    top = len(cut) - 1
+    whole = {
+        (column >> top - level, row >> top - level)
+        for level, (_, of_level) in enumerate(cut)
+        for column, row in of_level
+    }
+    keys = [
+        key for place in sorted(whole) for key in _in_order(top, place) if key[1] in cut[key[0]][1]
+    ]
+    views = Views(posed)
+    work = ((cut[level][0], 2**level, cut[level][1][place]) for level, place in keys)
+    made = Threads(cores()).each(partial(_packed, views), work)
+    for (level, place), parts in zip(keys, made, strict=True):
+        cell_m, of_level = cut[level]
+        entry = {
+            **box(of_level[place]),
+            "cell_m": cell_m,
+            "texel_m": posed.pixel_m * 2**level,
+            "texels": sum(int(np.prod(part["size"])) for part in parts if "size" in part),
+            "finer": [
+                _name(level - 1, each)
+                for each in _below(place)
+                if level > 0 and each in cut[level - 1][1]
+            ],
+        }
+        name = _name(level, place)
+        yield name, entry, script("textured", name, parts)
+
+
+def _in_order(level: int, place: Place) -> Iterator[tuple[int, Place]]:
+    """A tile after those below it: they need the same images."""
+    if level > 0:
+        for each in _below(place):
+            yield from _in_order(level - 1, each)
+    yield level, place
+
+
+def _name(level: int, place: Place) -> str:
+    return f"textured_{level}_{place[0]}_{place[1]}"
+
+
+def _below(place: Place) -> list[Place]:
+    return [(2 * place[0] + i, 2 * place[1] + k) for i in (0, 1) for k in (0, 1)]
+
+
+def _area_m2(piece: Piece) -> float:
+    a, b, c = (piece.points_m[corner] for corner in piece.triangles.T)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+
+
+def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]]:
+    """The parts of a tile: pages of texture with their triangles, and those that no image shows in
+    the map's colors. tile: edge of its cells, pixels of the images to one of the texture, mesh.
+    """
+    cell_m, step, piece = tile
+    surface = PaintedSurface(
+        piece.points_m.astype(np.float64),
+        piece.colors,
+        piece.triangles.astype(np.int32),
+        cell_m / 2,
+    )
+    made = textured(views, surface)
+    unseen = made.charts.of_face < 0
+    step_m = cell_m / SIZES.steps_per_voxel
+    parts = [
+        _page(piece, cell_m, step_m, *page)
+        for page in replace(made, group=np.where(unseen, -1, 0)).pages(step=step)
+    ]
+    if unseen.any():
+        parts.append(piece.of(np.flatnonzero(unseen)).in_strips(cell_m).packed(step_m))
+    return parts
+
+
+def _page(
+    piece: Piece, cell_m: float, step_m: float, mesh: PageMesh, pixels: NDArray[np.uint8]
+) -> dict[str, Any]:
+    of_page = Piece(piece.points_m[mesh.vertex], piece.colors[mesh.vertex], mesh.triangles)
+    nodes, triangles = in_strips(of_page, cell_m)
+    size = pixels.shape[1::-1]
+    flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality]
+    jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
+    texels = mesh.uv[nodes] * np.array(size, np.float32) * TEXTURES.steps_per_texel
+    return packed_surface(of_page.points_m[nodes], triangles, step_m) | {
+        "uv": packed_steps(np.rint(texels).astype(np.int64)),
+        "uv_steps": TEXTURES.steps_per_texel,
+        "size": size,
+        "jpeg": text(jpeg),
+    }

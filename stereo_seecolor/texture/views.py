@@ -1,0 +1,330 @@
+"""The images as views of the surface: where each shows it, and how well."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.decode import eight_bit
+from stereo_seecolor.geometry import transformed
+from stereo_seecolor.records import Map
+from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.texture.surface import PaintedSurface
+
+
+@dataclass(frozen=True)
+class TextureLimits:
+    """Which views of a triangle count, and how much."""
+
+    kept: int = 8
+    """Views a triangle keeps: more than overlap usefully in a survey."""
+    same_range: float = 0.02
+    """A view shows a place whose distance is the measured range within this fraction: else
+    something stands before it.
+    """
+    border_px: float = 3.0
+    """From the image's border, where rectification and correction have no full support."""
+    corner_loss: float = 0.4
+    """Of a view's value in the image's corners: lenses are less sharp and lamps weaker there."""
+    color_std: float = 12.0
+    """Of 255: as far as a view may be from the color of all frames together before it counts less
+    (fish, particles, shadows).
+    """
+
+
+LIMITS = TextureLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A corrected image, image (H, W, 3); the same without what is finer than some pixels, soft
+    (H / 2, W / 2, 3); its measured ranges, range_m (H, W), NaN where there are none; and how sharp
+    it is.
+    """
+
+    image: NDArray[np.uint8]
+    soft: NDArray[np.uint8]
+    range_m: Map
+    sharpness: float
+
+
+SOFT_PX = 2.0
+"""Before colors of views are compared: they may be off by a pixel or two."""
+KEPT_BYTES = 300_000_000
+"""Of pictures in memory: neighboring places share them."""
+
+
+class Views:
+    """The corrected images of a run; the last ones are kept. Any thread may ask for them.
+
+    unreadable: messages of frames with a file that is gone or damaged; they show nothing.
+    """
+
+    def __init__(self, posed: PosedRun) -> None:
+        self.posed, self.unreadable = posed, dict[int, str]()
+        width, height = posed.geometry.image_size
+        self.picture = lru_cache(max(4, KEPT_BYTES // (8 * width * height)))(self._read)
+        self.reach_m = lru_cache(None)(self._reach_m)
+
+    def _read(self, number: int) -> Picture:
+        """Raises InputError if a file is gone or damaged."""
+        frame = self.posed.frames[number]
+        image = eight_bit(frame.read("corrected"))
+        half = [-(-side // 2) for side in image.shape[1::-1]]
+        soft = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
+        soft = np.asarray(cv2.GaussianBlur(soft, (0, 0), SOFT_PX / 2), np.uint8)
+        return Picture(image, soft, self.posed.measured_range_m(frame), _sharpness(image))
+
+    def _reach_m(self, number: int) -> float:
+        """The largest range that a frame measured; 0 without any, and if it is unreadable."""
+        try:
+            range_m = self.picture(number).range_m
+        except InputError as error:
+            self.unreadable[number] = str(error)
+            return 0.0
+        return float(np.nanmax(range_m)) if np.isfinite(range_m).any() else 0.0
+
+    def near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Iterator[int]:
+        """The frames that may show something of a box."""
+        ends = np.stack([low, high])
+        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+        T = self.posed.T_camera_map
+        x, y, z = np.moveaxis(corners @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3], -1, 0)
+        g, (width, height) = self.posed.geometry, self.posed.geometry.image_size
+        u, v = g.focal_px * x + g.cx_left_px * z, g.focal_px * y + g.cy_px * z
+        inside = (z, u, v, (width - 1) * z - u, (height - 1) * z - v)
+        in_sight = np.all([(side > 0).any(axis=1) for side in inside], axis=0)
+        eye = self.posed.T_map_camera[:, :3, 3]
+        away_m = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0), axis=1)
+        for number in np.flatnonzero(in_sight).tolist():
+            if away_m[number] <= self.reach_m(number) * (1 + LIMITS.same_range):
+                yield number
+
+    def project(self, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels (N, 2), with (0, 0) in the center of the top left one, of points (N, 3) of the
+        map.
+        """
+        seen = transformed(self.posed.T_camera_map[number], points)
+        pixels = seen @ self.posed.geometry.P_left.T
+        return np.asarray(pixels[:, :2] / pixels[:, 2:])
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """view (F, K) int32, -1 for none; value (F, K) float32, higher is better, 0 for none."""
+
+    view: NDArray[np.int32]
+    value: NDArray[np.float32]
+
+
+def candidates(views: Views, surface: PaintedSurface) -> Candidates:
+    """The best views of each triangle: by pixels a meter (range and slant), sharpness, place in the
+    image, and agreement in color.
+
+    A view counts only where its measured range agrees with the surface at the triangle's center,
+    and contradicts it at no corner.
+    """
+    faces = len(surface.triangles)
+    view = np.full((faces, LIMITS.kept), -1, np.int32)
+    value = np.zeros((faces, LIMITS.kept), np.float32)
+    if not faces:
+        return Candidates(view, value)
+    corners = surface.position[surface.triangles]
+    for number in views.near(corners.min(axis=(0, 1)), corners.max(axis=(0, 1))):
+        eye = views.posed.T_map_camera[number, :3, 3]
+        seen = views.picture(number)
+        rate(
+            (surface.position, surface.triangles, surface.color, surface.bound_m),
+            (views.posed.geometry.P_left @ views.posed.T_camera_map[number, :3], eye),
+            (seen.range_m, seen.soft, seen.sharpness),
+            (LIMITS.same_range, LIMITS.border_px, LIMITS.corner_loss, LIMITS.color_std),
+            number,
+            view,
+            value,
+        )
+    return Candidates(view, value)
+
+
+@compiled
+def rate(surface, camera, seen, limits, number, view, value):  # type: ignore[no-untyped-def]
+    """Put a view among the best of each triangle that it shows. camera: (3, 4) projection and
+    (3,) place.
+    """
+    position, triangles, color, bound_m = surface
+    range_m, soft, sharpness = seen
+    same_range, border_px, corner_loss, color_std = limits
+    most = same_range, 2 * bound_m, border_px
+    middle_x, middle_y = (range_m.shape[1] - 1) / 2, (range_m.shape[0] - 1) / 2
+    point, pixel = np.empty((4, 3)), np.empty((4, 2))
+    for f in range(len(triangles)):
+        for c in range(3):
+            for k in range(3):
+                point[k, c] = position[triangles[f, k], c]
+            point[3, c] = (point[0, c] + point[1, c] + point[2, c]) / 3
+        shown = True
+        for turn in range(4):  # the center first: nearly all that is not shown fails there
+            shown = shown and agrees(
+                point[3 - turn], camera, range_m, most, turn == 0, pixel[3 - turn]
+            )
+        if not shown:
+            continue
+        ax, ay = pixel[1, 0] - pixel[0, 0], pixel[1, 1] - pixel[0, 1]
+        bx, by = pixel[2, 0] - pixel[0, 0], pixel[2, 1] - pixel[0, 1]
+        # positive where it faces the camera: y points down there, and corners run the other way
+        area_px = ay * bx - ax * by
+        if area_px <= 0:
+            continue
+        off = ((pixel[3, 0] - middle_x) ** 2 + (pixel[3, 1] - middle_y) ** 2) / (
+            middle_x**2 + middle_y**2
+        )
+        found = (
+            sharpness
+            * np.sqrt(area_px / max(twice_area_m2(point), 1e-12))
+            * (1 - corner_loss * off)
+        )
+        at = soft[int(np.rint(pixel[3, 1])) // 2, int(np.rint(pixel[3, 0])) // 2]
+        found /= 1 + (difference(at, color, triangles[f]) / color_std) ** 2
+        worst = value[f].argmin()
+        if found > value[f, worst]:
+            view[f, worst], value[f, worst] = number, found
+
+
+@compiled
+def agrees(point, camera, range_m, most, is_sure, pixel):  # type: ignore[no-untyped-def]
+    """Whether a view shows a point by its measured range, and where, into ``pixel`` (2,). is_sure:
+    not where nothing was measured.
+    """
+    projection, eye = camera
+    same_range, least_m, border_px = most
+    p, (x, y, z) = projection, (point[0], point[1], point[2])
+    depth_m = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+    if depth_m <= 0:
+        return False
+    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / depth_m
+    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / depth_m
+    right, bottom = range_m.shape[1] - 1 - border_px, range_m.shape[0] - 1 - border_px
+    if not (border_px <= u <= right and border_px <= v <= bottom):
+        return False
+    pixel[0], pixel[1] = u, v
+    away_m = np.sqrt((x - eye[0]) ** 2 + (y - eye[1]) ** 2 + (z - eye[2]) ** 2)
+    apart_m = abs(range_m[int(np.rint(v)), int(np.rint(u))] - away_m)
+    most_m = max(same_range * away_m, least_m)
+    return apart_m <= most_m if is_sure else not apart_m > most_m
+
+
+@compiled
+def twice_area_m2(point):  # type: ignore[no-untyped-def]
+    """Twice the area of the triangle of the first three points."""
+    a0, a1, a2 = point[1, 0] - point[0, 0], point[1, 1] - point[0, 1], point[1, 2] - point[0, 2]
+    b0, b1, b2 = point[2, 0] - point[0, 0], point[2, 1] - point[0, 1], point[2, 2] - point[0, 2]
+    return np.sqrt((a1 * b2 - a2 * b1) ** 2 + (a2 * b0 - a0 * b2) ** 2 + (a0 * b1 - a1 * b0) ** 2)
+
+
+@compiled
+def difference(at, color, corners):  # type: ignore[no-untyped-def]
+    """The largest of the three channels between a color and the mean of three vertices."""
+    largest = 0.0
+    for c in range(3):
+        mean = float(color[corners[0], c]) + float(color[corners[1], c])
+        mean = (mean + float(color[corners[2], c])) / 3
+        largest = max(largest, abs(float(at[c]) - mean))
+    return largest
+
+
+COARSE_PX = 4
+"""What is compared with the finest contrast is seen in a picture reduced so much."""
+
+
+def _sharpness(image: NDArray[np.uint8]) -> float:
+    """Contrast from pixel to pixel against that over some pixels, in the middle of an image: falls
+    with motion and defocus, not with what is seen.
+    """
+    height, width = image.shape[:2]
+    middle = image[height // 4 : -(-3 * height // 4), width // 4 : -(-3 * width // 4)]
+    gray = cv2.cvtColor(np.ascontiguousarray(middle), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    fine = np.abs(gray - cv2.GaussianBlur(gray, (0, 0), 1)).mean()
+    size = [max(1, side // COARSE_PX) for side in gray.shape[::-1]]
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    coarse = np.abs(small - cv2.GaussianBlur(small, (0, 0), 6 / COARSE_PX)).mean()
+    return float((fine + 0.1) / (coarse + 0.1))
+
+
+# Patches of the surface that share a view: each lies in the texture as it lies in that image.
+
+
+@dataclass(frozen=True, eq=False)
+class Charts:
+    """of_face (F,): the chart of each triangle, -1 where no view shows it. on_edge (F,): whether it
+    has a neighbor that is in none or another. view, group (C,): of each chart.
+
+    A node is a vertex in a chart. node (F, 3): of each corner, -1 without a chart. vertex, chart
+    (N,): of each node. pixel (N, 2): where the chart's view shows it, (0, 0) in the center of the
+    top left one. correction (N, 3): what is added there to its colors.
+    """
+
+    of_face: NDArray[np.int64]
+    on_edge: NDArray[np.bool_]
+    view: NDArray[np.int32]
+    group: NDArray[np.int64]
+    node: NDArray[np.int64]
+    vertex: NDArray[np.int64]
+    chart: NDArray[np.int64]
+    pixel: NDArray[np.float64]
+    correction: NDArray[np.float32]
+
+    def leveled(self, correction: NDArray[np.float32]) -> "Charts":
+        """Replace the correction."""
+        return replace(self, correction=correction)
+
+
+def build_charts(
+    views: Views,
+    surface: PaintedSurface,
+    label: NDArray[np.int32],
+    across: NDArray[np.int64],
+    group: NDArray[np.int64],
+) -> Charts:
+    """Charts: connected triangles of one view (F,) and one group (F,)."""
+    of_face = _components(label, across, group)
+    seen = np.flatnonzero(of_face >= 0)
+    charts = int(of_face.max(initial=-1)) + 1
+    view, of_group = np.full(charts, -1, np.int32), np.zeros(charts, np.int64)
+    view[of_face[seen]], of_group[of_face[seen]] = label[seen], group[seen]
+    key = of_face[seen, None] * len(surface.position) + surface.triangles[seen]
+    unique, inverse = np.unique(key, return_inverse=True)
+    node = np.full(surface.triangles.shape, -1, np.int64)
+    node[seen] = inverse.reshape(-1, 3)
+    chart, vertex = np.divmod(unique, max(len(surface.position), 1))
+    pixel = np.zeros((len(unique), 2))
+    for number in np.unique(view):
+        of_view = np.flatnonzero(view[chart] == number)
+        pixel[of_view] = views.project(int(number), surface.position[vertex[of_view]])
+    on_edge = (of_face[across] != of_face[:, None]).any(axis=1) | (across < 0).any(axis=1)
+    none = np.zeros((len(unique), 3), np.float32)
+    return Charts(of_face, on_edge, view, of_group, node, vertex, chart, pixel, none)
+
+
+def _components(
+    label: NDArray[np.int32], across: NDArray[np.int64], group: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    one = np.repeat(np.arange(len(label)), 3)
+    other = across.ravel()
+    joined = other >= 0
+    one, other = one[joined], other[joined]
+    same = (label[one] == label[other]) & (group[one] == group[other]) & (label[one] >= 0)
+    graph = coo_array(
+        (np.ones(int(same.sum()), np.int8), (one[same], other[same])),
+        shape=(len(label), len(label)),
+    )
+    component = np.asarray(connected_components(graph, directed=False)[1])
+    result = np.full(len(label), -1, np.int64)
+    seen = label >= 0
+    result[seen] = np.unique(component[seen], return_inverse=True)[1]
+    return result
