@@ -72,8 +72,8 @@ def search_is_equal(device: torch.device) -> bool:
         tiles = tuple(-(-side // TILE) for side in size)
         lowest = rng.integers(-20, 20, tiles).astype(np.int32)
         band = Band(lowest, (LANES * rng.integers(1, 4, tiles)).astype(np.int32))
-        images = (torch.from_numpy(image.astype(np.float32)).to(device) for image in (left, right))
-        wanted, found = compiled.search(left, right, band), sgm.search(*images, band)
+        there = [torch.from_numpy(image.astype(np.float32)).to(device) for image in (left, right)]
+        wanted, found = compiled.search(left, right, band), sgm.search(there[0], there[1], band)
         equal &= all(
             np.array_equal(values.cpu().numpy(), getattr(wanted, name), equal_nan=True)
             for name, values in found._asdict().items()

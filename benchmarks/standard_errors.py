@@ -61,7 +61,7 @@ from stereo_seecolor.extras.synthetic.demo import synthesize
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.atomic import new_folder
+from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m

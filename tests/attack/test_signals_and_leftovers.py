@@ -26,7 +26,12 @@ def test_a_batch_systems_signal_ends_a_run_as_ctrl_c_does(
 ) -> None:
     dive, out = make_dive(40), tmp_path / "out"
     with subprocess.Popen(
-        [*PROGRAM, *dive.command(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*PROGRAM, *dive.command(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # ignored where the tests were started by nohup, and inherited
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     ) as process:
         while not (out / "range").exists() and process.poll() is None:
             time.sleep(0.01)
@@ -75,8 +80,8 @@ def test_leftovers_of_a_killed_run_go_and_a_users_files_stay(
 @pytest.mark.posix
 def test_what_a_killed_export_left_goes_with_the_next_and_nothing_else(tmp_path: Path) -> None:
     code = (
-        "import os, sys; from pathlib import Path; from stereo_seecolor.files.atomic import "
-        "new_folder\n"
+        "import os, sys; from pathlib import Path; from stereo_seecolor.files.free_places "
+        "import new_folder\n"
     )
     code += "with new_folder(Path(sys.argv[1])) as building:\n    (building / 'a').touch()\n"
     killed = "    os.kill(os.getpid(), 9)"

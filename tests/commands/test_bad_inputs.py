@@ -211,7 +211,7 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(
         monkeypatch.setattr(
             rig_checks, "quick_check", lambda *_: QuickCheck(False, False, np.zeros(0))
         )
-        monkeypatch.setattr(rig_checks, "vertical_disparity", too_few)
+        monkeypatch.setattr(rig_checks, "judge_matches", too_few)
     reef = Path(__file__).resolve().parents[2] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
         (tmp_path / other).mkdir()

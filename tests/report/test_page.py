@@ -287,7 +287,7 @@ def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
 
 
 @pytest.mark.slow
-def test_the_page_takes_at_most_15_percent_of_a_lean_folder(
+def test_the_page_takes_at_most_15_percent_of_a_lean_folder_and_images_of_the_map_5(
     sample_run: SampleRun, tmp_path: Path
 ) -> None:
     out = sample_run.copy(tmp_path / "out")
@@ -299,11 +299,13 @@ def test_the_page_takes_at_most_15_percent_of_a_lean_folder(
     report(out)
     shutil.rmtree(out / "clouds", ignore_errors=True)  # of the run before, with other settings
     assert (out / "page/map/map.js").is_file()
-    page, whole = (
-        sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-        for folder in (out / "page", out)
-    )
-    assert page <= 0.15 * whole
+
+    def size(folder: Path, pattern: str) -> int:
+        return sum(path.stat().st_size for path in folder.rglob(pattern) if path.is_file())
+
+    whole, textures = size(out, "*"), size(out / "page", "textured_*")
+    assert size(out / "page", "*") - textures <= 0.15 * whole
+    assert textures <= 0.05 * whole
 
 
 @pytest.mark.slow
