@@ -375,15 +375,13 @@ def test_what_positions_are_rounded_to_is_known(
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        (
-            '{"ts": 1.0, "x": 1, "y": 2, "z": 3, "type": "position_local", "format": "json_v3"}\n'
-            * 3,
-            "a log of a Water Linked DVL .*time, north, east, depth",
-        ),
         ("$PSONLLD,120000.00,A,-14.6,145.4,5.0,1,1,45,1*00\n" * 3, "Sonardyne USBL .*no date"),
         ("$PSIMSSB,120000.00,B01,A,,C,H,M,1.0,2.0,5.0,0.4,N,,*00\n" * 3, "Kongsberg HiPAP"),
-        ("[Script Info]\nTitle: Cockpit\n\n[Events]\n", "as Cockpit writes telemetry"),
-        ("1\n0:00:01,000 --> 0:00:02,000\n[latitude: 1] [longitude: 2]\n\n" * 3, "subtitles"),
+        ("[Script Info]\nTitle: Cockpit\n\n[Events]\n", "subtitles whose 0 lines"),
+        (
+            "1\n0:00:01,000 --> 0:00:02,000\n[latitude: 1] [longitude: 2]\n\n" * 3,
+            "subtitles whose 3",
+        ),
     ],
 )
 def test_logs_of_small_vehicles_are_named(text: str, what: str, tmp_path: Path) -> None:

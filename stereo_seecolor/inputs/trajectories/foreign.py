@@ -34,10 +34,9 @@ _TEXT = (
         "a GeoJSON file: export the track as CSV, with time, lat and lon",
     ),
     (
-        r'"type"\s*:\s*"position_local"|"format"\s*:\s*"json_v\d',
-        "a log of a Water Linked DVL (x forward, y to starboard, z down from where it was reset): "
-        "save it as CSV with the columns time, north, east, depth, roll, pitch, "
-        "heading",
+        r'"format"\s*:\s*"json_v\d',
+        "a log of a Water Linked DVL that holds velocities alone: log its position reports "
+        "(position_local), too",
     ),
     (
         r"\$PSONLLD,",
@@ -48,15 +47,6 @@ _TEXT = (
         r"\$PSIMSSB,",
         "a log of a Kongsberg HiPAP (PSIMSSB), in meters from the ship and without a date: save it "
         "as CSV with time, lat, lon, depth, made with the ship's own place and heading",
-    ),
-    (
-        r"\[Script Info\]",
-        "a file of subtitles (ASS), as Cockpit writes telemetry: save it as CSV with time, lat, "
-        "lon, depth, heading",
-    ),
-    (
-        r"\d:\d\d:\d\d[,.]\d+ --> \d",
-        "a file of subtitles (SRT): save its telemetry as CSV with time, lat, lon, depth, heading",
     ),
     (r"<kml", "a KML file without times: give GPX, or CSV with time, lat and lon"),
     (
