@@ -50,10 +50,10 @@ options. `stereo-seecolor --install-completion` sets up completion with the Tab 
 EXIT_CODES = """
 | exit code | meaning |
 | --- | --- |
-| 0 | all done |
+| 0 | everything succeeded |
 | 1 | a known error; one line says what is wrong, where, and what to do |
 | 2 | wrong usage |
-| 3 | finished, but pairs failed or had no partner, frames are missing in the map or apart from it, or poses do not fit; named |
+| 3 | finished, with problems that the command names: failed or unpaired images, numbers that are wrong by more than they state, frames that are missing from the map or not connected to it, poses that do not fit |
 | 130 | interrupted |
 """  # noqa: E501
 

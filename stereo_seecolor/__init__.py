@@ -1,4 +1,4 @@
-"""Stereo pairs of a reef in, metric range maps, true-color images and colored 3-D maps out.
+"""Compute metric range maps, true-color images and colored 3-D maps from stereo pairs of a reef.
 
 >>> from stereo_seecolor import Pipeline, open_run, run  # doctest: +SKIP
 """
