@@ -377,6 +377,12 @@ def test_what_positions_are_rounded_to_is_known(
     [
         ("$PSONLLD,120000.00,A,-14.6,145.4,5.0,1,1,45,1*00\n" * 3, "Sonardyne USBL .*no date"),
         ("$PSIMSSB,120000.00,B01,A,,C,H,M,1.0,2.0,5.0,0.4,N,,*00\n" * 3, "Kongsberg HiPAP"),
+        ("$PSIMLBP,120000.00,1,P,F,C,1.0,2.0,5.0,0.4,0.2\n" * 3, "PSIMLBP"),
+        (
+            "$GPRMC,120000.00,A,1440.8,S,14527.0,E,0.5,0,010526,,,A\n"
+            "$PSONLLD,120000.00,B1,A,-14.6,145.4,5.0,1,1,45,1\n" * 3,
+            r"acoustic beacon \(PSONLLD\) beside those of the ship",
+        ),
         ("[Script Info]\nTitle: Cockpit\n\n[Events]\n", "subtitles whose 0 lines"),
         (
             "1\n0:00:01,000 --> 0:00:02,000\n[latitude: 1] [longitude: 2]\n\n" * 3,

@@ -17,6 +17,7 @@ from stereo_seecolor.records import Trajectory
 
 BEGIN = 50
 """Lines by which a file is recognized."""
+_LOG = re.compile(r'"format"\s*:\s*"json_v\d')
 _REPORT = re.compile(r'"type"\s*:\s*"position_local"')
 _REPORTED = {
     "time": "ts",
@@ -50,14 +51,14 @@ _SHOWN = {
 
 
 def is_report(lines: Lines) -> bool:
-    """True for position reports of a DVL by Water Linked, among reports of velocity or not."""
-    return any(_REPORT.search(line) for line in lines.all[:BEGIN])
+    """True for reports of a DVL by Water Linked, of position or velocity."""
+    return any(_REPORT.search(line) or _LOG.search(line) for line in lines.all[:BEGIN])
 
 
 def read_reports(lines: Lines, mount: MountConfig) -> Trajectory:
     """The vehicle's poses from where dead reckoning was reset; reports of velocity are passed over.
 
-    Raises InputError for a line that is no JSON.
+    Raises InputError for a line that is no JSON, and for a log of velocities alone.
     """
     rows = [",".join(_REPORTED)]
     for number, line in lines.content:
@@ -68,6 +69,11 @@ def read_reports(lines: Lines, mount: MountConfig) -> Trajectory:
         except ValueError as error:
             raise lines.error(number, "is not a report of a DVL (JSON)") from error
         rows.append(",".join(str(report.get(key, "")) for key in _REPORTED.values()))
+    if len(rows) == 1:
+        raise InputError(
+            f"{lines.path}: is a log of a Water Linked DVL that holds velocities alone: log its "
+            "position reports (position_local), too"
+        )
     return _read(lines, rows, mount)
 
 

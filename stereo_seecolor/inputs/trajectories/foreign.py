@@ -34,14 +34,14 @@ _TEXT = (
         "a GeoJSON file: export the track as CSV, with time, lat and lon",
     ),
     (
-        r'"format"\s*:\s*"json_v\d',
-        "a log of a Water Linked DVL that holds velocities alone: log its position reports "
-        "(position_local), too",
-    ),
-    (
         r"\$PSONLLD,",
         "a log of a Sonardyne USBL (PSONLLD), whose times have no date: save it as CSV with "
         "time, lat, lon, depth",
+    ),
+    (
+        r"\$PSIMLBP,",
+        "a log of a Kongsberg HiPAP (PSIMLBP), without a date: save it as CSV with time, lat, lon, "
+        "depth",
     ),
     (
         r"\$PSIMSSB,",

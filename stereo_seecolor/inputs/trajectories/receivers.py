@@ -26,6 +26,8 @@ SENTENCES = {
 _SENTENCE = re.compile(
     r"\$(\w{2}(RMC|GGA|GLL|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
+_BEACON = re.compile(r"\$(PSONLLD|PSIMSSB|PSIMLBP),")
+"""Sentences of USBL and LBL systems (Sonardyne, Kongsberg)."""
 _POINT = r"(?:\w+:)?(?:trkpt|wpt|rtept)\b"
 _GPX = re.compile(
     rf"<(?:\w+:)?(trkpt|wpt|rtept)\b([^<>]*)>([^<]*(?:<(?!/?{_POINT})[^<]*)*)</(?:\w+:)?\1>"
@@ -83,6 +85,11 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
         rows = [_gpx_row(point[2], point[3]) for point in _GPX.finditer(text)]
     elif "<kml" in text[:4000]:
         rows = _kml_rows(text)
+    elif beacon := _BEACON.search(text):
+        raise InputError(
+            f"{lines.path}: holds positions of an acoustic beacon ({beacon[1]}) beside those of "
+            "the ship, which are not the camera's: save the beacon's as CSV with time, lat, lon, depth"
+        )
     else:
         rows = _nmea_rows(lines, names)
     known = [row for row in rows if row]
