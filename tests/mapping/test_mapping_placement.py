@@ -206,3 +206,21 @@ def test_rotations_and_their_vectors_agree(vector: list[float], fraction: float)
     np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-9)
     there = interpolate(np.eye(4), T, fraction)
     np.testing.assert_allclose(interpolate(T, np.eye(4), 1 - fraction)[:3], there[:3], atol=1e-4)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_poses_by_number_of_image_find_their_frames(first: int) -> None:
+    """As the ground truth of AQUALOC has them; one frame has no pose, and frames are .5 s apart."""
+    frames = replace(index(), timestamps_s=1.79e9 + 0.5 * np.arange(10))
+    known = np.delete(np.arange(10), 4)
+    placement = place(frames, by_time(line()[known], known + float(first)), CONFIG)
+    np.testing.assert_array_equal(placement.T_world_camera[known], line()[known])
+    assert [frame.name for frame in placement.unplaced] == ["f04"]
+    assert "taken for numbers of images" in " ".join(placement.warnings)
+
+
+def test_whole_seconds_from_a_start_are_not_numbers_of_images() -> None:
+    """Of a dive of 9 s: which pose belongs to which frame is not known."""
+    frames = replace(index(20), timestamps_s=1.79e9 + np.linspace(0, 9, 20))
+    with pytest.raises(MappingError):
+        place(frames, by_time(line(), np.arange(10.0)), CONFIG)

@@ -88,7 +88,8 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
     elif beacon := _BEACON.search(text):
         raise InputError(
             f"{lines.path}: holds positions of an acoustic beacon ({beacon[1]}) beside those of "
-            "the ship, which are not the camera's: save the beacon's as CSV with time, lat, lon, depth"
+            "the ship, which are not the camera's: save the beacon's as CSV with time, lat, lon, "
+            "depth"
         )
     else:
         rows = _nmea_rows(lines, names)

@@ -37,6 +37,10 @@ program.
 """
 
 
+ALIKE = 0.2
+"""Fraction by which a track from a start and a dive may differ in how long they last."""
+
+
 @dataclass(frozen=True, eq=False)
 class Assignment:
     """T_world_camera: (N, 4, 4), NaN where a frame has no pose. reasons: why, by frame. warnings:
@@ -60,7 +64,8 @@ def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> 
         if by_key.keys() & {stem_of_path(name) for name in index.names}:
             return _by_name(index, trajectory, by_key)
     if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
-        return _by_time(index, trajectory, config)
+        by_number = _by_image_number(index, trajectory)
+        return by_number or _by_time(index, trajectory, config)
     if not by_stem and len(trajectory.T_world_camera) == len(index.names):
         return _of_places(trajectory, np.arange(len(index.names)), "in order")
     if (
@@ -104,6 +109,38 @@ def _of_places(trajectory: Trajectory, places: NDArray[np.intp], how: str) -> As
         T,
         reasons,
         [f"the trajectory names no frames and holds no common time: poses were taken {how}"],
+    )
+
+
+def _by_image_number(index: FrameIndex, trajectory: Trajectory) -> Assignment | None:
+    """Poses whose times are numbers of images, as ground truth of some data sets has them; None
+    where they may be times.
+
+    Whole numbers from 0 or 1, at most one for each frame and for half of them at least, which do
+    not last as long as the dive: seconds from a start do.
+    """
+    frames_s, numbers = index.timestamps_s, trajectory.timestamps_s
+    if not (np.isfinite(numbers).all() and np.isfinite(frames_s).all()):
+        return None
+    if not from_start(frames_s, numbers) or (numbers % 1).any() or (np.diff(numbers) < 1).any():
+        return None
+    places = (numbers - (numbers[0] == 1)).astype(np.intp)
+    lasts = (numbers[-1] - numbers[0]) / max(np.ptp(frames_s), 1e-9)
+    fit = places[0] >= 0 and places[-1] < len(index.names) <= 2 * len(numbers)
+    if not fit or abs(lasts - 1) < ALIKE:
+        return None
+    T = np.full((len(index.names), 4, 4), np.nan)
+    T[index.order[places]] = trajectory.T_world_camera
+    reasons = {
+        int(i): "the trajectory has no pose of its number" for i in np.flatnonzero(~_finite(T))
+    }
+    return Assignment(
+        T,
+        reasons,
+        [
+            "the times of the trajectory are whole numbers and not of the frames' clock: they were "
+            f"taken for numbers of images, from {int(numbers[0] == 1)} in order of time"
+        ],
     )
 
 
