@@ -78,6 +78,8 @@ REEF_PAIRS = 10
 """Of the reef dive: the paper's method takes a minute for each."""
 NIGHT = SurveySpec(seed=FIRST_SEED, pairs=8, image_size=(320, 256), lamp_intensity=200)
 
+REEF = RunConfig.model_validate({"input": {"refine": True}, "output": {"preset": "no-clouds"}})
+
 Row = tuple[str, str, str, list[str]]
 """What was measured on, real or drawn, the measure, and a cell for each of COLUMNS."""
 
@@ -143,29 +145,31 @@ def dive_results(
 
 
 def reef_rows(data: Path) -> Iterator[Row]:
-    """A reef dive: colors of sand, and differences of one spot between views."""
+    """A reef dive: colors of sand, of parts of the picture, and of one spot between views."""
     dive = data / "acfr"
-    config = RunConfig.model_validate(
-        {"input": {"refine": True}, "output": {"preset": "no-clouds"}}
-    )
     columns = {variants[0]: column for column, variants in COLUMNS.items()}
     sand: dict[str, list[np.ndarray]] = {column: [] for column in COLUMNS}
+    fifths: dict[str, list[np.ndarray]] = {column: [] for column in COLUMNS}
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         by = {column: Path(folder) / f"by {column}" for column in COLUMNS}
         for path in by.values():
             path.mkdir()
-        left, right = (Path(folder) / side for side in ("left", "right"))
-        for path in (left, right):
-            path.mkdir()
-            for file in sorted((dive / path.name).iterdir())[:REEF_PAIRS]:
-                (path / file.name).symlink_to(file.resolve())
-        sides = (left, right, dive / "stereo_calib.mat")
-        for name, range_m, results in dive_results(*sides, out, config, list(columns)):
-            where = smooth_and_bright(results[OURS], range_m)
+        sides = part_of(dive, slice(REEF_PAIRS), Path(folder))
+        for name, range_m, results in dive_results(*sides, out, REEF, list(columns)):
+            where, known = smooth_and_bright(results[OURS], range_m), np.isfinite(range_m)
             for method, result in results.items():
                 column, shown = columns[method], np.clip(result, 0, 1)
-                sand[column].append(decode_srgb(shown[where]))
+                light = decode_srgb(shown)
+                sand[column].append(light[where])
+                fifths[column].append(
+                    np.array(
+                        [
+                            np.nanmedian(light[:, part][known[:, part]], axis=0)
+                            for part in np.array_split(np.arange(known.shape[1]), 5)
+                        ]
+                    )
+                )
                 pixels = np.round(np.nan_to_num(shown) * 255).astype(np.uint8)
                 cv2.imwrite(str(by[column] / f"{name}.png"), pixels[..., ::-1])
         others = [path for column, path in by.items() if column not in ("raw", OURS)]
@@ -175,9 +179,13 @@ def reef_rows(data: Path) -> Iterator[Row]:
     title = f"acfr, first {len(sand[OURS])} pairs"
     spreads = [of[column] for column in COLUMNS]
     medians = [np.nanmedian(np.concatenate(sand[column]), axis=0) for column in COLUMNS]
+    reddest = [np.mean(fifths[column], axis=0) for column in COLUMNS]
     rows = {
         "sand: R/G, B/G (1.05 to 1.22, 0.70 to 0.92)": [
             f"{m[0] / m[1]:.2f}, {m[2] / m[1]:.2f}" for m in medians
+        ],
+        "R/G of five columns, largest by smallest": [
+            f"{np.max(m[:, 0] / m[:, 1]) / np.min(m[:, 0] / m[:, 1]):.2f}" for m in reddest
         ],
         "one spot in different views: angle; log luminance": [
             f"{s.angle_deg:.1f}; {s.luminance:.2f}" for s in spreads
@@ -190,6 +198,67 @@ def reef_rows(data: Path) -> Iterator[Row]:
     }
     for measure, cells in rows.items():
         yield title, "real", measure, cells
+
+
+def halves_rows(data: Path) -> Iterator[Row]:
+    """Halves of the reef dive that are solved apart, on the frame that both hold, and the dive
+    encoded by sRGB before the run. Other methods correct each frame alone.
+    """
+    dive, nothing = data / "acfr", ["" for _ in COLUMNS][1:]
+    with tempfile.TemporaryDirectory() as folder:
+        made = []
+        for part in (slice(REEF_PAIRS + 1), slice(REEF_PAIRS, None)):
+            sides = part_of(dive, part, Path(folder) / f"{part.start or 0}")
+            run(*sides, Path(folder) / f"out {part.start or 0}", REEF)
+            made.append(open_run(Path(folder) / f"out {part.start or 0}"))
+        (name,) = {frame.name for frame in made[0].frames} & {f.name for f in made[1].frames}
+        first, second = (decode_srgb(one.frame(name).read("corrected") / 255.0) for one in made)
+        seen = (np.minimum(first, second) > 0.01).all(-1) & (np.maximum(first, second) < 0.9).all(
+            -1
+        )
+        ratio = np.log(first[seen]) - np.log(second[seen])
+        of = {
+            "R/G": ratio[:, 0] - ratio[:, 1],
+            "B/G": ratio[:, 2] - ratio[:, 1],
+            "luminance": ratio.mean(axis=1),
+        }
+        cell = ", ".join(f"{np.exp(np.median(values)):.2f}" for values in of.values())
+        title = "acfr, two halves solved apart"
+        yield title, "real", "first over second: R/G, B/G, brightness", [*nothing, cell]
+        encoded = Path(folder) / "encoded"
+        for side in ("left", "right"):
+            (encoded / side).mkdir(parents=True)
+            for file in sorted((dive / side).iterdir()):
+                image = cv2.imread(str(file))
+                shown = np.round(255 * encode_srgb(image / 255.0)).astype(np.uint8)
+                cv2.imwrite(str(encoded / side / f"{file.stem}.png"), shown)
+        rig = dive / "stereo_calib.mat"
+        runs = []
+        for source, out in ((dive, "linear"), (encoded, "as sRGB")):
+            run(source / "left", source / "right", rig, Path(folder) / out, REEF)
+            runs.append(open_run(Path(folder) / out))
+        difference = np.mean(
+            [
+                np.abs(
+                    frame.read("corrected").astype(np.float64)
+                    - runs[1].frame(frame.name).read("corrected")
+                ).mean()
+                for frame in runs[0].frames
+            ]
+        )
+        title = f"acfr, {len(runs[0].frames)} pairs"
+        measure = "encoded by sRGB before the run: mean difference, of 255"
+        yield title, "real", measure, [*nothing, f"{difference:.1f}"]
+
+
+def part_of(dive: Path, part: slice, folder: Path) -> tuple[Path, Path, Path]:
+    """Left and right folder and calibration of some pairs of a dive."""
+    left, right = (folder / side for side in ("left", "right"))
+    for path in (left, right):
+        path.mkdir(parents=True)
+        for file in sorted((dive / path.name).iterdir())[part]:
+            (path / file.name).symlink_to(file.resolve())
+    return left, right, dive / "stereo_calib.mat"
 
 
 def smooth_and_bright(image: np.ndarray, range_m: np.ndarray) -> np.ndarray:
@@ -287,12 +356,13 @@ PARTS: dict[str, Callable[[Path], Iterator[Row]]] = {
     "flsea": flsea_rows,
     "charts": chart_rows,
     "acfr": reef_rows,
+    "halves": halves_rows,
     "dives": drawn_dive_rows,
     "scenes": scene_rows,
     "benthic": benthic_rows,
     "photographs": photograph_rows,
 }
-REAL = ("flsea", "charts", "acfr")
+REAL = ("flsea", "charts", "acfr", "halves")
 """Parts that need the frames of tests/DATA.md."""
 
 
