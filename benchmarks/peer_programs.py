@@ -184,4 +184,7 @@ def open3d(folder: Path) -> None:
         track.append(pose[:3, 3].copy())
         volume.integrate(frame(index, False), camera, np.linalg.inv(pose))
     np.save(folder / "track.npy", np.array(track))
-    np.save(folder / "cloud.npy", np.asarray(volume.extract_point_cloud().points))
+    points = np.asarray(volume.extract_point_cloud().points)
+    if not len(points):
+        raise RuntimeError("no surface came out; whether by Open3D or by this call is not settled")
+    np.save(folder / "cloud.npy", points)
