@@ -33,7 +33,6 @@ from stereo_seecolor.extras.evaluation.measures import (
     surface_points,
     trajectory_error,
 )
-from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
@@ -238,7 +237,8 @@ def track_table(work: Path, python: Path, missing: dict[str, str]) -> list[str]:
     truth = read_trajectory(SAMPLE / "trajectory.tum")
     with np.load(SAMPLE / "truth" / "surface.npz") as content:
         height_m, origin_m = content["height_m"], tuple(content["origin_m"])
-    surface = surface_points(height_m, origin_m, CELL_M)
+        cell_m = float(content["cell_m"])
+    surface = surface_points(height_m, origin_m, cell_m)
 
     def row(name: str, track: NDArray, cloud: NDArray | None, used: Used) -> str:
         placed = np.isfinite(track).all(axis=1)
