@@ -1,5 +1,6 @@
 """Every benchmark tells what it measures and what it takes."""
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -47,3 +48,13 @@ def test_benchmarks_give_functions_the_arguments_that_they_take() -> None:
     )
     assert found.returncode in (0, 1), found.stderr[-500:]
     assert not [line for line in found.stdout.splitlines() if line.endswith("[call-arg]")]
+
+
+def test_deliberate_breaks_are_of_the_code_as_it_is() -> None:
+    names = runpy.run_path(str(BENCHMARKS / "mutations.py"))
+    tests = BENCHMARKS.parent / "tests"
+    assert len({each.file for each in names["BREAKS"]}) >= 20
+    for each in names["BREAKS"]:
+        assert not names["missing"](each)
+        assert each.new != each.old
+        assert all((tests / path).exists() for path in each.tests.split()), each.tests
