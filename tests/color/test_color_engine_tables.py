@@ -51,6 +51,7 @@ def test_tables_add_and_subtract():
     assert np.array_equal(both.counts, whole.counts)
     assert np.array_equal(both.range_m, whole.range_m)
     assert np.array_equal((whole - top).counts, bottom.counts)
+    assert np.allclose((whole - top).range_m, bottom.range_m, rtol=1e-12)
     assert np.array_equal((MomentTable.empty() + top).offset_sum, top.offset_sum)
 
 
