@@ -169,6 +169,13 @@ def test_wider_tolerance_takes_the_nearest(tmp_path: Path) -> None:
     assert [right for _, _, right in found] == ["1000000000.050000.png"]
 
 
+def test_a_right_image_goes_to_the_left_one_that_is_nearest(tmp_path: Path) -> None:
+    """Not to another one within the tolerance, too: one of the two has no partner."""
+    lefts = ["1000000000.000000.png", "1000000000.080000.png"]
+    found = names(tmp_path, lefts, ["1000000000.090000.png"], timestamp_tolerance_s=0.2)
+    assert [left for _, left, _ in found] == [lefts[1]]
+
+
 def test_clocks_that_drift_are_reported(tmp_path: Path) -> None:
     lefts = [f"10000000{i:02d}.000000.png" for i in range(12)]
     rights = [f"10000000{i:02d}.{i * 700:06d}.png" for i in range(12)]
