@@ -7,7 +7,7 @@ import pytest
 from drawn_rigs import Fault, affine, both, drawn_dive, rig, shutters, turned
 
 from calibration import StereoRig
-from calibration.field_checks.causes import find_causes
+from calibration.field_checks.causes import Causes, Explanation, find_causes
 
 YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
 ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"
@@ -31,6 +31,17 @@ def test_no_cause_is_named_without_a_fault(settings: dict[str, float]) -> None:
     drawn = drawn_dive(**settings)
     found = find_causes(drawn.rig, drawn.matches, drawn.couples)
     assert (found.line, found.is_wrong, found.explains) == ("", False, True)
+
+
+def test_ranges_are_wrong_where_a_rival_says_so() -> None:
+    """Which of two explanations that are as likely is the best is chance."""
+    harmless, harmful = (
+        Explanation(text, (), 1, 0.0, is_wrong=is_wrong)
+        for text, is_wrong in (("a pitch", False), ("a focal length", True))
+    )
+    assert Causes(harmless, (harmful,)).is_wrong
+    assert Causes(harmless, (harmful,)).is_wrong_if_refined
+    assert not Causes(harmless, (harmless,)).is_wrong
 
 
 def test_a_wrong_baseline_leaves_no_trace() -> None:
