@@ -23,6 +23,7 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
@@ -256,3 +257,13 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(
     run_in_process(dive, out)
     assert len(fits) > second
     assert contents(out)["water.json"] != before["water.json"]
+
+
+def test_what_was_made_of_an_earlier_stage_is_made_again() -> None:
+    """New ranges end the colors and the page of a frame; a new page ends nothing."""
+    frame = FrameRecord("f")
+    for stage in ("range", "corrected", "page"):
+        frame = frame.with_stage(stage, StageRecord("old"))
+    assert frame.with_stage("page", StageRecord("new")).stages.keys() == frame.stages.keys()
+    assert frame.with_stage("corrected", StageRecord("new")).stages.keys() == {"range", "corrected"}
+    assert frame.with_stage("range", StageRecord("new")).stages.keys() == {"range"}
