@@ -14,7 +14,7 @@ from test_color_robust import SHAPE, seen_through
 from test_color_robust import reef as reef_colors
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.fitting.jackknife import with_errors_of_parts
+from stereo_seecolor.color.fitting.jackknife import with_errors_of_blocks
 from stereo_seecolor.color.photometry import segments
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.config import ColorConfig
@@ -169,11 +169,22 @@ def test_the_errors_of_a_water_by_its_parts_are_the_spread_of_dives():
         tables = [
             corrector.measure(*frame) for frame in dive_in_sea(np.random.default_rng(seed), 8)
         ]
-        water = corrector.fit(reduce(add, tables))
+        whole = reduce(add, tables)
+        water = corrector.fit(whole)
         exact = replace(water, standard_errors={"y": np.zeros(3), "white": np.zeros(3)})
-        shown = with_errors_of_parts(exact, tables, corrector.config).standard_errors
+        shown = with_errors_of_blocks(exact, whole, tables, corrector.config).standard_errors
         found.append([water.y, np.log(water.white / np.exp(np.log(water.white).mean()))])
         errors.append([shown["y"], shown["white"] / water.white])
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.std(found, axis=0)
     assert (ratio > 0.6).all()
     assert (ratio < 2.0).all()
+
+
+def test_a_frame_of_another_exposure_takes_no_part_in_the_errors_either():
+    """It is left out of the fit; so it is of the blocks that are taken out of the fit's table."""
+    frames = list(dive_in_sea(np.random.default_rng(7), 10))
+    dark = [(frames[0][0] // 12, frames[0][1])]
+    alone, with_dark = (
+        water_of(some).standard_errors["y"] for some in (frames, [*frames[:5], *dark, *frames[5:]])
+    )
+    assert with_dark == pytest.approx(alone, rel=0.35)

@@ -5,17 +5,15 @@ The errors of one fit assume how much content differs from range to range. The j
 follow each other show the same reef, so that blocks are left out, not frames.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
+from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
@@ -24,20 +22,27 @@ LEAST, MOST = 4, 10
 NAMES = ("y", "w", "beta", "gamma_inf", "white")
 
 
-def with_errors_of_parts(water: Water, tables: Sequence[MomentTable], config: ColorConfig) -> Water:
-    """Give a water the errors that its parts show, where these are larger than those of the fit.
+def with_errors_of_blocks(
+    water: Water, whole: MomentTable, blocks: Iterable[MomentTable], config: ColorConfig
+) -> Water:
+    """Give a water the errors that blocks of the dive show, where these are larger than its own.
 
     Args:
-        water: Fitted to the sum of the tables.
-        tables: Of frames, or of groups of neighboring frames, in order.
+        water: Fitted to ``whole``.
+        whole: The sum of the blocks.
+        blocks: Of neighboring frames, at most MOST, one at a time.
         config: Settings of the color stage.
 
     Returns:
         The water. Errors that the fit does not state (NaN) stay unknown.
     """
-    if not water.standard_errors or config.method != "robust" or len(tables) < LEAST:
+    if not water.standard_errors or config.method != "robust":
         return water
-    shown = _block_errors(water, tables, config)
+    others = (whole - block for block in blocks)
+    rest = [quantiles_by_range(other, config.encoding) for other in others if other.pixels.any()]
+    if len(rest) < LEAST:
+        return water
+    shown = _errors(water, rest, config)
     errors = {
         name: np.where(np.isfinite(error), np.fmax(error, shown.get(name, error)), np.nan)
         for name, error in water.standard_errors.items()
@@ -45,22 +50,15 @@ def with_errors_of_parts(water: Water, tables: Sequence[MomentTable], config: Co
     return replace(water, standard_errors=errors)
 
 
-def _block_errors(
-    water: Water, tables: Sequence[MomentTable], config: ColorConfig
+def _errors(
+    water: Water, rest: Sequence[RangeQuantiles], config: ColorConfig
 ) -> dict[str, NDArray[np.float64]]:
-    """(3,) errors of each parameter; of the white point those of its color."""
-    blocks = [
-        reduce(add, tables[part[0] : part[-1] + 1])
-        for part in np.array_split(np.arange(len(tables)), min(len(tables), MOST))
-    ]
-    rest = [
-        quantiles_by_range(reduce(add, [*blocks[:i], *blocks[i + 1 :]]), config.encoding)
-        for i in range(len(blocks))
-    ]
+    """(3,) errors of each parameter, from what is left without each block; of the white point those
+    of its color.
+    """
     waters, _ = robust.fit_all(rest, config, [water] * len(rest), robust.ENOUGH)
     values = np.array([[getattr(one, name) for name in NAMES] for one in waters])
     white = np.log(values[:, 4])
     values[:, 4] = (white - white.mean(axis=1, keepdims=True)) * water.white
-    number = len(blocks)
-    errors = np.sqrt((number - 1) * values.var(axis=0))
+    errors = np.sqrt((len(rest) - 1) * values.var(axis=0))
     return dict(zip(NAMES, errors, strict=True))

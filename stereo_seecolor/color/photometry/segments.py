@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.fitting.jackknife import with_errors_of_parts
+from stereo_seecolor.color.fitting.jackknife import MOST, with_errors_of_blocks
 from stereo_seecolor.color.fitting.robust import ENOUGH, quality
 from stereo_seecolor.color.photometry.exposure import Brightness
 from stereo_seecolor.color.photometry.survey import (
@@ -86,11 +86,6 @@ class _Chunk:
         add_to(classes, other.classes)
         return _Chunk.of(range(self.frames.start, other.frames.stop), self.linked, classes)
 
-    def table(self) -> MomentTable | None:
-        """Table of its frames of usual exposure; None without light or known range."""
-        lit = {kind: frames for kind, frames in self.classes.items() if kind != BLACK}
-        return usual_exposure(lit)[1].table if lit else None
-
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
@@ -149,20 +144,21 @@ class AutoFitter(Fitter):
         if self._open:
             chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))
         linked = _linked(chunks)
-        evidence = _evidence([reduce(add, part) for part in linked], self._config)
+        evidence = _evidence([_classes(part) for part in linked], self._config)
         parts = _parts(evidence, self._config) if chunks else []
         segments = [[c for one in linked[part.start : part.stop] for c in one] for part in parts]
         self._segments = [range(one[0].frames.start, one[-1].frames.stop) for one in segments]
         return completed(water for one in segments for water in self._segment_waters(one))
 
     def _segment_waters(self, chunks: Sequence["_Chunk"]) -> Iterator[tuple[str, Water | None]]:
-        whole = reduce(add, chunks)
+        frames = range(chunks[0].frames.start, chunks[-1].frames.stop)
+        classes = _classes(chunks)
 
         def fit(table: MomentTable, start: Water | None) -> Water:
-            parts = [part for chunk in chunks if (part := chunk.table()) is not None]
-            return with_errors_of_parts(self._fit(table, start), parts, self._config)
+            blocks = _blocks(chunks, usual_exposure(classes)[0])
+            return with_errors_of_blocks(self._fit(table, start), table, blocks, self._config)
 
-        return survey_waters(self._frames, whole.frames, whole.classes, self._config, fit)
+        return survey_waters(self._frames, frames, classes, self._config, fit)
 
     @property
     def segments(self) -> list[list[str]]:
@@ -190,15 +186,35 @@ def _linked(chunks: Sequence[_Chunk]) -> list[Sequence[_Chunk]]:
     return [chunks[a:b] for a, b in pairwise([*cuts, len(chunks)])]
 
 
-def _evidence(chunks: Sequence[_Chunk], config: ColorConfig) -> list[_Evidence | None]:
-    """The data of each chunk; None for one without light or a known range."""
-    tables = [chunk.table() for chunk in chunks]
+def _classes(chunks: Sequence[_Chunk]) -> dict[int, ExposureClass]:
+    """The tables of several chunks by class of brightness."""
+    classes: dict[int, ExposureClass] = {}
+    for chunk in chunks:
+        add_to(classes, chunk.classes)
+    return classes
+
+
+def _blocks(chunks: Sequence[_Chunk], usual: int) -> Iterator[MomentTable]:
+    """The sums of some chunks after the other, of frames of usual exposure as a fit takes them."""
+    for part in np.array_split(np.arange(len(chunks)), min(len(chunks), MOST)):
+        classes = _classes(chunks[part[0] : part[-1] + 1])
+        tables = [of.table for kind, of in classes.items() if abs(kind - usual) <= 1]
+        if tables:
+            yield reduce(add, tables)
+
+
+def _evidence(
+    parts: Sequence[Mapping[int, ExposureClass]], config: ColorConfig
+) -> list[_Evidence | None]:
+    """The data of each part; None for one without light or a known range."""
+    lit = [{kind: of for kind, of in part.items() if kind != BLACK} for part in parts]
+    tables = [usual_exposure(classes)[1].table if classes else None for classes in lit]
     known = [
         (i, table, quantiles_by_range(table, config.encoding))
         for i, table in enumerate(tables)
         if table is not None
     ]
-    found: list[_Evidence | None] = [None] * len(chunks)
+    found: list[_Evidence | None] = [None] * len(parts)
     if known:
         fits = robust.fit_all([seen for _, _, seen in known], config, enough=ENOUGH)
         for (i, table, seen), water, own in zip(known, *fits, strict=True):
