@@ -173,10 +173,8 @@ def gray_side(images: DiveImages) -> DiveVerdict:
     looked_at = evenly_spaced(images.pairs, LOOKED_AT)
     for pair in looked_at:
         with suppress(InputError):
-            left, right = (
-                _has_color(path, images.config.input) for path in (pair.left, pair.right)
-            )
-            if left or not right:
+            config = images.config.input
+            if _has_color(pair.left, config) or not _has_color(pair.right, config):
                 return NOTHING_FOUND
     if not looked_at:
         return NOTHING_FOUND
@@ -201,11 +199,11 @@ def shifted_mosaic(images: DiveImages) -> DiveVerdict:
     """
     for side in ("left", "right"):
         with suppress(InputError):
-            seen = [
+            looked_at = evenly_spaced(images.pairs, LOOKED_AT)
+            if looked_at and all(
                 _is_off_by_one(read_image(getattr(pair, side), images.config.input))
-                for pair in evenly_spaced(images.pairs, LOOKED_AT)
-            ]
-            if seen and all(seen):
+                for pair in looked_at
+            ):
                 name = getattr(images.pairs[0], side).name
                 note = (
                     f"input: {side} images ({name}): red and blue are equal and green holds a "
