@@ -338,13 +338,19 @@ def test_known_depth_narrows_the_white_point() -> None:
 
 
 def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
-    known, prior = np.full(3, 1e-6), np.array([10.0, 0.3, 0.1])
-    cast = np.sqrt(np.diag(sea_floor().cast))
-    np.testing.assert_allclose(
-        robust.error_with_cast(known, prior), (prior**-2 + cast**-2) ** -0.5, rtol=1e-3
-    )
+    prior = np.array([[0.2, 0.05, 0.0], [0.05, 0.1, 0.02], [0.0, 0.02, 0.15]])
+    of_color, cast = np.eye(3) - 1 / 3, sea_floor().cast
+    level = np.ones((3, 3))  # an exposure of any size is no color
+
+    def errors_of(covariance):
+        return np.sqrt(np.diag(of_color @ covariance @ of_color))
+
+    exact = robust.error_with_cast(1e-9 * np.eye(3), prior + level)
+    both = np.linalg.inv(np.linalg.inv(prior + 1e6 * level) + np.linalg.inv(cast + 1e6 * level))
+    np.testing.assert_allclose(exact, errors_of(both), rtol=1e-3)
     # hardly anything learned
-    np.testing.assert_allclose(robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3)
+    unchanged = robust.error_with_cast(0.999 * prior, prior)
+    np.testing.assert_allclose(unchanged, errors_of(prior), rtol=2e-3)
     set_by_user = ColorConfig(robust=RobustConfig(white_point=(0.9, 1.0, 0.8)))
     rng = np.random.default_rng(3)
     table = measure(seen_through(BLUE, reef(rng), slope(), rng), slope())

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.fitting.robust import COLOR_AXES
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
@@ -19,6 +20,8 @@ from stereo_seecolor.records import Water
 
 LEAST, MOST = 4, 10
 """Blocks: fewer give no error worth stating, more cost time."""
+LEAST_VARIANCE = 1e-12
+"""Of a logarithm: errors that a user stated need not be those of three numbers that sum to 0."""
 NAMES = ("y", "w", "beta", "gamma_inf", "white")
 
 
@@ -44,10 +47,32 @@ def with_errors_of_blocks(
         return water
     shown = _errors(water, rest, config)
     errors = {
-        name: np.where(np.isfinite(error), np.fmax(error, shown.get(name, error)), np.nan)
+        name: np.where(np.isfinite(error), np.fmax(error, shown[name]), np.nan)
         for name, error in water.standard_errors.items()
     }
+    of_color = water.standard_errors["white"] / water.white
+    if np.isfinite(of_color).all():
+        errors["white"] = water.white * _larger(of_color, shown["white"] / water.white)
     return replace(water, standard_errors=errors)
+
+
+def _larger(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) errors of colors, logarithms that sum to 0, for the least covariance that exceeds those
+    of both along every axis of color.
+    """
+    square, axes = np.linalg.eigh(_of_colors(one))
+    root = axes * np.sqrt(np.maximum(square, LEAST_VARIANCE))
+    size, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, _of_colors(other)).T))
+    both = COLOR_AXES @ root @ axes
+    return np.asarray(np.sqrt(both**2 @ np.maximum(size, 1.0)))
+
+
+def _of_colors(error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, 2) covariance along COLOR_AXES of three logarithms that sum to 0, from their errors."""
+    square = error**2
+    covariance = square.sum() / 2 - square - square[:, None]
+    np.fill_diagonal(covariance, square)
+    return np.asarray(COLOR_AXES.T @ covariance @ COLOR_AXES)
 
 
 def _errors(

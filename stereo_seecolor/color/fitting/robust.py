@@ -52,6 +52,10 @@ class RobustSettings:
 
 
 ROBUST_SETTINGS = RobustSettings()
+COLOR_AXES = np.array([[3**0.5, 0.0, -(3**0.5)], [1.0, -2.0, 1.0]]).T / 6**0.5
+"""(3, 2) orthonormal axes of colors: warm to cool, and green to magenta; brightness is across."""
+LEAST_PRECISION = 1e-6
+"""Of a logarithm along an axis: an image that says nothing of it."""
 MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
 """The middle half and the brightest hundredth, among the nine quantiles."""
 RED_HIGHLIGHTS = (
@@ -134,20 +138,20 @@ def _water(
     """The water of the parameters at the minimum, with standard errors and warnings."""
     scale = scale_of(seen)
     precision = problem.precision
-    prior_error = whole_prior(len(seen.range_m), config.robust)[2]
+    prior_covariance = whole_prior(len(seen.range_m), config.robust)[2]
     covariance: NDArray[np.float64] = np.asarray(
         np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64
     )
-    learned = deviations(covariance) < ROBUST_SETTINGS.nothing_learned * prior_error
+    learned = deviations(covariance) < ROBUST_SETTINGS.nothing_learned * deviations(
+        prior_covariance
+    )
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
     errors[:4] = standard_errors(
         values, correlated_covariance(curvature, precision, seen.light.shape[-1])
     )[:4]
     if config.robust.fits_white:
-        errors[4] *= (
-            error_with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
-        )
+        errors[4] = values[4] * error_with_cast(covariance[12:, 12:], prior_covariance[12:, 12:])
     errors = np.where(learned, errors, np.nan)
     y, w, beta, gamma_inf, white = values
     return Water(
@@ -208,19 +212,23 @@ def correlated_covariance(
 
 
 def error_with_cast(
-    error: NDArray[np.float64], prior_error: NDArray[np.float64]
+    covariance: NDArray[np.float64], prior: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(3,) standard errors of the logarithm of the white point, where all of a scene may be of one
-    color.
+    """(3,) standard errors of the logarithm of the white point less its mean, where all of a scene
+    may be of one color.
 
     Quantiles of a scene have a cast in common, which no number of them averages away: what they say
-    of the white point is no more exact than the cast of the sea floor's scenes. (3,) error: as if
-    it were; prior_error: before any image.
+    of the white point is no more exact than the cast of the sea floor's scenes. covariance: (3, 3)
+    of the logarithms as if it were; prior: before any image.
     """
-    from_images = np.maximum(error**-2.0 - prior_error**-2.0, 1e-6)
-    return np.asarray(
-        (prior_error**-2.0 + 1 / (1 / from_images + np.diag(sea_floor().cast))) ** -0.5
+    known, before, cast = (
+        COLOR_AXES.T @ each @ COLOR_AXES for each in (covariance, prior, sea_floor().cast)
     )
+    # what the images alone say; rounding may leave nothing of it
+    size, axes = np.linalg.eigh(np.linalg.inv(known) - np.linalg.inv(before))
+    by_images = axes @ np.diag(1 / np.maximum(size, LEAST_PRECISION)) @ axes.T + cast
+    together = np.linalg.inv(np.linalg.inv(before) + np.linalg.inv(by_images))
+    return np.asarray(np.sqrt(np.diag(COLOR_AXES @ together @ COLOR_AXES.T)))
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:

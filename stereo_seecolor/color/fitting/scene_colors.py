@@ -84,7 +84,7 @@ SET = SetByUser()
 
 @lru_cache(maxsize=64)
 def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Matrix]:
-    """Mean and precision of all parameters, and (5, 3) the water's ``deviations``."""
+    """Mean and precision of all parameters, and the (15, 15) covariance of the water's."""
     number = len(SCENE.reflectance)
     size = WATER + 3 * number + groups
     content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)
@@ -102,7 +102,7 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
         np.kron(channels, colors) + np.kron(np.ones((3, 3)), together)
     )
     precision[brightness, brightness] = np.eye(groups) / SCENE.brightness**2 + SCENE.mean_brightness
-    return mean, precision, deviations(water_covariance)
+    return mean, precision, water_covariance
 
 
 def _mean_color() -> Matrix:
