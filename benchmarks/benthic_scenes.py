@@ -19,8 +19,8 @@ from color_cases import make_range, smooth_noise
 from independent_waters import KINDS
 from spectra import mixed, read_spectra
 
-from stereo_seecolor.color.fitting import robust, scene_colors
-from stereo_seecolor.color.table.moment_table import measure
+from stereo_seecolor.color.fitting import robust, scene_prior
+from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.extras.synthetic.waters import Kind, SpectralWater, draw_contents, draw_water
@@ -44,14 +44,14 @@ MOST_OPTICAL_DEPTH = 2.0
 @contextmanager
 def prior_without(sources: frozenset[str]) -> Iterator[None]:
     """The fit's prior without the spectra of these sources, in this block."""
-    colors, before = mixed(sources), scene_colors.sea_floor
-    scene_colors.sea_floor = robust.sea_floor = lambda: colors
-    scene_colors.whole_prior.cache_clear()
+    colors, before = mixed(sources), scene_prior.sea_floor
+    scene_prior.sea_floor = robust.sea_floor = lambda: colors
+    scene_prior.whole_prior.cache_clear()
     try:
         yield
     finally:
-        scene_colors.sea_floor = robust.sea_floor = before
-        scene_colors.whole_prior.cache_clear()
+        scene_prior.sea_floor = robust.sea_floor = before
+        scene_prior.whole_prior.cache_clear()
 
 
 @dataclass(frozen=True, eq=False)

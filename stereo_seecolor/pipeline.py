@@ -19,7 +19,8 @@ from calibration.formats import load_rig
 from calibration.rectification import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import SlidingFitter
-from stereo_seecolor.color.render.carried import seen_by_both, without_open_water
+from stereo_seecolor.color.render.carried_colors import seen_by_both
+from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.color.response.measure import measure_response
 from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.color.table.moment_table import MomentTable

@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.tone import FULL_AT
+from stereo_seecolor.color.render.display import FULL_AT
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
 from stereo_seecolor.records import Image, Map, Water
 from stereo_seecolor.water.limits import LITTLE_RELIEF

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.light_model import Light, lit_by, settings_under
 from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
-from stereo_seecolor.color.render.carried import carry_ranges, within_measured
-from stereo_seecolor.color.render.tone import Tone, choose
+from stereo_seecolor.color.render.carried import carry_ranges
+from stereo_seecolor.color.render.carried_colors import within_measured
+from stereo_seecolor.color.render.display import Tone
+from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.table.black_rim import without_rim
-from stereo_seecolor.color.table.moment_table import MomentTable, check_pair, measure
-from stereo_seecolor.color.table.range_quantiles import doubts
+from stereo_seecolor.color.table.counting import check_pair, measure
+from stereo_seecolor.color.table.doubts import doubts
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.plugins import checked, load

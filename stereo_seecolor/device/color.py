@@ -15,11 +15,15 @@ from torch.nn import functional as F
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import torch_apply
 from stereo_seecolor.color.render.apply import corrected
-from stereo_seecolor.color.render.carried import SAMPLE, SETTINGS, Smoother, bounds_of
+from stereo_seecolor.color.render.carried import SAMPLE, Smoother
+from stereo_seecolor.color.render.carried_colors import SETTINGS, bounds_of
+from stereo_seecolor.color.render.display import Tone, display
 from stereo_seecolor.color.render.lookup import Shown
-from stereo_seecolor.color.render.tone import Tone, display, gains
-from stereo_seecolor.color.render.torch_apply import count_pixels
-from stereo_seecolor.color.table.moment_table import VALUE_BINS, MomentTable, check_pair
+from stereo_seecolor.color.render.water_gains import gains
+from stereo_seecolor.color.table.counting import check_pair
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_bins import VALUE_BINS
+from stereo_seecolor.color.table.torch_counting import count_pixels
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.device.memory import Memory
 from stereo_seecolor.records import Correction, Image, Map, Mask, Water
@@ -194,7 +198,7 @@ def _solve(beside: Tensor, values: Tensor) -> Tensor:
 
 
 def within(image: Tensor, carried: Tensor, most: Tensor, least: Tensor) -> Tensor:
-    """``carried.within_measured`` of an image (H, W, 3), given its bounds (3,)."""
+    """``carried_colors.within_measured`` of an image (H, W, 3), given its bounds (3,)."""
     pixels = image.to(torch.float32).clamp(min=0)
     others = torch.stack([pixels[..., [1, 2]], pixels[..., [0, 2]], pixels[..., [0, 1]]], dim=2)
     full = (

@@ -16,7 +16,7 @@ from calibration import Rectification, RectifiedPair
 from calibration.rectification import OriginalView
 from stereo_seecolor.checks.light_and_water import exposure_warnings
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.frame_shading import divide_illumination
+from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.color.table.moment_table import MomentTable

@@ -11,13 +11,6 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
-from stereo_seecolor.color.photometry.exposure import (
-    explain,
-    is_informative,
-    log_exposures,
-    offsets_about,
-    solve_recorded,
-)
 from stereo_seecolor.color.photometry.frame_shading import Parts, solve_shading, without_shading
 from stereo_seecolor.color.photometry.gain_chain import (
     DIFFERENCE,
@@ -29,6 +22,13 @@ from stereo_seecolor.color.photometry.gain_chain import (
 from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.recorded_exposure import (
+    explain,
+    is_informative,
+    log_exposures,
+    offsets_about,
+    solve_recorded,
+)
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute

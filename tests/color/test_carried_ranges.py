@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
-from stereo_seecolor.color.render.carried import (
-    Smoother,
-    carry_ranges,
-    seen_by_both,
-    within_measured,
-    without_open_water,
-)
+from stereo_seecolor.color.render.carried import Smoother, carry_ranges
+from stereo_seecolor.color.render.carried_colors import seen_by_both, within_measured
+from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Map
 from stereo_seecolor.water.model import Water

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render import tone
-from stereo_seecolor.color.render.tone import fine_ranges_m
+from stereo_seecolor.color.render import water_gains
+from stereo_seecolor.color.render.water_gains import fine_ranges_m
 from stereo_seecolor.color.table.encoding import decode, encode
 from stereo_seecolor.config import ColorConfig, PaperConfig
 from stereo_seecolor.errors import ColorError
@@ -42,7 +42,7 @@ def some_water(encoding="srgb", seed=0):
 
 def noise_of(fraction):
     """A camera of that noise."""
-    return mock.patch.object(tone, "INPUT_NOISE", fraction)
+    return mock.patch.object(water_gains, "INPUT_NOISE", fraction)
 
 
 def random_frame(seed, depth=8, shape=(40, 60)):
@@ -94,7 +94,7 @@ def test_a_color_matrix_mixes_the_corrected_light(depth, monkeypatch):
     image, range_m = random_frame(4, depth)
     full, water = 2**depth - 1, some_water()
     corrector = Corrector(ColorConfig(unknown_pixels="black"))
-    monkeypatch.setattr(tone, "INPUT_NOISE", 1e-9)
+    monkeypatch.setattr(water_gains, "INPUT_NOISE", 1e-9)
     plain = corrector.apply_linear(image, range_m, water, exposure=0.7)
     mixed = corrector.apply_linear(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
     np.testing.assert_allclose(mixed, plain @ MATRIX.T, rtol=1e-4, atol=1e-5)
@@ -180,7 +180,7 @@ def test_exposure_lets_no_more_than_one_pixel_in_two_thousand_clip(depth, monkey
         np.uint8 if depth == 8 else np.uint16
     )
     range_m = rng.uniform(1, 3, (150, 200)).astype(np.float32)
-    monkeypatch.setattr(tone, "OUTPUT_NOISE", 1e9)
+    monkeypatch.setattr(water_gains, "OUTPUT_NOISE", 1e9)
     config = ColorConfig(median_luminance=0.5)
     found = Corrector(config).apply(image, range_m, some_water())
     full = 2**depth - 1
@@ -202,8 +202,8 @@ def test_gain_stops_where_noise_would_pass_the_stated_level_and_says_where(monke
     seen = encode(0.18 / gain, "srgb")  # a mid-gray surface there, as the camera encodes it
     darker, brighter = decode(seen + np.array([-0.003, 0.003]), "srgb")
     slope = (brighter - darker) / 0.006
-    assert gain * slope * 0.006 == pytest.approx(tone.OUTPUT_NOISE, rel=0.1)
-    monkeypatch.setattr(tone, "OUTPUT_NOISE", 1e9)
+    assert gain * slope * 0.006 == pytest.approx(water_gains.OUTPUT_NOISE, rel=0.1)
+    monkeypatch.setattr(water_gains, "OUTPUT_NOISE", 1e9)
     free = Corrector().apply(image, range_m, water, exposure=1.0)
     assert not free.unrecoverable.any()
 

@@ -5,8 +5,9 @@ import pytest
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened
-from stereo_seecolor.color.render import tone
-from stereo_seecolor.color.table.moment_table import MomentTable, measure
+from stereo_seecolor.color.render import water_gains
+from stereo_seecolor.color.table.counting import measure
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 
@@ -88,7 +89,7 @@ def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water(monk
     image, range_m = reef(5, exposure=0.01)
     # a hundred times the noise
     assert corrector.apply(image, range_m, waters["5"]).unrecoverable.all()
-    monkeypatch.setattr(tone, "INPUT_NOISE", 1e-9)
+    monkeypatch.setattr(water_gains, "INPUT_NOISE", 1e-9)
     uncapped = Corrector(ColorConfig(input_encoding="as-is"))
     bright = uncapped.apply(*reef(5), waters["0"]).image.mean()
     assert uncapped.apply(image, range_m, waters["5"]).image.mean() == pytest.approx(

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import SAMPLING, Corrector
-from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable, measure, range_edges_m
+from stereo_seecolor.color.table.counting import measure
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.errors import ColorError
 
 

@@ -10,8 +10,10 @@ import torch
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import torch_apply
-from stereo_seecolor.color.render.tone import display, gains
-from stereo_seecolor.color.table.moment_table import VALUE_BINS, measure, range_bits
+from stereo_seecolor.color.render.display import display
+from stereo_seecolor.color.render.water_gains import gains
+from stereo_seecolor.color.table.counting import measure
+from stereo_seecolor.color.table.range_bins import VALUE_BINS, range_bits
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.device.color import count
 

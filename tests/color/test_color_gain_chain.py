@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.exposure import (
+from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
+from stereo_seecolor.color.photometry.light_solver import LightTerms
+from stereo_seecolor.color.photometry.recorded_exposure import (
     explain,
     is_informative,
     log_exposures,
     offsets_about,
     solve_recorded,
 )
-from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
-from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry import color_after_water
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
-from stereo_seecolor.color.photometry.frame_shading import divide_illumination
-from stereo_seecolor.color.photometry.light_choice import alike, pictures_crossed
+from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
+from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
+from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import (
     SHADING,
     TERMS,
-    ColorTrend,
     Light,
     lit_by,
     places,
     shading_terms,
-    with_color_trend,
 )
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow

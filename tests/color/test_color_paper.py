@@ -19,8 +19,9 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import paper
 from stereo_seecolor.color.photometry.exposure import exposed
 from stereo_seecolor.color.render import torch_apply
+from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.color.table.encoding import decoded_bins
-from stereo_seecolor.color.table.moment_table import measure, range_edges_m
+from stereo_seecolor.color.table.range_bins import range_edges_m
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import ColorConfig, PaperConfig
 from stereo_seecolor.records import Water

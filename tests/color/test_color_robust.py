@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE, minimize
-from stereo_seecolor.color.fitting.scene_colors import sea_floor, whole_prior
+from stereo_seecolor.color.fitting.scene_colors import sea_floor
+from stereo_seecolor.color.fitting.scene_prior import whole_prior
 from stereo_seecolor.color.fitting.water_prior import (
     LARGEST_LOG_NEAR,
     RATE_OF_CHANGE,
@@ -20,7 +21,8 @@ from stereo_seecolor.color.fitting.water_prior import (
     drawn_camera,
     water_prior,
 )
-from stereo_seecolor.color.table.moment_table import MomentTable, measure
+from stereo_seecolor.color.table.counting import measure
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import (
     FRACTIONS,
     RangeQuantiles,

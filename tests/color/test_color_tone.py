@@ -9,19 +9,19 @@ import pytest
 from color_waters import clear_water
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render import tone
-from stereo_seecolor.color.render.tone import MID_GRAY
+from stereo_seecolor.color.render import water_gains
+from stereo_seecolor.color.render.water_gains import MID_GRAY
 from stereo_seecolor.color.table.encoding import decode
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import LUMINANCE
 
 CONFIG = ColorConfig()
-CLEAR, LIMIT = clear_water("srgb"), tone.OUTPUT_NOISE
+CLEAR, LIMIT = clear_water("srgb"), water_gains.OUTPUT_NOISE
 
 
 @pytest.fixture(autouse=True)
 def gain_without_limit(monkeypatch):
-    monkeypatch.setattr(tone, "OUTPUT_NOISE", 1e9)
+    monkeypatch.setattr(water_gains, "OUTPUT_NOISE", 1e9)
 
 
 def encoded(light, depth=8):
@@ -162,7 +162,7 @@ def test_clipped_texture_is_of_one_hue_and_what_is_not_clipped_stays(depth):
 
 
 def test_where_noise_stops_a_channel_the_others_stand_in(monkeypatch):
-    monkeypatch.setattr(tone, "OUTPUT_NOISE", LIMIT)
+    monkeypatch.setattr(water_gains, "OUTPUT_NOISE", LIMIT)
     range_m = np.tile(np.linspace(1, 12, 300, dtype=np.float32), (4, 1))
     water = replace(CLEAR, y=np.array([0.6, 0.08, 0.05]))
     light = 0.3 * water.attenuation(range_m)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_model import SYSTEMATIC, ColorTrend, with_color_trend
+from stereo_seecolor.color.photometry.color_trend import SYSTEMATIC, ColorTrend, with_color_trend
 from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import Water
 

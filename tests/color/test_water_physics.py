@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from stereo_seecolor.color.fitting.robust import fit_all, quality
-from stereo_seecolor.color.table.moment_table import measure
+from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
 from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.water import physics

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.robust_solver import NOISE, FitProblem, minimize
-from stereo_seecolor.color.fitting.scene_colors import deviations, sea_floor, whole_prior
+from stereo_seecolor.color.fitting.scene_colors import sea_floor
+from stereo_seecolor.color.fitting.scene_prior import deviations, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
@@ -286,10 +287,6 @@ def parameters(water: Water, scale: float) -> Vector:
         ],
         dtype=np.float64,
     )
-
-
-# The misfit of a frame's colors to water parameters: one fitted to other frames, or the frame's
-# own.
 
 
 @dataclass(frozen=True)

@@ -15,19 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.photometry.light_choice import alike
-from stereo_seecolor.color.photometry.light_model import (
-    SHADING,
-    Light,
-    places,
-    shading_terms,
-    with_color_trend,
-)
+from stereo_seecolor.color.photometry.color_trend import with_color_trend
+from stereo_seecolor.color.photometry.crossing import alike
+from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, solve, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
-from stereo_seecolor.color.table.moment_table import measure
+from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 

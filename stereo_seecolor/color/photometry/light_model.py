@@ -19,82 +19,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.compute.sequences import Names, SomeNames
 from stereo_seecolor.config import ColorConfig, LampsConfig
 from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of
-from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import Water
 from stereo_seecolor.water.limits import LIMITS
 
-# The change of one spot's color with range: a second measurement of the water.
-#
-# The fit compares near with far pixels, and mistakes a difference in color of near corals and
-# far sand for water. A spot that is seen from two ranges has one color.
-
 Array = NDArray[np.float64]
-
-SYSTEMATIC = 0.25
-"""Systematic error of a trend, as a power of the range, however well observations agree: gains and
-pattern take part of it, or add to it. On drawn dives with lamps, whose errors by the observations'
-scatter are 0.05 to 0.15, it is off by up to 0.4.
-"""
-MOST_BACKSCATTER = 0.8
-"""Fraction of a channel's light: a spot with more of it says nothing of attenuation."""
-
-
-@dataclass(frozen=True, eq=False)
-class ColorTrend:
-    """power: (3,) R, G, B of a spot go with range to this power, beside a common factor; mean 0.
-    error: standard error of each. range_m: where it was measured. light: (3,) of a spot there.
-    """
-
-    power: Array
-    error: float
-    range_m: float
-    light: Array
-
-    def content(self) -> dict[str, Any]:
-        """The trend as JSON."""
-        return {
-            "power": self.power.tolist(),
-            "error": self.error,
-            "range_m": self.range_m,
-            "light": self.light.tolist(),
-        }
-
-    @classmethod
-    def from_content(cls, content: Any) -> "ColorTrend":
-        """The trend from JSON. Raises ValueError, KeyError or TypeError for anything else."""
-        power, light = (
-            np.array(content[name], np.float64).reshape(3) for name in ("power", "light")
-        )
-        return cls(power, float(content["error"]), float(content["range_m"]), light)
-
-
-def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
-    """The water with the mean of its attenuation and the trend's, weighted by variance; colors at
-    the trend's range do not change. Brightness is left: lamps have part in it. Waters of the
-    paper's method are unchanged.
-    """
-    if trend is None or water.x.any():
-        return water
-    z, light, steps = trend.range_m, trend.light, np.array([0.99, 1.0, 1.01])
-    attenuation, backscatter = water.attenuation(z * steps), water.backscatter(z * steps)
-    direct = light - np.minimum(backscatter[1], MOST_BACKSCATTER * light)
-    near, _, far = direct * attenuation / attenuation[1] + backscatter
-    power = (far - near) / light / np.log(steps[2] / steps[0])
-    off = (trend.power - (power - power.mean())) * light / direct
-    variance = (
-        np.nan_to_num(water.standard_errors.get("y", np.full(3, np.nan)) * z, nan=np.inf) ** 2
-    )
-    error = np.hypot(trend.error, SYSTEMATIC) * light / direct
-    taken = off / (1.0 + error**2 / variance)
-    y = np.maximum(water.y - (taken - taken @ LUMINANCE) / z, np.maximum(-water.w, 0.0))
-    return replace(water, y=y, white=water.white * np.exp((y - water.y) * z))
-
-
-# The model of the light.
 
 
 @dataclass(frozen=True)

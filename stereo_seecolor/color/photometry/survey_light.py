@@ -7,19 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_choice import (
-    CROSSING_SETTINGS,
-    Candidate,
-    Choice,
-    alike,
-    choose,
-    is_single_illumination,
-    pictures_crossed,
-)
-from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, ColorTrend, Light
+from stereo_seecolor.color.photometry.color_trend import ColorTrend
+from stereo_seecolor.color.photometry.crossing import CROSSING_SETTINGS, alike, pictures_crossed
+from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, choose
+from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Alike, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.single_illumination import is_single_illumination
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.tone import FINE, FINE_BINS
-from stereo_seecolor.color.table.moment_table import LOW_BITS, L, U, position_of
+from stereo_seecolor.color.render.water_gains import FINE, FINE_BINS
+from stereo_seecolor.color.table.counting import L, U, position_of
+from stereo_seecolor.color.table.range_bins import LOW_BITS
 from stereo_seecolor.compute.compiled import compiled
 
 FINE_SHIFT = LOW_BITS - FINE.bit_length() + 1

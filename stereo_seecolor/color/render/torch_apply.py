@@ -12,46 +12,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from stereo_seecolor.color.device import one_thread
+from stereo_seecolor.color.render.display import NODES, Display
 from stereo_seecolor.color.render.lookup import FINE_SHIFT, Shown, count_full, fine_bins, look_up
-from stereo_seecolor.color.render.tone import FINE_BINS, NODES, Display, Gains
-from stereo_seecolor.color.table.moment_table import FIRST, INFINITY, LAST, LOW_BITS, RANGE_BINS
+from stereo_seecolor.color.render.water_gains import FINE_BINS, Gains
+from stereo_seecolor.color.table.torch_counting import on_device, pixels_on, positions
 from stereo_seecolor.compute.threads import in_parts
-
-# Counts pixels in torch, on any device, with the same result as ``measure``.
-
-
-def positions(bits: Tensor) -> Tensor:
-    """``moment_table.position_of`` of (N,) int32 bits of ranges."""
-    known = (bits > 0) & (bits < int(INFINITY))
-    return torch.where(known, (bits - int(FIRST)).clamp(0, LAST), LAST + 1)
-
-
-def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts (3, 256, values) and offset sums (256,) of (N, 3) pixels and (N,) bits of ranges."""
-    position = positions(bits)
-    range_bin = position >> LOW_BITS
-    channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
-    value = pixels.to(torch.int32) >> (0 if pixels.dtype == torch.uint8 else 4)
-    cell = (channel * (RANGE_BINS + 1) + range_bin[:, None]) * values + value
-    counts = torch.bincount(cell.reshape(-1), minlength=3 * (RANGE_BINS + 1) * values).reshape(
-        3, RANGE_BINS + 1, values
-    )
-    sums = torch.zeros(RANGE_BINS + 1, dtype=torch.int64, device=pixels.device)
-    # integers: the order does not matter
-    sums.index_add_(0, range_bin, (position & ((1 << LOW_BITS) - 1)).to(torch.int64))
-    return counts[:, :RANGE_BINS], sums[:RANGE_BINS]
-
-
-def pixels_on(image: NDArray[Any], device: torch.device) -> Tensor:
-    """(N, 3) uint8, or int32 of 16 bits."""
-    return on_device(image.reshape(-1, 3), device)
-
-
-def on_device(numbers: NDArray[Any], device: torch.device) -> Tensor:
-    """Numbers on a device; uint16 as int32, since few of torch's operations take uint16."""
-    plain = numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers
-    return torch.from_numpy(plain).to(device)
-
 
 CPU = torch.device("cpu")
 PART_PIXELS = 65536
@@ -274,7 +239,7 @@ def _rolled_off(codes: Tensor, tensors: Tensors, top: int = 255) -> Tensor:
 
 
 def _factor(code: Tensor, shoulder: Tensor) -> Tensor:
-    """Values per code, by a pixel's greatest code: less above the knee (``tone.display``)."""
+    """Values per code, by a pixel's greatest code: less above the knee (``display.display``)."""
     knee, length, bend, unit, _ = shoulder.unbind()
     over, code = (code - knee).clamp(min=0), code.clamp(min=1e-30)
     return (

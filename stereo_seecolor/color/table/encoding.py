@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.moment_table import bin_values
+from stereo_seecolor.color.table.range_bins import bin_values
 from stereo_seecolor.files import srgb
 
 InputEncoding = Literal["srgb", "linear", "as-is"]

@@ -7,49 +7,18 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.errors import ColorError
+from stereo_seecolor.color.table.range_bins import (
+    LOW_BITS,
+    RANGE_BINS,
+    VALUE_BINS,
+    bin_values,
+    range_edges_m,
+)
 from stereo_seecolor.files.deflate import deflated
-from stereo_seecolor.records import Image, Map
-
-# The bins of a moment table: by range, 32 an octave, and by value.
-#
-# A range bin is the leading bits of the float32 number: from 1/8 m to 32 m, 1.6 to 3.1 % wide,
-# the same for every frame of every run, so that tables add.
-
-RANGE_BINS = 256
-VALUE_BINS = {8: 256, 16: 4096}
-"""Value bins by bit depth; 16 bits are counted to 12, more than a sensor gives."""
-
-NEAREST_M = 0.125
-"""Near edge of the first bin; the last ends at 32 m. Ranges outside count in these two."""
-
-LOW_BITS = 18
-"""A range bin is a float32 range's bits above those of NEAREST_M, shifted by this many."""
-
-
-def range_bits(range_m: NDArray[np.floating]) -> NDArray[np.int32]:
-    """The bits of a map's ranges as float32, row after row, (H*W,) int32."""
-    return np.ascontiguousarray(range_m, dtype=np.float32).reshape(-1).view(np.int32)
-
-
-def range_edges_m() -> NDArray[np.float64]:
-    """(257,) the edges of the range bins, meters."""
-    first = np.float32(NEAREST_M).view(np.int32)
-    bits = first + (np.arange(RANGE_BINS + 1, dtype=np.int32) << LOW_BITS)
-    return bits.astype(np.int32).view(np.float32).astype(np.float64)
-
-
-def bin_values(bit_depth: int) -> NDArray[np.float64]:
-    """(V,) each bin's fraction of full scale: v/255, or the middle of 16 neighbors of 65535."""
-    if bit_depth == 8:
-        return np.arange(256) / 255.0
-    return np.asarray((np.arange(4096) * 16 + 7.5) / 65535.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,66 +123,3 @@ class MomentTable:
 
 def _inflated(content: bytes) -> MomentTable:
     return MomentTable.unpacked(zlib.decompress(content))
-
-
-# Counts the pixels of an image by channel, range and value: its moment table.
-
-U, L = np.uint32, np.uint64  # unsigned indices: numba then leaves out its tests for negative ones
-LAST = (RANGE_BINS << LOW_BITS) - 1
-"""The last position of the last range bin, counted from the first bin."""
-FIRST = np.float32(NEAREST_M).view(np.int32)
-INFINITY = np.float32(np.inf).view(np.int32)
-LANES = 4
-"""Parallel sums of offsets: neighbors share a bin, and one sum would wait for itself."""
-
-
-def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
-    """The moment table of an image's pixels with a known range (finite, above 0).
-
-    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters.
-    every: only the middle one of each ``every`` rows is counted.
-    Raises ColorError for other shapes or types.
-    """
-    check_pair(image, range_m)
-    table, lanes = MomentTable.empty(8 * image.itemsize), np.zeros((RANGE_BINS, LANES), np.int64)
-    bits = range_bits(range_m).reshape(range_m.shape)
-    _count(np.ascontiguousarray(image), bits, every, table.counts, lanes)
-    return MomentTable(table.counts, lanes.sum(axis=1), table.bit_depth)
-
-
-def check_pair(image: Image, range_m: Map) -> None:
-    """Raise ColorError where an image or its range map has a wrong shape or type."""
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.uint16):
-        raise ColorError(
-            f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16"
-        )
-    if range_m.shape != image.shape[:2]:
-        raise ColorError(
-            f"range map of {range_m.shape[1::-1]} pixels for an image of {image.shape[1::-1]}: "
-            "the two must be the same size"
-        )
-
-
-@compiled
-def position_of(bits: Any) -> Any:
-    """Position of a range (float32 bits) from the first bin's edge; LAST + 1 where unknown."""
-    # NaN, infinities, zero and negative numbers are not
-    known = (bits > np.int32(0)) & (bits < INFINITY)
-    return U(min(max(bits - FIRST, np.int32(0)), np.int32(LAST))) if known else U(LAST + 1)
-
-
-@compiled
-def _count(image: Any, bits: Any, every: int, counts: Any, offset_sums: Any) -> None:
-    """Count the middle of each ``every`` rows. Positions have their own loop, to be vectorized."""
-    shift, positions = L(0 if image.itemsize == 1 else 4), np.empty(bits.shape[1], np.uint32)
-    for row in range(every // 2, bits.shape[0], every):
-        pixels, row_bits = image[row], bits[row]
-        for column in range(row_bits.size):
-            positions[column] = position_of(row_bits[column])
-        for column in range(row_bits.size):
-            position = positions[column]
-            if position <= LAST:
-                range_bin = L(position >> U(LOW_BITS))
-                offset_sums[range_bin, L(column) % L(LANES)] += position & U((1 << LOW_BITS) - 1)
-                for c in range(3):
-                    counts[L(c), range_bin, L(pixels[L(column), L(c)]) >> shift] += 1

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import InputEncoding, decode
-from stereo_seecolor.color.table.moment_table import RANGE_BINS, MomentTable
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_bins import RANGE_BINS
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
@@ -101,36 +102,3 @@ def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     value = at - each.shape[1] * np.arange(len(each))[:, None]
     found = value + 0.5 - (below.ravel()[at] - start - wanted) / each.ravel()[at]
     return np.asarray(found.reshape(*counts.shape[:2], FRACTIONS.size), np.float64)
-
-
-# Warnings for moment tables that do not determine the water.
-
-LEAST_RELIEF = 1.15
-"""Far over near (95 over 5 %) below which attenuation and scene cannot be told apart."""
-
-LEAST_PIXELS = 100
-
-
-def doubts(table: MomentTable) -> tuple[str, ...]:
-    """Why a table (not empty) does not determine its water, as a warning; else empty."""
-    number = int(table.pixels.sum())
-    if number < LEAST_PIXELS:
-        return (f"only {number} pixels with a known range: the water is a guess",)
-    if (table.counts[:, :, 0].sum(axis=1) == number).all():
-        return ("the frame is black where the range is known: the water is a guess",)
-    if table.counts[:, :, -1].sum() > 0.5 * 3 * number:
-        return ("the frame is blown out where the range is known: the water is a guess",)
-    near, far = relief_m(table)
-    if far < LEAST_RELIEF * near:
-        return (
-            f"no relief (ranges {near:.2f} to {far:.2f} m): one frame cannot tell its water; "
-            "lock the water over the survey",
-        )
-    return ()
-
-
-def relief_m(table: MomentTable) -> tuple[float, float]:
-    """The 5th and 95th percentile of the pixels' ranges, meters."""
-    fraction = np.cumsum(table.pixels) / max(int(table.pixels.sum()), 1)
-    near, far = (table.range_m[int(np.searchsorted(fraction, at))] for at in (0.05, 0.95))
-    return float(near), float(far)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.frame_shading import divide_illumination
+from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.observations import KeyFrame, find_observations
 from stereo_seecolor.color.render.carried import carry_ranges

@@ -1,0 +1,100 @@
+"""Divides the light of a survey out of an image: each value becomes that under even light and the
+usual exposure.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.light_model import SHAPE, FrameLight
+from stereo_seecolor.color.render.display import FULL_AT
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
+from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.records import Image, Map
+
+NODES = {8: 4096, 16: 65536}
+"""Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
+DARKEST = -12.0
+"""Logarithm of the darkest light told from black: 0.4 of the least linear value of 16 bits."""
+
+MOST = SHAPE.most
+"""``SHAPE.most`` as a plain number, which compiled functions can read."""
+
+
+class _Scale(NamedTuple):
+    """log_light (V,): of each value. values (NODES,): of each step of it, from DARKEST to 0."""
+
+    log_light: NDArray[np.float32]
+    values: NDArray[Any]
+
+
+def divide_illumination(
+    image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding
+) -> Image:
+    """The image with the light's pattern and the frame's gain and shading divided out, at the same
+    bit depth.
+
+    range_m: (H, W) meters; where it is unknown, the pattern at the reference range is used.
+    Values above full scale are clipped. Values that the camera had clipped stay clipped, and the
+    other channels of such a pixel do not get darker: the pixel would change its color.
+    """
+    out = np.empty_like(image)
+    log_range = light.light.log_range(range_m).astype(np.float32)
+    clipped = int(np.ceil(FULL_AT * np.iinfo(image.dtype).max))
+    scale = _scale(8 * image.dtype.itemsize, encoding)
+    _even(
+        np.ascontiguousarray(image),
+        log_range,
+        light.maps,
+        light.log_gain.astype(np.float32),
+        light.log_shading,
+        scale,
+        clipped,
+        out,
+    )
+    return out
+
+
+@lru_cache
+def _scale(bit_depth: int, encoding: InputEncoding) -> _Scale:
+    full = 2**bit_depth - 1
+    light = decoded_values(bit_depth, encoding).astype(np.float64)
+    log_light = np.log(np.maximum(light, np.exp(DARKEST))).astype(np.float32)
+    steps = np.exp(np.linspace(DARKEST, 0, NODES[bit_depth]))
+    steps[0] = 0
+    values = np.round((encode(steps, "srgb") if encoding == "srgb" else steps) * full)
+    return _Scale(log_light, values.astype(np.uint8 if bit_depth == 8 else np.uint16))
+
+
+@compiled
+def _even(
+    image: Any,
+    log_range: Any,
+    maps: Any,
+    log_gain: Any,
+    log_shading: Any,
+    scale: Any,
+    clipped: int,
+    out: Any,
+) -> None:
+    """Divide pattern, gain and shading out, into ``out``. clipped: least value that may be so."""
+    most, last = np.float32(MOST), scale.values.size - 1
+    step = np.float32(last / -DARKEST)
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            z = log_range[row, column]
+            is_clipped = (
+                max(image[row, column, 0], image[row, column, 1], image[row, column, 2]) >= clipped
+            )
+            for c in range(3):
+                value = image[row, column, c]
+                pattern = np.float32(0)
+                for k in range(maps.shape[3] - 1, -1, -1):
+                    pattern = pattern * z + maps[row, column, c, k]
+                pattern = min(max(pattern, -most), most)
+                light = scale.log_light[value] - pattern - log_gain[c] - log_shading[row, column, c]
+                at = np.int64((light - np.float32(DARKEST)) * step + np.float32(0.5))
+                shown = scale.values[min(max(at, 0), last)]
+                out[row, column, c] = max(shown, value) if is_clipped else shown

@@ -1,0 +1,59 @@
+"""The prior of the pattern of a lens in sunlight: vignetting, which darkens the corners
+symmetrically about the axis.
+
+Light that changes along the dive and a slope of the pattern across the track look alike where
+survey lines overlap only by their borders. A lens has no slopes: without evidence for lamps, such a
+change is one of the light.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.lamp_prior import CORNER, SIZE
+from stereo_seecolor.color.photometry.light_model import (
+    PATTERN,
+    POWERS,
+    TERMS,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LensSettings:
+    """Standard deviations, of logarithms."""
+
+    rest: float = 0.03
+    """Of a coefficient that is not radial: ports are mounted nearly centered; of its change a
+    fifth.
+    """
+    gain: float = 0.5
+    """Of a frame's gain: clouds, sun and automatic exposure change it by a stop and more."""
+
+
+LENS_PRIOR_SETTINGS = LensSettings()
+
+
+def lens_ensemble(trend: float) -> tuple[Array, Array]:
+    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses in
+    daylight.
+
+    trend: standard deviation of the trend. The mean is not a pattern, so that a pattern that the
+    dive does not determine stays even.
+    """
+    radial = np.zeros(TERMS + 1)
+    width, height = SIZE
+    radial[POWERS.index((2, 0))], radial[POWERS.index((0, 2))] = np.array([width**2, height**2]) / (
+        width**2 + height**2
+    )
+    corner = np.log(np.linspace(*CORNER, 101))
+    rest = (
+        [LENS_PRIOR_SETTINGS.rest] * PATTERN
+        + [0.2 * LENS_PRIOR_SETTINGS.rest] * (TERMS - PATTERN)
+        + [trend]
+    )
+    return np.zeros(TERMS + 1), (corner**2).mean() * np.outer(radial, radial) + np.diag(
+        np.square(rest)
+    )

@@ -1,0 +1,81 @@
+"""The exposure that the camera recorded, as a prior of each frame's gain, where it explains
+differences between frames.
+
+Records may be wrong, and with a strobe the exposure time has no effect. So differences between
+frames that show the same spots decide whether the records are used.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.gain_chain import (
+    Chain,
+    Chosen,
+    Differences,
+    offset_between,
+    solve_chain,
+)
+from stereo_seecolor.records import Capture
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """When records are used."""
+
+    varies: float = 0.03
+    """Least standard deviation (logarithm) of records that are examined; less is not corrected."""
+    left: float = 0.8
+    """Fraction of the offsets between frames that may be left with them, as for gains."""
+    no_gain: float = 1e-9
+    """Logarithm: a gain of color alone has none of luminance but for rounding."""
+
+
+SETTINGS = RecordSettings()
+
+
+def log_exposures(captures: Sequence[Capture]) -> Array:
+    """(F,) logarithms of recorded exposures, of mean 0; 0 where a number is missing."""
+    values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
+    fields = np.fromiter(
+        (np.nan if value is None else value for value in values), np.float64
+    ).reshape(len(captures), 3)
+    recorded = ~np.isnan(fields)
+    complete = (recorded | ~recorded.any(axis=0)).all(axis=1)
+    logs = np.log(np.where(recorded, fields, 1.0)) @ np.array([1.0, 1.0, -2.0])
+    usual = logs[complete].mean() if complete.any() else 0.0
+    return np.where(complete, logs - usual, 0.0)
+
+
+def is_informative(recorded: Array) -> bool:
+    """Whether the (F,) records differ enough between frames to be examined."""
+    return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
+
+
+def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
+    """rms of luminance between frames, without and with the (F,) records subtracted."""
+    return offset_between(found, np.zeros_like(recorded)), offset_between(found, recorded)
+
+
+def explain(offsets: tuple[float, float]) -> bool:
+    """Whether subtracting the records lowers the ``offsets_about`` enough."""
+    return offsets[1] < SETTINGS.left * offsets[0]
+
+
+def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
+    """Gains of all frames about the (F,) records; a frame without overlap gets its record."""
+    chain = solve_chain(found, recorded, chosen)
+    left = (
+        chain.offsets[1]
+        if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain
+        else chain.offsets[0]
+    )
+    return Chain(
+        chain.gains + recorded[:, None],
+        chain.measured | (recorded != 0),
+        (offset_between(found, np.zeros_like(recorded)), left),
+    )

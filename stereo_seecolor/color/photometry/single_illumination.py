@@ -1,0 +1,68 @@
+"""Whether parts of a dive that share no spot were under one light, or under lights of their own.
+
+Between frames that show the same spots, gains and shading follow what changes. Lines that share
+none are tied by the pattern alone: where lamps were switched on between them, the pattern and
+the fall-off of one line's lamps would be taken out of the other, too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.light_choice import Candidate
+from stereo_seecolor.color.photometry.light_solver import (
+    Window,
+    solve,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OneLightSettings:
+    """When one light is refused."""
+
+    evidence: float = 10.0
+    """For each light more, twice the natural logarithm: very strong (Kass and Raftery 1995). Lamps
+    switched on between two lines:
+    69 to 116 on five drawn dives; one light throughout: at most 4 on 21, at most 5 on 12 ways to
+    part a real dive.
+    """
+
+
+SETTINGS = OneLightSettings()
+
+
+def is_single_illumination(
+    windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
+) -> bool:
+    """Whether one light explains all windows about as well as one for each part that shares no
+    spot.
+
+    values, frames: as ``solve``'s. candidates: tried for all together, and for each part.
+    """
+    parts = _parts(windows, frames)
+    if len(parts) == 1:
+        return True
+
+    def misfit(part: Sequence[int]) -> float:
+        held, seen = [windows[number] for number in part], [values[number] for number in part]
+        return min(
+            solve(held, seen, candidate.use, frames, candidate.prior).misfit
+            for candidate in candidates
+        )
+
+    together = misfit(range(len(windows)))
+    return together - sum(misfit(part) for part in parts) < SETTINGS.evidence * (len(parts) - 1)
+
+
+def _parts(windows: Sequence[Window], frames: int) -> list[list[int]]:
+    """The windows, by number, of each part of the dive that no spot links to another."""
+    part = np.arange(frames)
+    for window in windows:
+        linked = np.isin(part, part[np.unique(window.frame)])
+        part[linked] = part[linked].min()
+    of_windows = np.array([part[window.frame[0]] for window in windows])
+    return [np.flatnonzero(of_windows == one).tolist() for one in np.unique(of_windows)]

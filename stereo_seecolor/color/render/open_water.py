@@ -1,0 +1,109 @@
+"""Pixels of open water that matching took for the reef beside them."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.render.carried import Smoother
+from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.records import Image, Map, Mask
+from stereo_seecolor.water.model import Water
+
+
+@dataclass(frozen=True)
+class OpenWater:
+    """What is taken for open water: large areas of unknown range that are for the greater part
+    even, and as bright as what the water scatters at infinity.
+
+    large: least part of the picture; shadows of corals are smaller.
+    wide_px: least width of an area, and how far beside it measured pixels may show its water.
+    contrast: greatest standard deviation of its color, of its brightest channel; rock in shadow has
+    0.1.
+    bright: least and greatest light over the backscatter at infinity, of each channel: 0.6 to 2.4
+    for open water in four real frames; red of sand at 2 m is 6 to 7 times as bright.
+    noise: least standard deviation that is counted on, a camera's, 8-bit values.
+    stds: how many a pixel of its color may be off.
+    """
+
+    large: float = 0.02
+    wide_px: int = 16
+    contrast: float = 0.04
+    bright: tuple[float, float] = (0.5, 3.0)
+    noise: float = 2.0
+    stds: float = 3.0
+
+
+OPEN_WATER = OpenWater()
+
+
+def without_open_water(image: Image, range_m: Map, water: Water, seen: Mask | None = None) -> Map:
+    """The range map without pixels that show the open water beside what was measured; itself where
+    there are none.
+
+    Matching, and range maps of other programs, make what stands before open water wider than it is.
+    Corrected at the range of the reef, the water around it comes out blue. water: taken out of the
+    image. Other parameters as of ``carry_ranges``.
+    """
+    known = np.isfinite(range_m)
+    unknown = ~known if seen is None else ~known & seen
+    step = Smoother.step_px
+    size = (max(range_m.shape[1] // step, 1), max(range_m.shape[0] // step, 1))
+    whole = cv2.resize(unknown.astype(np.float32), size, interpolation=cv2.INTER_AREA) == 1
+    wide = OPEN_WATER.wide_px // step
+    area = cv2.morphologyEx(whole.view(np.uint8), cv2.MORPH_OPEN, np.ones((wide, wide)))
+    if np.count_nonzero(area) < OPEN_WATER.large * area.size:
+        return range_m
+    full = np.float32(255 / np.iinfo(image.dtype).max)
+    colors = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * full
+    beside, mean, std = _water_beside(colors, area > 0, wide, water)
+    near = cv2.resize(beside, range_m.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    at = np.nonzero(near.view(bool) & known)
+    cells = tuple(
+        place * small // large
+        for place, small, large in zip(at, beside.shape, range_m.shape, strict=True)
+    )
+    off = np.abs(image[at] * full - mean[cells])
+    shown = (off <= OPEN_WATER.stds * np.maximum(std[cells], OPEN_WATER.noise)).all(axis=1)
+    if not shown.any():
+        return range_m
+    out = range_m.copy()
+    out[at[0][shown], at[1][shown]] = np.nan
+    return out
+
+
+def _water_beside(
+    colors: NDArray[np.float32], area: Mask, reach: int, water: Water
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+    """Where open water is within reach: (H, W) 1 or 0, and the mean and standard deviation of its
+    color (H, W, 3), 8-bit values.
+    """
+    share = _around(area.astype(np.float32), reach)[..., None]
+    sums = (_around(area[..., None] * each, reach) for each in (colors, colors**2))
+    mean, square = (each / np.maximum(share, 1e-6) for each in sums)
+    std = np.sqrt(np.maximum(square - mean**2, 0))
+    darkest, brightest = (
+        255 * (encode_srgb(veil) if water.input_encoding != "as-is" else veil)
+        for veil in (np.minimum(factor * water.gamma_inf, 1.0) for factor in OPEN_WATER.bright)
+    )
+    even = std.max(axis=2) <= OPEN_WATER.contrast * mean.max(axis=2)
+    found = even & ((mean >= darkest) & (mean <= brightest)).all(axis=2)
+    near = cv2.dilate(_large(area, found), np.ones((2 * reach + 1, 2 * reach + 1)))
+    beside = np.asarray((near > 0) & found & (share[..., 0] > 0), np.uint8)
+    return beside, np.asarray(mean, np.float32), np.asarray(std, np.float32)
+
+
+def _large(areas: Mask, chosen: Mask) -> NDArray[np.uint8]:
+    """1 in the large connected areas of which the greater part is chosen."""
+    _, labels = cv2.connectedComponents(areas.view(np.uint8))
+    count = np.bincount(labels[areas], minlength=int(labels.max()) + 1)
+    most = 2 * np.bincount(labels[areas & chosen], minlength=len(count)) > count
+    found = most & (count >= OPEN_WATER.large * areas.size)
+    return np.asarray(areas & found[labels], np.uint8)
+
+
+def _around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
+    """Means within some pixels to each side; what lies beyond the image counts as 0."""
+    side = (2 * reach + 1, 2 * reach + 1)
+    return np.asarray(cv2.boxFilter(values, -1, side, borderType=cv2.BORDER_CONSTANT))
