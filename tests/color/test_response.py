@@ -199,3 +199,27 @@ def test_the_settings_state_a_response() -> None:
     response = Response.of(config)
     assert ColorConfig(**response.settings) == config
     assert Response.of(ColorConfig()) == Response()
+
+
+def test_frames_that_were_balanced_one_by_one_are_named(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+
+    def notes(balanced: bool, scenes: int) -> tuple[str, ...]:
+        folder = tmp_path / f"{balanced}{scenes}"
+        folder.mkdir()
+        pairs = []
+        for number in range(5):
+            scene = np.random.default_rng(number % scenes)
+            contrast = scene.uniform(8, 25)
+            image = scene.uniform(60, 120, 3) + scene.normal(0, contrast, (64, 80, 3))
+            image += rng.normal(0, 1, image.shape)
+            if balanced:
+                image *= 82.0 / image.mean(axis=(0, 1))
+            path = folder / f"{number}.png"
+            PIL.Image.fromarray(np.clip(np.round(image), 0, 255).astype(np.uint8)).save(path)
+            pairs.append(Pair(str(number), path, path))
+        return settle_response(RunConfig(), pairs)[1]
+
+    assert "5 frames of the dive have the same mean of red" in notes(balanced=True, scenes=5)[-1]
+    for varied in (notes(balanced=False, scenes=5), notes(balanced=False, scenes=1)):
+        assert not any("same mean" in note for note in varied)
