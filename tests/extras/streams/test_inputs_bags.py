@@ -536,7 +536,7 @@ def test_what_is_no_bag_is_one_line(tmp_path, cli) -> None:
 
 def test_wrong_usage_of_a_bag(cli, tmp_path) -> None:
     for words, message in (
-        (("--bag", "b", "--left", "l"), "stereo-seecolor: --bag holds both sides"),
+        (("--bag", "b", "--left", "l"), "stereo-seecolor: --bag contains both sides"),
         (("--left", "l", "--right", "r"), "--calib is missing"),
         (
             ("--left", "l", "--right", "r", "--calib", "c", "--topics", "left=a,right=b"),
