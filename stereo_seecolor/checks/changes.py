@@ -333,8 +333,8 @@ def _each_line(pairs: Sequence[Pair], changes: Changes) -> str:
     )
     if changes.moments:
         cause = (
-            "near and far points move by different amounts: the sides are not of one moment, or "
-            "one moving camera took both"
+            "near and far points move by different amounts: the sides were not exposed at the "
+            "same moment, or one moving camera took both"
         )
     elif changes.scale == changes.scale:
         cause = (

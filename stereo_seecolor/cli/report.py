@@ -108,7 +108,7 @@ def _file_handler(path: Path, unwritten: list[str]) -> logging.Handler:
             )
         if path.is_file() and path.stat().st_size and not is_log(path):
             raise OutputError(
-                f"--log-file {path}: is there already, and is not a log of this program: give "
+                f"--log-file {path}: already exists, and is not a log of this program: give "
                 "another name"
             )
         path.parent.mkdir(parents=True, exist_ok=True)

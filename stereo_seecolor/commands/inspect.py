@@ -48,7 +48,7 @@ from stereo_seecolor.records import Numbers
 # Files that were named to ``inspect`` and that it cannot use.
 
 NOT_KNOWN = (
-    "is not a trajectory that is known here",
+    "is not a trajectory of a known format",
     "is not a calibration",
     "cannot be parsed",
     "is not text",
@@ -86,10 +86,7 @@ def _line(file: Path) -> str:
         except (InputError, CalibrationError) as error:
             if not any(words in str(error) for words in NOT_KNOWN):
                 return f"not used: {error}"
-    return (
-        f"not used: {file}: is neither images, nor a calibration or trajectory of a format "
-        "that is known here"
-    )
+    return f"not used: {file}: is neither images, nor a calibration or trajectory of a known format"
 
 
 # Problems of how files became pairs, as ``inspect`` names them.

@@ -90,7 +90,7 @@ class FinishedFrame:
             pixels = read_array(path, None if "/" in product else self.size)
         except InputError as error:
             raise InputError(
-                f"{path}: is gone or damaged: run again, which makes it again"
+                f"{path}: is missing or damaged: run again, which makes it again"
             ) from error
         if problem := _problem(product, pixels):
             raise InputError(f"{path}: is damaged ({problem}): run again, which makes it again")
@@ -279,7 +279,7 @@ def open_run(out: str | Path) -> FinishedRun:
     if any(dive.settings.get(stage) != settings for stage, settings in described.items()):
         raise InputError(
             f"{out}: a run with other settings was killed, or is under way, and {RUN} is of the "
-            "run before: run the same line again"
+            "run before: run the same command again"
         )
     order = {name: number for number, name in enumerate(content["frames"])}
     records = sorted(

@@ -170,7 +170,7 @@ def refuse_used(root: Path) -> None:
     if foreign:
         raise OutputError(
             f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new "
-            "folder; nothing was touched"
+            "folder; nothing was changed"
         )
 
 
@@ -217,5 +217,5 @@ def _of_system(name: str) -> bool:
 def _foreign(path: Path) -> OutputError:
     return OutputError(
         f"{path}: is not of this program, and lies where its results go: move it elsewhere; "
-        "nothing was touched"
+        "nothing was changed"
     )

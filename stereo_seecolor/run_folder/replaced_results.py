@@ -111,8 +111,8 @@ def refuse_inputs(
             if name not in safe and replaces.includes(name):
                 raise OutputError(
                     f"{given}: is an input of this run, and lies in what would be deleted or "
-                    f"replaced in {root}: "
-                    "copy it elsewhere first, or choose another --out; nothing was touched"
+                    f"replaced in {root}: copy it elsewhere first, or choose another --out; "
+                    "nothing was changed"
                 )
 
 

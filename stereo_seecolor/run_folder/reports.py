@@ -53,7 +53,7 @@ LIBRARIES = (
     "gtsam",
 )
 """What shapes the numbers."""
-NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
+NOT_REACHED = "not finished when the run was stopped; run the same command again to go on"
 
 
 @dataclass(frozen=True)

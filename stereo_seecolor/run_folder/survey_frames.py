@@ -43,7 +43,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
             )
             raise InputError(
                 f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
-                f"latest settings, {said}: run the same line again first"
+                f"latest settings, {said}: run the same command again first"
             )
         if not run.frames or any("corrected" not in frame.products for frame in run.frames):
             raise InputError(
@@ -89,6 +89,6 @@ class SurveyFrames(Lazy[SurveyFrame]):
         pixels = frame.read(product)
         if pixels.shape[1::-1] != self.geometry.image_size:
             raise InputError(
-                f"{frame.products[product]}: is gone or damaged: run again, which makes it again"
+                f"{frame.products[product]}: is missing or damaged: run again, which makes it again"
             )
         return pixels

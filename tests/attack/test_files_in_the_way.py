@@ -21,9 +21,7 @@ def test_a_log_is_appended_to_logs_alone(cli, tmp_path: Path, name: str) -> None
     (tmp_path / name).write_text(POSES)
     code, _, said = cli("inspect", tmp_path, "--log-file", tmp_path / name)
     assert code == 1
-    assert (
-        f"--log-file {tmp_path / name}: is there already, and is not a log of this program" in said
-    )
+    assert f"--log-file {tmp_path / name}: already exists, and is not a log of this program" in said
     assert (tmp_path / name).read_text() == POSES
 
 

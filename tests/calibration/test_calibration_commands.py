@@ -195,7 +195,7 @@ def test_a_calibration_goes_into_a_new_folder_and_not_onto_one(cli: Cli, tmp_pat
     assert cli("convert-calib", tmp_path, tmp_path / "new/deep/cam.yaml")[0] == 0
     code, _, said = cli("convert-calib", tmp_path / "new/deep/cam.yaml", tmp_path / "new")
     assert code == 1
-    assert "new: is there already" in said
+    assert "new: already exists" in said
 
 
 def test_a_target_goes_into_a_new_folder_and_not_below_a_file(cli: Cli, tmp_path: Path) -> None:
@@ -283,7 +283,7 @@ def test_a_file_of_the_user_is_not_written_over(
     code, _, said = cli(*words, file)
     assert (
         code == 1
-        and f"{theirs.name}: is there already, and is not written over" in said
+        and f"{theirs.name}: already exists, and is not written over" in said
         and said.count("\n") == 1
     )
     assert [path.name for path in tmp_path.iterdir()] == [theirs.name]

@@ -133,7 +133,7 @@ def test_what_both_images_have_is_no_damage(tmp_path: Path) -> None:
     (tmp_path / "r.ppm").write_bytes(PLAIN["ppm"](read_pixels(RIGHTS[0])))
     with pytest.raises(
         InputError,
-        match=r"l.ppm: is damaged: what follows row 400 does not continue what lies above",
+        match=r"l.ppm: is damaged: the image below row 400 does not continue the image above",
     ):
         FrameReader(CONFIG).read(pair)
 

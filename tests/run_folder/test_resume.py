@@ -112,7 +112,7 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     assert killed.returncode == -signal.SIGKILL
     code, _, said = cli("fuse", str(out))
     assert code == 1 and said.count("\n") == 1
-    assert "a run with other settings was killed" in said and "run the same line again" in said
+    assert "a run with other settings was killed" in said and "run the same command again" in said
     with pytest.raises(InputError, match="was killed"):
         open_run(out)
     code, printed, _ = cli(*words)

@@ -169,7 +169,7 @@ def test_files_in_a_products_place_are_refused(
     out = tmp_path / "out"
     copy_run(out)
     before, mine = contents(out), keep(out / name)
-    with pytest.raises(OutputError, match=r"is not of this program.*nothing was touched"):
+    with pytest.raises(OutputError, match=r"is not of this program.*nothing was changed"):
         go(dive, out, "color.lock=survey", overwrite=overwrite)
     assert mine.read_bytes() == PRECIOUS
     assert contents(out).items() >= before.items()
@@ -242,7 +242,7 @@ def test_overwrite_never_deletes_its_own_inputs(
     )
     options = RunOptions(overwrite=True, config_file=config_file, water=water)
     with pytest.raises(
-        OutputError, match=rf"{given}: is an input of this run.*nothing was touched"
+        OutputError, match=rf"{given}: is an input of this run.*nothing was changed"
     ):
         run(left, right, calib, out, options=options)
     assert contents(out) == before
@@ -313,7 +313,7 @@ def test_two_programs_never_write_into_one_folder(
     dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]
 ) -> None:
     out = tmp_path / "out"
-    with held(out), pytest.raises(OutputError, match="another run is writing into it now"):
+    with held(out), pytest.raises(OutputError, match="another run writes into it now"):
         command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
 
 

@@ -149,8 +149,8 @@ def plan(
 # The status of runs, the outcome of a campaign, and the cost of a dive, as text.
 
 REMEDY = {
-    "killed": "ended without a word: run its line again",
-    "stopped": "stopped early: run its line again",
+    "killed": "ended without a word: run its command again",
+    "stopped": "stopped early: run its command again",
     "no run": "holds no run",
 }
 

@@ -375,7 +375,7 @@ def markers_text(found: "FoundMarkers") -> str:
     if found.control:
         text.append(
             lines(
-                f"surveyed places: {len(found.control.residuals_m)} found, "
+                f"surveyed positions: {len(found.control.residuals_m)} found, "
                 f"{1000 * found.control.rms_m:.1f} mm RMS"
             )
         )

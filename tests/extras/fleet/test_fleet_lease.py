@@ -37,7 +37,7 @@ def test_a_holder_on_another_machine_is_named(out: Path) -> None:
     hold(out, ELSEWHERE, age_s=60)
     assert writer(out) == "ana@node7, process 4242"
     with (
-        pytest.raises(OutputError, match=r"writing into it now \(ana@node7, process 4242\)"),
+        pytest.raises(OutputError, match=r"writes into it now \(ana@node7, process 4242\)"),
         leased(out, locked=True),
     ):
         pass
@@ -66,7 +66,7 @@ def test_a_process_of_this_machine_that_is_gone_holds_nothing(out: Path) -> None
 
 def test_a_live_process_of_this_machine_is_refused_where_the_system_has_no_locks(out: Path) -> None:
     hold(out, replace(Holder.me(), process=os.getppid()))
-    with pytest.raises(OutputError, match="another run is writing"), leased(out, locked=False):
+    with pytest.raises(OutputError, match="another run writes"), leased(out, locked=False):
         pass
 
 
@@ -117,7 +117,7 @@ def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(
     monkeypatch.setattr(lock.FileLock, "_acquire", no_locks)
     with (
         lock.held(tmp_path),
-        pytest.raises(OutputError, match="another run is writing"),
+        pytest.raises(OutputError, match="another run writes"),
         lock.held(tmp_path),
     ):
         pass
