@@ -130,8 +130,8 @@ def check_lease(root: Path, token: str) -> None:
     if holder is None or holder.token != token:
         now = f"{holder} writes into it now" if holder else f"{lease_file(root)} was removed"
         raise OutputError(
-            f"{root}: is no longer held by this run: {now}; run the same command again when "
-            "nobody else does"
+            f"{root}: is no longer locked by this run: {now}; run the same command again when no "
+            "other run uses it"
         )
 
 
@@ -162,7 +162,7 @@ def _refusal(root: Path, other: Holder) -> str:
             "--out"
         )
     return (
-        f"{root}: was held by {other}, which has given no sign of life for {age_s / 60:.0f} min "
+        f"{root}: was locked by {other}, which has shown no activity for {age_s / 60:.0f} min "
         f"and did not end by itself: make sure that it has ended, remove {lease_file(root)}, "
         "and run the same command again"
     )

@@ -224,8 +224,8 @@ class Manifest:
 
 def _refused(file: Path, error: ForeignPathError) -> OutputError:
     return OutputError(
-        f"{file}: is not as this program writes it: {error}; nothing outside this folder was "
-        "changed: choose another folder"
+        f"{file}: does not have the form that this program writes: {error}; nothing outside this "
+        "folder was changed: choose another folder"
     )
 
 

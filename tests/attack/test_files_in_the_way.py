@@ -51,7 +51,7 @@ def test_nothing_is_written_into_a_folder_that_a_run_fills(
         ["convert-calib", out / "rig.yaml", f"{out / place}.yaml"],
     ):
         code, _, said = cli(*words)
-        assert code == 1 and "which the program fills by itself" in said, words
+        assert code == 1 and "which contains only files of the program" in said, words
     assert not (out / place).exists()
 
 
@@ -107,6 +107,6 @@ def test_a_new_folder_does_not_take_the_place_of_the_current_one(
 ) -> None:
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    with pytest.raises(OutputError, match="is the folder that you are in"), new_folder(Path(name)):
+    with pytest.raises(OutputError, match="is the current folder"), new_folder(Path(name)):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["here"]

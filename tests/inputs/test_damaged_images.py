@@ -179,7 +179,7 @@ def pages(*images: np.ndarray, **how: object) -> bytes:
 def test_forms_of_files_that_cost_colors_are_named(tmp_path: Path) -> None:
     rgb = read_pixels(LEFTS[0])[..., ::-1]
     assert notes(tmp_path, "a.png", pillow("PNG")(rgb)) == ""
-    assert "a.tif holds 2 pages, of which the first is read" in notes(
+    assert "a.tif holds 2 pages; only the first is read" in notes(
         tmp_path, "a.tif", pages(rgb, rgb[::-1])
     )
     assert notes(tmp_path, "b.tif", pages(rgb)) == ""

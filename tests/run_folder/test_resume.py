@@ -239,7 +239,7 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(
     notes = run_in_process(dive, out).notes
     before, first = contents(out), len(fits)
     assert run_in_process(dive, out).notes == notes
-    assert notes[1].startswith("light: no two frames were found to show the same spots")
+    assert notes[1].startswith("light: no two frames show the same spots")
     assert len(fits) == first
     (out / ".state" / "fit.kept").write_text("{}")
     run_in_process(dive, out)

@@ -316,9 +316,7 @@ def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
 
 def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(
-        OutputError, match="already exists: this goes into a new or an empty folder"
-    ):
+    with pytest.raises(OutputError, match="already exists: give a new or an empty folder"):
         export(fused, "glb", tmp_path)
     with pytest.raises(OutputError, match="already exists"):
         export(fused, "glb", tmp_path / "mine.txt")

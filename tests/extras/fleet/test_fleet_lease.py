@@ -46,7 +46,7 @@ def test_a_holder_on_another_machine_is_named(out: Path) -> None:
 def test_a_stale_lease_is_named_and_not_taken(out: Path) -> None:
     hold(out, ELSEWHERE, age_s=1200)
     assert writer(out) == ""
-    stale = r"node7, process 4242, which has given no sign of life for 20 min.*remove .*lease"
+    stale = r"node7, process 4242, which has shown no activity for 20 min.*remove .*lease"
     with pytest.raises(OutputError, match=stale), leased(out, locked=True):
         pass
     (out / ".state/lease.json").unlink()
@@ -82,7 +82,7 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
         hold(out, ELSEWHERE)
         with pytest.raises(
             OutputError,
-            match=r"no longer held by this run: ana@node7, process 4242 writes into it now",
+            match=r"no longer locked by this run: ana@node7, process 4242 writes into it now",
         ):
             check_lease(out, me.token)
     assert Holder.load(out) == ELSEWHERE
